@@ -9,6 +9,7 @@ from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, print_line, resumable
+from eyechart.errors import SpecError, meant
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode
@@ -66,7 +67,6 @@ def modes(
     json: Json = False,
 ) -> None:
     """List the request modes of the paper's hosted and structured models, or write one; none was ever tried."""
-    from eyechart.errors import SpecError, meant
     from eyechart.models import PAPER, known_modes
 
     known = known_modes()

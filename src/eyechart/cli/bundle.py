@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import patience, print_json, print_line, processors, say
+from eyechart.errors import SpecError
 
 _SHOWN = 40
 
@@ -32,7 +33,6 @@ def report(
     Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
-    from eyechart.errors import SpecError
     from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables

@@ -12,6 +12,7 @@ from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.run import View, bound, in_turns, live_page, moved, watched_progress
 from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
+from eyechart.errors import DriveError, SpecError, printable
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Episodes, Row
@@ -392,7 +393,6 @@ def film(
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
-    from eyechart.errors import SpecError
     from eyechart.studies.battery.film import write_film as write_battery_film
     from eyechart.studies.closed_loop import read_drives
     from eyechart.studies.closed_loop.film import write_film
@@ -464,7 +464,6 @@ def say_expected(planned: "Episodes", allowed: "Allowed", concurrency: int, marg
     Also which of the models drive one after another, and what their weights take of memory.
     """
     from eyechart import episodes as study
-    from eyechart.errors import DriveError
 
     try:
         estimates = study.expected(planned, allowed.prices, concurrency=concurrency)
@@ -516,8 +515,6 @@ def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> 
         found += [(name, over[key]) for key in planned.keys if key in over and over[key].ended == "error"]
     if not found:
         return
-    from eyechart.errors import printable
-
     failed, part = [one for _, one in found], found[0][0]
     bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
     say(
@@ -531,7 +528,6 @@ def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> 
 
 def require_drives(runs: Sequence[Path]) -> None:
     """Raise SpecError that names the runs of a study where one of these folders holds several."""
-    from eyechart.errors import SpecError
     from eyechart.studies import study_of
 
     for run in runs:
@@ -561,8 +557,6 @@ def _planned(planned: "Episodes") -> str:
 
 
 def _seeds(given: str) -> list[int]:
-    from eyechart.errors import SpecError
-
     try:
         numbers = [int(one) for one in given.split(",") if one.strip()]
     except ValueError as error:

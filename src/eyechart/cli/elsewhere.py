@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli import options
 from eyechart.cli.terminal import progress, resumable, say
+from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from eyechart.studies.battery import Asking
@@ -36,7 +37,6 @@ def export(
     without an answer, and the control pictures that its answers call for.
     Example: eyechart frames export bank --conditions real,real_repeat,blank --out asked
     """
-    from eyechart.errors import SpecError
     from eyechart.studies.battery import questions_left, questions_of, write_questions
 
     if run is not None:

@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, print_line, progress, say
+from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from eyechart.frames import FrameBank, Shared
@@ -89,7 +90,6 @@ def import_(
     ] = None,
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
-    from eyechart.errors import SpecError
     from eyechart.frames import read_axis
     from eyechart.importing.bank import Choices, costs, import_table, taken
     from eyechart.importing.columns import read_rig
@@ -194,7 +194,6 @@ def show(
     """Write a contact sheet, one row an episode, each frame with its gap and demand; or the picture of one FRAME."""
     from dataclasses import replace
 
-    from eyechart.errors import SpecError
     from eyechart.frames import open_bank
     from eyechart.report.contact_sheet import contact_sheet, write_frame
     from eyechart.run import spread
@@ -275,7 +274,6 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
 
 def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":
     """Return how pictures are made plain, None where nobody ``asked``."""
-    from eyechart.errors import SpecError
     from eyechart.importing import Convert
 
     if not asked and (background, longest) != (None, None):
@@ -285,7 +283,6 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
 
 def _ahead(horizon: int | None, kind: str | None, *, of_table: bool) -> "Ahead | None":
     """Return what makes a bank for policies of a LeRobotDataset, None where no horizon was given."""
-    from eyechart.errors import SpecError
     from eyechart.importing import Ahead
     from eyechart.spaces.motion import read_kind
 
@@ -297,8 +294,6 @@ def _ahead(horizon: int | None, kind: str | None, *, of_table: bool) -> "Ahead |
 
 
 def _places(words: list[str]) -> dict[str, str]:
-    from eyechart.errors import SpecError
-
     places: dict[str, str] = {}
     for word in words:
         place, equals, column = word.partition("=")
@@ -309,8 +304,6 @@ def _places(words: list[str]) -> dict[str, str]:
 
 
 def _seeds(text: str) -> tuple[int, ...]:
-    from eyechart.errors import SpecError
-
     try:
         seeds = tuple(int(part) for part in text.split(","))
     except ValueError as error:

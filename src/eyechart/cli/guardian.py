@@ -8,6 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Reread, expanded
 from eyechart.cli.terminal import print_each, print_json, say
+from eyechart.errors import BankError, GuardianError, VoteError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +55,6 @@ class HowTold:
         return join([self._read(one, frames) for one in votes])
 
     def _read(self, votes: Path, frames: Path | None) -> "VoteTable":
-        from eyechart.errors import VoteError
         from eyechart.frames import open_bank
         from eyechart.studies.guardian import read_votes, votes_of_run
 
@@ -98,7 +98,6 @@ class Costing:
 
     def made(self) -> "Costs | None":
         """Return the costs, None where none is given; raises GuardianError where some are missing."""
-        from eyechart.errors import GuardianError
         from eyechart.stats.committee import Costs
 
         if (self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate) == (None,) * 4:
@@ -360,7 +359,6 @@ def serve(
 
 def _require_run(folder: Path) -> None:
     """Raise VoteError where a folder is no run, and say what is missing where it is a bank."""
-    from eyechart.errors import BankError, VoteError
     from eyechart.frames import open_bank
     from eyechart.manifest import is_run
 
@@ -378,8 +376,6 @@ def _require_run(folder: Path) -> None:
 
 def _ids_of(path: Path) -> list[str]:
     """Read ids of frames, one a line."""
-    from eyechart.errors import VoteError
-
     try:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except (OSError, ValueError) as error:
@@ -391,8 +387,6 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
 
     With ``unseen`` those that chose the guardian are left out.
     """
-    from eyechart.errors import GuardianError
-
     if not unseen:
         return table, {}, ""
     kept, left = frozen.unseen(table), frozen.left_out(table)
@@ -430,7 +424,6 @@ def _part(table: "VoteTable", name: str) -> "VoteTable":
 
 
 def _point(name: str | None) -> "Point | None":
-    from eyechart.errors import GuardianError
     from eyechart.stats.committee import POINTS
 
     if name is not None and name not in POINTS:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from eyechart.errors import SpecError
+
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode, Scalar
     from eyechart.studies import Study
@@ -177,7 +179,6 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
     Raises SpecError where two files are of one model, or options are given that no model is left for.
     """
     from eyechart.cli.terminal import say
-    from eyechart.errors import SpecError
     from eyechart.models import find_mode
     from eyechart.modes import RequestMode
     from eyechart.studies.probed import Asked
@@ -247,8 +248,6 @@ def _number(text: str) -> object:
 def _pairs(
     given: Sequence[str] | None, sign: str, form: str, read: Callable[[str], object] = str
 ) -> dict[str, object] | None:
-    from eyechart.errors import SpecError
-
     pairs = {}
     for text in given or ():
         name, found, value = text.partition(sign)
@@ -273,8 +272,6 @@ def _scalar(text: str) -> "Scalar":
 
 def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
     """Return the step of each SPEC; raises SpecError where one is no ``SPEC=N``, or a run is none of policies."""
-    from eyechart.errors import SpecError
-
     found = {}
     for one in given or []:
         spec, sign, step = one.rpartition("=")

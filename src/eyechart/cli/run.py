@@ -11,6 +11,7 @@ import typer
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.terminal import progress, resumable, say
+from eyechart.errors import LedgerError, SpecError
 
 if TYPE_CHECKING:
     from eyechart.costs import CostEstimate
@@ -124,7 +125,6 @@ def prompts(
     """
     from itertools import product
 
-    from eyechart.errors import SpecError
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
@@ -358,7 +358,6 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     """Return the bank of a run that has controls of its own: it stands in the run's folder, and is made there once."""
     from secrets import randbelow
 
-    from eyechart.errors import LedgerError, SpecError
     from eyechart.frames import open_bank
     from eyechart.manifest import BANK, OWN, is_free, is_run
     from eyechart.simulators.banks import MOST_SEED, redraw
