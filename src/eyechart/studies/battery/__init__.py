@@ -24,7 +24,7 @@ from eyechart.studies.battery.planning import (
 )
 from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, took, took_run
+from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, taken, took, took_run
 from eyechart.studies.battery.study import OfFrames
 
 __all__ = [
@@ -56,6 +56,7 @@ __all__ = [
     "sample_of",
     "score",
     "source_of",
+    "taken",
     "took",
     "took_run",
     "write_questions",

@@ -234,7 +234,7 @@ def score_run(
         wide, plan = widest(manifest, plan), staged(plan, asked)
         courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
         finished = ledger.finished() if courses else set()
-        spent, kept = _took(ledger, manifest, plan, read_prices(), courses)
+        spent, kept = taken(ledger, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     for spec, course in courses.items():
         if stopped[spec] is not None:
@@ -280,10 +280,13 @@ def took_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, price
     with Ledger(ledger_path) as ledger:
         courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
         plan = staged(plan, stages_of(manifest, plan, ledger))
-        return _took(ledger, manifest, plan, prices or read_prices(), courses)
+        return taken(ledger, manifest, plan, prices or read_prices(), courses)
 
 
-def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, courses: Mapping[str, Course]) -> Took:
+def taken(
+    ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, courses: Mapping[str, Course] | None = None
+) -> Took:
+    """Return what `took` does, of what a plan asks; ``courses`` say of a run that stops early what it wanted."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
@@ -292,7 +295,7 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
         for one in ledger.attempts(spec):
             book.add(one)
             checks.add(one)
-        course = courses.get(spec)
+        course = (courses or {}).get(spec)
         controls = plan.controls.get(spec, ())
         asked = (
             key

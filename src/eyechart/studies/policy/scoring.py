@@ -20,10 +20,10 @@ from eyechart.channels import (
     subset_conditions,
 )
 from eyechart.conditions import OVER
-from eyechart.costs import ALL, Account, Book
+from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard, GuardChecks
+from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
@@ -52,6 +52,7 @@ from eyechart.stats.total_effect import (
     total_effect,
     unlikeness,
 )
+from eyechart.studies.battery import taken
 from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
 from eyechart.studies.policy.reading import Floats, Motions, read_motions
 from eyechart.verdicts.channels import IGNORED, RESPONDS, SURENESS, PolicyVerdict, judge_policy, rests_on
@@ -189,18 +190,11 @@ def took(path: Path, prices: Prices) -> Took:
 
 
 def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> Took:
-    spent: dict[str, dict[str, Account]] = {}
-    kept: dict[str, tuple[Guard, ...]] = {}
-    for spec in manifest.models:
-        mode, space = manifest.mode(spec), plan.space
-        book, checks = Book(mode, space, prices), GuardChecks(mode, space)
-        for one in ledger.attempts(spec):
-            book.add(one)
-            checks.add(one)
-        spent[spec] = book.accounts()
-        every = checks.guards(plan.keys_of(spec), manifest.fingerprint, spent[spec][ALL].words)
-        kept[spec] = tuple(one for one in every if one.name in {"outcomes", "geometry", "served"})
-    return spent, kept
+    spent, kept = taken(ledger, manifest, plan, prices)
+    return spent, {
+        spec: tuple(one for one in many if one.name in {"outcomes", "geometry", "served"})
+        for spec, many in kept.items()
+    }
 
 
 def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, Statistic]:

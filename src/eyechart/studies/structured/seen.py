@@ -24,11 +24,10 @@ from eyechart.records import Plain, build
 from eyechart.run import Progress
 from eyechart.simulators import Drive, HalfBlind, Simulator, declared_by, execute
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import SCENES, Estimate, Scene
+from eyechart.spaces.scene import Estimate, Scene
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import read_columns
 from eyechart.studies.structured.scoring import Figures, How
-from eyechart.studies.structured.told import Told
+from eyechart.studies.structured.told import told_of
 
 SEEN = "seen.json"
 GAP_ERROR_M = 0.1
@@ -192,20 +191,7 @@ def figures(
         for step in one.steps
     )
     gaps = [gap if isinstance(gap := frame.truth.get("lead_gap_m"), int | float) else np.inf for frame in frames]
-    gap_m = np.array(gaps, dtype=np.float64)
-    visible = np.array([frame.truth.get("lead_visible") is not False for frame in frames], dtype=np.bool_)
-    found, finished = read_columns(replies, frames, SCENES.read)
-    told = Told(
-        model="",
-        frames=frames,
-        replies=found,
-        gap_m=gap_m,
-        close=gap_m < distances.close_m,
-        visible=visible & np.isfinite(gap_m),
-        before=None,
-        distances=distances,
-        finished=finished,
-    )
+    told = told_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, distances)
     every = np.ones(len(frames), dtype=np.bool_)
     worlds = np.array([frame.episode for frame in frames], dtype=np.str_)
     return Figures(told, DRIVING, every, How(worlds, manifest.seed)).statistics()

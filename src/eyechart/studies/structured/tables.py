@@ -1,12 +1,13 @@
 """Tables of scene estimates: Table t:controller-local, the clauses of admission, every figure, and online driving."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from eyechart.integrity import Guard
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
 from eyechart.studies.battery.subjects import OfModel, RunEvidence
 from eyechart.studies.structured import EstimatorScore
 from eyechart.studies.structured.online import OnlineScore
+from eyechart.verdicts.admission import Held
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
@@ -72,6 +73,11 @@ def paper_table(models: Mapping[str, EstimatorScore]) -> Table:
 
 def clauses_table(everyone: Sequence[Scored]) -> Table:
     """Return one row a clause: what it asks for, what was found, and pass or fail."""
+    held = ((label, one) for label, score, _ in everyone for one in score.clauses)
+    return _held_table("clauses", "The clauses of admission, held against each estimator", held)
+
+
+def _held_table(name: str, caption: str, held: Iterable[tuple[str, Held]]) -> Table:
     rows = tuple(
         (
             label,
@@ -81,12 +87,10 @@ def clauses_table(everyone: Sequence[Scored]) -> Table:
             _OUTCOME[one.passes],
             one.clause.says + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
         )
-        for label, score, _ in everyone
-        for one in score.clauses
+        for label, one in held
     )
     named = (Column("estimator"), Column("clause", "word"), Column("at least", "number"), *STATISTIC[:-1])
-    caption = "The clauses of admission, held against each estimator"
-    return Table("clauses", caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
+    return Table(name, caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
 
 
 def figures_table(everyone: Sequence[Scored]) -> Table:
@@ -126,21 +130,8 @@ def online_table(score: OnlineScore) -> Table:
 
 def met_table(score: OnlineScore) -> Table:
     """Return one row a clause of admission: what was found over the frames that an estimator met online."""
-    rows = tuple(
-        (
-            spec,
-            one.name,
-            one.clause.least,
-            *statistic_cells(one.statistic)[:-1],
-            _OUTCOME[one.passes],
-            one.clause.says + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
-        )
-        for spec, driven in score.driven.items()
-        for one in driven.clauses
-    )
-    named = (Column("estimator"), Column("clause", "word"), Column("at least", "number"), *STATISTIC[:-1])
-    caption = "The clauses of admission, held against what each estimator met online"
-    return Table("met", caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
+    held = ((spec, one) for spec, driven in score.driven.items() for one in driven.clauses)
+    return _held_table("met", "The clauses of admission, held against what each estimator met online", held)
 
 
 def crashes_table(score: OnlineScore) -> Table:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -79,23 +79,22 @@ def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameB
 
     Raises BankError where the bank records no gap.
     """
-    found, finished = read_columns(replies, frames, SCENES.read)
     gap = bank.manifest.gap
     if gap is None:
         raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
     gap_m = np.array([gap.of(frame) for frame in frames], dtype=np.float64)
-    return Told(
-        model=model,
-        frames=frames,
-        replies=found,
-        gap_m=gap_m,
-        close=gap_m < gap.threshold,
-        visible=np.isfinite(gap_m) & np.array([frame.truth.get("lead_visible") is not False for frame in frames], bool),
-        before=before_collision(bank, frames),
-        unit=gap.unit,
-        distances=worlds_distances(bank),
-        finished=finished,
-    )
+    told = told_of(replies, frames, gap_m, gap.threshold, worlds_distances(bank))
+    return replace(told, model=model, before=before_collision(bank, frames), unit=gap.unit)
+
+
+def told_of(
+    replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, near: Distances
+) -> Told:
+    """Return what was told of frames with such gaps, the ``close`` ones smaller, in a world where so much is near."""
+    found, finished = read_columns(replies, frames, SCENES.read)
+    there = np.array([frame.truth.get("lead_visible") is not False for frame in frames], dtype=np.bool_)
+    visible = np.isfinite(gap_m) & there
+    return Told("", frames, found, gap_m, gap_m < close, visible, None, distances=near, finished=finished)
 
 
 def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
