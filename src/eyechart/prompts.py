@@ -17,7 +17,7 @@ from eyechart.cameras import Distances
 from eyechart.errors import SpecError, meant
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
-from eyechart.records import build
+from eyechart.records import build, picked
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
@@ -92,10 +92,7 @@ class Prompt:
     def as_dict(self) -> dict[str, object]:
         """Return the wording and its key as plain JSON values."""
         return {
-            "name": self.name,
-            "system": self.system,
-            "user": self.user,
-            **({"template": True} if self.template else {}),
+            **picked(self, "name system user template" if self.template else "name system user"),
             **({"action_space": self.space.as_dict()} if isinstance(self.space, Discrete) else {}),
             **({"scene": True} if isinstance(self.space, SceneSpace) else {}),
             **({"motion": self.space.as_dict()} if isinstance(self.space, MotionSpace) else {}),

@@ -22,7 +22,7 @@ from eyechart.records import Plain, build
 from eyechart.report.table import files_of
 from eyechart.spaces.reader import READER, READERS
 from eyechart.spaces.scene import SCENE_READER
-from eyechart.studies import Packed, Reading, Tell, study_of
+from eyechart.studies import Made, Packed, Reading, Tell, study_of
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.tables import decisions_table
 
@@ -112,6 +112,15 @@ class Derived:
     files: dict[str, bytes]
     counted: dict[str, int]
 
+    @classmethod
+    def of(
+        cls, results: Mapping[str, object], made: Made, how: str, more: Mapping[str, bytes], **counted: int
+    ) -> "Derived":
+        """Return what follows from these results and a report, beside ``how`` to read it and ``more`` files."""
+        files = {RESULTS: as_json(results), REPORT: made.page.html, README: how.encode()}
+        files |= {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
+        return cls(json.loads(files[RESULTS]), {**files, **more}, counted)
+
 
 def derive(
     run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
@@ -127,17 +136,12 @@ def derive(
         "runs": {ALONE: json.loads(manifest.as_text())},
         "replies_sha256": {spec: digests(run / LEDGER, spec) for spec in score.models},
     }
-    tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
+    more = {}
     if isinstance(score, BatteryScore):
-        tables[DECISIONS] = decisions_table(score).csv().encode("utf-8", "backslashreplace")
-    files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
+        more[DECISIONS] = decisions_table(score).csv().encode("utf-8", "backslashreplace")
     models = score.models.values()
-    counted = {
-        "models": len(manifest.models),
-        "statistics": sum(len(one.statistics) for one in models),
-        "calls": sum(one.answered for one in models),
-    }
-    return Derived(json.loads(files[RESULTS]), files, counted)
+    statistics, calls = sum(len(one.statistics) for one in models), sum(one.answered for one in models)
+    return Derived.of(results, made, _HOW, more, models=len(manifest.models), statistics=statistics, calls=calls)
 
 
 def said_since(printed: Mapping[str, object], derived: Mapping[str, object]) -> dict[str, object]:

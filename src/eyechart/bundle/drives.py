@@ -1,7 +1,7 @@
 """Validating drives: every episode is driven again from its record, within a bound that is said beforehand."""
 
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -229,18 +229,18 @@ def _hold_vetting(run: Path, manifest: EpisodesManifest, simulator: Simulator, f
         return
     view = find_view(manifest.view)
     for one in vetted:
-        again = vet(simulator, one.scenario, one.seed, view)
-        pairs: Mapping[str, tuple[object, object]] = {
-            name: (getattr(one, name), getattr(again, name))
-            for name in ("frames", "ended", "actions", "gap_mae_m", "why", "unseen")
-        }
-        for name, (mine, theirs) in pairs.items():
-            close = isinstance(mine, float) and isinstance(theirs, float) and abs(mine - theirs) <= TOLERANCE
-            if mine != theirs and not close:
-                found.differences.append(
-                    Difference(f"vetting of {one.scenario}/{one.seed}, {name}", str(mine), str(theirs))
-                )
+        again, where = vet(simulator, one.scenario, one.seed, view), f"vetting of {one.scenario}/{one.seed}"
+        found.differences += _apart(where, one, again, ("frames", "ended", "actions", "gap_mae_m", "why", "unseen"))
     found.compared["vetted worlds"] = len(vetted)
+
+
+def _apart(where: str, mine: object, again: object, names: Sequence[str]) -> Iterator[Difference]:
+    """Yield in which of these fields two records differ, numbers by more than an error of rounding."""
+    for name in names:
+        one, other = getattr(mine, name), getattr(again, name)
+        close = isinstance(one, float) and isinstance(other, float) and abs(one - other) <= TOLERANCE
+        if one != other and not close:
+            yield Difference(f"{where}, {name}", str(one), str(other))
 
 
 def _hold_seen(
@@ -258,13 +258,9 @@ def _hold_seen(
         mine = told.get((episode.key.policy, episode.key.scenario, episode.key.seed))
         if mine is None or episode.ended == "error":
             continue
-        again, where = check(simulator, episode, view), f"{episode.key.policy} {episode.key.world}"
         compared += 1
-        for name in ("frames", "why", "gap_mae_m"):
-            one, other = getattr(mine, name), getattr(again, name)
-            close = isinstance(one, float) and isinstance(other, float) and abs(one - other) <= TOLERANCE
-            if one != other and not close:
-                found.differences.append(Difference(f"frames seen in '{where}', {name}", str(one), str(other)))
+        where = f"frames seen in '{episode.key.policy} {episode.key.world}'"
+        found.differences += _apart(where, mine, check(simulator, episode, view), ("frames", "why", "gap_mae_m"))
     found.compared["episodes whose frames were checked"] = compared
 
 

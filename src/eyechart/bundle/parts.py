@@ -1,7 +1,6 @@
 """Drives, and studies of several runs, in a bundle: what is copied of each run, and what follows from all of them."""
 
 import hashlib
-import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -11,15 +10,10 @@ from pathlib import Path
 import eyechart
 from eyechart.bundle.contents import (
     ALONE,
-    README,
-    REPORT,
-    RESULTS,
     RUN_FOLDER,
     SOURCE,
-    TABLES,
     Derived,
     Recipe,
-    as_json,
     digests,
 )
 from eyechart.episodes import ACTION_MAP, EPISODES, read_episodes
@@ -27,7 +21,6 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import BESIDE, LEDGER, RUN
 from eyechart.models.prices import read_prices
 from eyechart.records import plain
-from eyechart.report.table import files_of
 from eyechart.studies import Reading, Tell, run_json, study_of
 from eyechart.studies.probed import is_episodes
 
@@ -104,9 +97,7 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
             },
         }
         drives = any(is_episodes(run) for run in runs.values())
-    tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
-    files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
-    return Derived(json.loads(files[RESULTS]), {**files, **(sources() if drives else {})}, {"runs": len(runs)})
+    return Derived.of(results, made, _HOW, sources() if drives else {}, runs=len(runs))
 
 
 def _episodes(run: Path) -> dict[str, str]:

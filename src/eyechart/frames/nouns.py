@@ -15,7 +15,7 @@ import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames.pictures import as_png, read_bounded, size_of
-from eyechart.records import LARGEST, plain
+from eyechart.records import LARGEST, picked
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 
@@ -264,26 +264,15 @@ class BankManifest:
         """Return the manifest as plain JSON values."""
         return {
             "format": FORMAT,
-            "fingerprint": self.fingerprint,
-            "declaration": self.declaration,
+            **picked(self, "fingerprint declaration"),
             **self._declared(),
-            "geometry": dict(self.geometry),
-            "images": dict(self.images),
-            **({} if self.controls == Controls() else {"controls": plain(self.controls)}),
+            **picked(self, "geometry images" if self.controls == Controls() else "geometry images controls"),
         }
 
     def _declared(self) -> dict[str, object]:
         names = ("prompt_columns", "absent", "independent", "cameras", "state", "motion")
-        return {
-            "simulator": self.simulator,
-            "preset": self.preset,
-            "picture": self.picture,
-            "action_space": self.action_space.as_dict(),
-            "gap": plain(self.gap),
-            **{name: plain(value) for name in names if (value := getattr(self, name))},
-            "settings": dict(self.settings),
-            "versions": dict(self.versions),
-        }
+        said = " ".join(name for name in names if getattr(self, name))
+        return picked(self, f"simulator preset picture action_space gap {said} settings versions")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from eyechart.errors import SpecError
-from eyechart.records import build
+from eyechart.records import build, picked
 from eyechart.spaces.reader import READER, READERS, Names, read_by, spelled
 from eyechart.spaces.space import READ_AT_MOST, UNPARSED, Answer, Decision, unanswered, without_thinking
 
@@ -127,15 +127,7 @@ class Discrete:
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
-        aliases = {"aliases": [list(pair) for pair in self.aliases]} if self.aliases else {}
-        return {
-            "name": self.name,
-            "actions": list(self.actions),
-            "mirror_pairs": [list(pair) for pair in self.mirror_pairs],
-            "brake": list(self.brake),
-            "proceed": list(self.proceed),
-            **aliases,
-        }
+        return picked(self, "name actions mirror_pairs brake proceed" + " aliases" * bool(self.aliases))
 
     @classmethod
     def from_dict(cls, values: object) -> "Discrete":

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
-from eyechart.records import picked
+from eyechart.records import picked, plain
 from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.statistic import Statistic
 
@@ -178,13 +178,9 @@ class PolicyVerdict:
             "instruction": self.instruction.label,
             "guards": list(self.guards),
             "because": self.because,
-            "channels": {
-                name: {"T": one.value, "ci": None if one.ci is None else list(one.ci), "n": one.n}
-                for name, one in self.channels.items()
-            },
-            "axes": {name: one.as_dict() for name, one in judged.items()},
-            "scope": self.scope,
-            "remarks": list(self.remarks),
+            "channels": {name: picked(one, "T=value ci n") for name, one in self.channels.items()},
+            "axes": plain(judged),
+            **picked(self, "scope remarks"),
         }
 
 

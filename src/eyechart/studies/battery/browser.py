@@ -7,6 +7,7 @@ from itertools import starmap
 from eyechart.calls import Reply
 from eyechart.conditions import find_condition, seed_of, speaker
 from eyechart.frames import Frame, Scalar
+from eyechart.records import picked
 from eyechart.report.page import evenly, pack
 from eyechart.run import spread
 from eyechart.spaces.space import Decision
@@ -172,14 +173,7 @@ def _run(
         "roles": roles,
         "asked": len(run.frames),
         "frames": [
-            {
-                "id": frame.id,
-                "scenario": frame.scenario,
-                "episode": frame.episode,
-                "step": frame.step,
-                "truth": _words(frame.truth),
-                **_said(run, frame),
-            }
+            {**picked(frame, "id scenario episode step"), "truth": _words(frame.truth), **_said(run, frame)}
             for frame in frames
         ],
         "pictures": {name: [numbers[place] for place in taken] for name, numbers in places.items()},

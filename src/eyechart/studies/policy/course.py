@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from eyechart.errors import SpecError
 from eyechart.manifest import RunManifest
-from eyechart.records import Plain, plain
+from eyechart.records import Plain, picked
 from eyechart.report.table import STATISTIC as STATISTIC_COLUMNS
 from eyechart.report.table import Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
@@ -47,9 +47,7 @@ class Checkpoint:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        shares = {
-            name: {"T": one.value, "ci": plain(one.ci), "n": one.n} for name, one in self.verdict.channels.items()
-        }
+        shares = {name: picked(one, "T=value ci n") for name, one in self.verdict.channels.items()}
         head = {"policy": self.policy.model, "version": self.policy.version, "step": self.step}
         return {**head, **self.labels, "guards": list(self.verdict.guards), "channels": shares}
 
