@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from eyechart.errors import BankError, SpecError, meant
+from eyechart.errors import BankError, SpecError, meant, require_known
 from eyechart.frames import RGB, Camera, Frame, Stimulus, decode, encode
 from eyechart.seeds import key_seed
 
@@ -294,10 +294,7 @@ def find_condition(name: str) -> Condition:
 def require_shown(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
     base = name.partition(OVER)[0]
-    if base not in OF_WORLDS:
-        raise SpecError(
-            f"unknown condition '{base}' of a closed loop;{meant(base, OF_WORLDS)} known are {', '.join(OF_WORLDS)}"
-        )
+    require_known(f"condition '{base}' of a closed loop", base, OF_WORLDS)
     if "axis" in CONDITIONS[base].needs and any(one.mirror_axis == "none" for one in cameras):
         raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, and this one has none")
     require_camera(name, cameras)

@@ -4,11 +4,11 @@ import os
 import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from eyechart.episodes import EPISODES
-from eyechart.errors import OutputError, why
+from eyechart.errors import OutputError, raising
 from eyechart.frames import own_folder
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
 
@@ -40,7 +40,7 @@ def require_free(out: Path, kind: str) -> None:
 
     It is refused where it is a folder, a file of a run or a bank, an existing file of another kind, or cannot be made.
     """
-    try:
+    with _written(out):
         require_foreign(out)
         if out.is_dir():
             raise OutputError(f"{out} is a folder; name the {kind} to write in it, such as {out / 'NAME'}")
@@ -50,8 +50,6 @@ def require_free(out: Path, kind: str) -> None:
         if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
             words = "cannot be written to" if above.is_dir() else "is no folder"
             raise OutputError(f"{out} cannot be written: {above} {words}; choose another place")
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
 
 
 def require_foreign(out: Path) -> None:
@@ -97,9 +95,5 @@ def write_files(files: Mapping[str, bytes], folder: Path) -> list[Path]:
     return places
 
 
-@contextmanager
-def _written(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
+def _written(out: Path) -> AbstractContextManager[None]:
+    return raising(OutputError, f"{out} cannot be written", "; choose another place")

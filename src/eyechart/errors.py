@@ -4,7 +4,8 @@ import errno
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from numbers import Integral, Real
 from typing import ParamSpec, TypeVar
@@ -101,6 +102,12 @@ def meant(name: str, known: Iterable[str]) -> str:
     return f" did you mean '{folded[near[0]]}'?" if near else ""
 
 
+def require_known(what: str, name: str, known: Collection[str], rest: str = "") -> None:
+    """Raise SpecError where no such name is known, with the one that may be meant, all that are, and the ``rest``."""
+    if name not in known:
+        raise SpecError(f"unknown {what};{meant(name, known)} known are {', '.join(known)}{rest}")
+
+
 def is_full(error: BaseException) -> bool:
     """Return whether an error of the system's, or of SQLite's, says that the disk has no room left, or a quota."""
     if isinstance(error, OSError):
@@ -114,6 +121,15 @@ def why(error: Exception) -> str:
         target = error.filename2 if isinstance(error, OSError) else None
         return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
     return (error.strerror if isinstance(error, OSError) else None) or printable(str(error))
+
+
+@contextmanager
+def raising(kind: "type[EyechartError]", what: str, then: str = "") -> Iterator[None]:
+    """Raise as an error of this kind what the system says against a file: ``what`` cannot be, why, and ``then``."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {why(error)}{then}") from error
 
 
 def whole_number(name: str, value: object, least: int) -> int:

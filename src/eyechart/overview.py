@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import EyechartError, SpecError, printable
+from eyechart.errors import EyechartError, SpecError, printable, raising
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
 from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
 from eyechart.report.table import MARK, Cell, Column, Mark, Table, marked
@@ -57,10 +57,8 @@ def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
     """Return the runs in a folder, by path; links are not followed, and a run is not looked into."""
     if _is_run(folder):
         return [folder]
-    try:
+    with raising(SpecError, f"{folder} cannot be read"):
         inside = [one for one in sorted(folder.iterdir()) if one.is_dir() and not one.is_symlink()]
-    except OSError as error:
-        raise SpecError(f"{folder} cannot be read: {error.strerror}") from error
     return [run for one in inside for run in find_runs(one, deep - 1)] if deep else []
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
 from eyechart.records import build, picked
@@ -200,10 +200,7 @@ def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
     """
     if name.endswith(".toml"):
         return read_prompt(Path(name))
-    if name not in PROMPTS:
-        raise SpecError(
-            f"unknown prompt '{name}';{meant(name, PROMPTS)} known are {', '.join(PROMPTS)}, or a FILE.toml of your own"
-        )
+    require_known(f"prompt '{name}'", name, PROMPTS, ", or a FILE.toml of your own")
     return (FORWARD_PROMPTS if axis == "horizontal" else PROMPTS)[name]
 
 

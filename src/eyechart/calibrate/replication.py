@@ -20,7 +20,7 @@ from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called,
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, require_known
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
 from eyechart.seeds import key_seed
@@ -78,8 +78,7 @@ def calibrate(
     """
     chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
     for name in chosen:
-        if name not in SETTINGS:
-            raise SpecError(f"unknown setting '{name}';{meant(name, SETTINGS)} known are {', '.join(SETTINGS)}")
+        require_known(f"setting '{name}'", name, SETTINGS)
     if replications < 1 or processes < 1:
         raise SpecError(f"give 1 or more replications and processes, not {replications} and {processes}")
     tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]

@@ -26,7 +26,7 @@ from eyechart.episodes.records import (
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
-from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable, why
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable, raising
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -362,12 +362,8 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
 
     def keep(episode: Episode) -> None:
         nonlocal done
-        try:
+        with raising(LedgerError, f"{planned.out / EPISODES} cannot be written", "; the same command resumes"):
             write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
-        except OSError as error:
-            raise LedgerError(
-                f"{planned.out / EPISODES} cannot be written: {why(error)}; the same command resumes"
-            ) from error
         done += 1
         if progress is not None:
             progress(done, len(planned.keys))

@@ -14,7 +14,7 @@ from typing import Any, Self, cast, get_args
 
 from filelock import FileLock, Timeout
 
-from eyechart.errors import BankError, EyechartError, SpecError
+from eyechart.errors import BankError, EyechartError, SpecError, raising
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -151,10 +151,8 @@ def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its
 def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
-    try:
+    with raising(BankError, f"{path} cannot be read"):
         lines = path.read_bytes().splitlines()
-    except OSError as error:
-        raise BankError(f"{path} cannot be read: {error.strerror}") from error
     for number, line in enumerate(lines, 1):
         try:
             frames.append(_frame_from_row(_plain(line.decode()), manifest))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from eyechart.errors import BankError
+from eyechart.errors import BankError, raising
 
 RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
@@ -100,15 +100,13 @@ def _resolved(folder: str) -> str:
 def read_bounded(root: Path, file: str) -> bytes:
     """Return a bank file's bytes; raises BankError if it is missing, no file, outside the bank, or above 64 MB."""
     path = inside(root, file)
-    try:
+    with raising(BankError, f"'{file}' of the bank {root} cannot be read"):
         found = path.stat()
         if not S_ISREG(found.st_mode):
             raise BankError(f"'{file}' of the bank {root} is no file")
         if found.st_size > MAX_IMAGE_BYTES:
             raise BankError(f"'{file}' has {found.st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
         return path.read_bytes()
-    except OSError as error:
-        raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error
 
 
 def media_type(picture: bytes) -> str:

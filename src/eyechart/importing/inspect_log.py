@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from eyechart.calls import MOST, Reply, bounded
-from eyechart.errors import SourceError, printable
+from eyechart.errors import SourceError, printable, raising
 from eyechart.importing.answers import MOST_REPEATS, MOST_ROWS, Answered, made_reply
 from eyechart.importing.cells import MOST_CELL, Progress
 from eyechart.importing.faults import Faults
@@ -136,15 +136,13 @@ def _unpacked(file: IO[bytes], entry: zipfile.ZipInfo) -> bytes:
 
 
 def _whole(path: Path) -> Mapping[str, Any]:
-    try:
+    with raising(SourceError, f"{path} cannot be read"):
         if path.stat().st_size > MOST_JSON:
             raise SourceError(
                 f"{path} has more than {MOST_JSON} bytes; 'inspect log convert' makes a log in .eval of it, which is "
                 "read sample by sample"
             )
         return _object(path.read_bytes(), path, "it")
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def _object(text: bytes, path: Path, name: str) -> Mapping[str, Any]:

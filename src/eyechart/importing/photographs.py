@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from eyechart.errors import BankError, SourceError, whole_number
+from eyechart.errors import BankError, SourceError, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
 
 
@@ -97,14 +97,12 @@ class Photographs:
 
     def _bytes_of(self, file: str) -> bytes:
         path = self.folder / file
-        try:
+        with raising(BankError, f"'{file}' cannot be read"):
             if not path.is_file():
                 raise BankError(f"there is no picture '{file}' in {self.folder}")
             if path.stat().st_size > MAX_IMAGE_BYTES:
                 raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
             return path.read_bytes()
-        except OSError as error:
-            raise BankError(f"'{file}' cannot be read: {error.strerror}") from error
 
 
 def _require_plain(picture: bytes, file: str) -> None:

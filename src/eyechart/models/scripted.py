@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 from eyechart import __version__
 from eyechart.calls import Query, Reply
-from eyechart.errors import SpecError, meant
+from eyechart.errors import require_known
 from eyechart.frames import RGB, decode
 from eyechart.modes import RequestMode
 from eyechart.perception.estimators import ESTIMATORS
@@ -300,9 +300,7 @@ def open_model(name: str, mode: RequestMode) -> ScriptedModel:
         scene = ESTIMATORS[name].answer
         return ScriptedModel(lambda sight, _: scene(sight.reading.scene if sight.reading else None))
     known = CONTROLLERS | PLANNERS
-    if name not in known:
-        every = (*known, *ESTIMATORS)
-        raise SpecError(f"unknown controller 'scripted:{name}';{meant(name, every)} known are {', '.join(every)}")
+    require_known(f"controller 'scripted:{name}'", name, (*known, *ESTIMATORS))
     return ScriptedModel(known[name].decide)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import require_known
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.modes import RequestMode
 
@@ -151,8 +151,7 @@ def _windows(shape: tuple[int, ...], wide: int, stride: int) -> npt.NDArray[np.i
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     """Open a trained policy; raises SpecError that lists the known ones. No weights are read before it is asked."""
-    if name not in TRAINED:
-        raise SpecError(f"unknown policy 'trained:{name}';{meant(name, TRAINED)} known are {', '.join(TRAINED)}")
+    require_known(f"policy 'trained:{name}'", name, TRAINED)
     file = Path(__file__).parent / f"{name}.npz"
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     network = Network(file, TRAINED[name].samples)

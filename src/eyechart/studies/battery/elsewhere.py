@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply, bounded
-from eyechart.errors import SourceError, SpecError, printable, why
+from eyechart.errors import SourceError, SpecError, printable, raising
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
 from eyechart.ledger import Ledger
@@ -319,8 +319,5 @@ def source_of(path: Path) -> Source:
 
 
 def _digest_of(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {why(error)}") from error
+    with raising(SourceError, f"{path} cannot be read"), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

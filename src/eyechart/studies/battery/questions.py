@@ -15,7 +15,7 @@ from pathlib import Path
 from eyechart import __version__
 from eyechart.calls import CallKey, Query
 from eyechart.conditions import available
-from eyechart.errors import LedgerError, OutputError, SpecError, why
+from eyechart.errors import LedgerError, OutputError, SpecError, raising
 from eyechart.frames import MAIN, media_type, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
@@ -227,15 +227,11 @@ def _whole_folder(out: Path) -> Iterator[Path]:
     """Yield a folder that takes the place of ``out`` once it is complete; no part of it is left otherwise."""
     if out.exists() and (not out.is_dir() or any(_entries(out))):
         raise OutputError(f"{out} exists and is not empty; choose another --out for the export")
-    try:
-        with whole_folder(out, OutputError) as work:
-            yield work
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
+    elsewhere = "; choose another place"
+    with raising(OutputError, f"{out} cannot be written", elsewhere), whole_folder(out, OutputError) as work:
+        yield work
 
 
 def _entries(folder: Path) -> Iterable[Path]:
-    try:
+    with raising(OutputError, f"{folder} cannot be read"):
         return list(folder.iterdir())
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be read: {why(error)}") from error

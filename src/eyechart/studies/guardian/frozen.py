@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import msgspec
 
 from eyechart import __version__
-from eyechart.errors import EyechartError, GuardianError, OutputError
+from eyechart.errors import EyechartError, GuardianError, OutputError, raising
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
@@ -281,11 +281,8 @@ def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
 
 
 def _read(path: Path) -> dict[str, object]:
-    try:
-        with path.open("rb") as file:
-            text = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise GuardianError(f"{path} cannot be read: {error.strerror}") from error
+    with raising(GuardianError, f"{path} cannot be read"), path.open("rb") as file:
+        text = file.read(_MOST_BYTES + 1)
     if len(text) > _MOST_BYTES:
         raise GuardianError(f"{path} has more than {_MOST_BYTES} bytes, too many for a guardian")
     try:

@@ -7,7 +7,7 @@ tokenizer, real decoding, and an answer that is known because it was trained.
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import require_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,5 @@ SAYS: dict[str, str] = {name: one.says for name, one in (ORGANISMS | ESTIMATORS 
 
 def folder(name: str) -> Path:
     """Return an organism's checkpoint; raises SpecError that lists the known ones."""
-    if name not in SAYS:
-        raise SpecError(f"unknown organism '{name}';{meant(name, SAYS)} known are {', '.join(SAYS)}")
+    require_known(f"organism '{name}'", name, SAYS)
     return Path(__file__).parent / name
