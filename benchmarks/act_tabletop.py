@@ -14,7 +14,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -208,26 +208,24 @@ class Trained:
 sees, privileged = Trained("sees"), Trained("privileged")
 
 
-def bank_of(preset: str, folder: Path, *, seeds: int = 3, steps: int = 6) -> Path:
-    """Return a bank of four episodes a seed, of so many frames each, of a preset; built once in a folder."""
+def bank_of(preset: str, folder: Path) -> Path:
+    """Return a bank of 12 episodes and 72 frames of a preset; built once in a folder."""
     from eyechart.simulators import open_bank_simulator  # noqa: PLC0415
 
     bank = folder / f"bank-{preset}"
     if not bank.is_dir():
-        open_bank_simulator("tabletop").build(bank, preset=preset, seeds=range(seeds), steps=steps)
+        open_bank_simulator("tabletop").build(bank, preset=preset, steps=6)
     return bank
 
 
-def asked(
-    spec: str, bank: Path, run: Path, answers: int = 4, conditions: Sequence[str] | None = None
-) -> dict[str, Any]:
-    """Run a callable of this folder on a bank, under all conditions or these, and return its verdict."""
+def asked(spec: str, bank: Path, run: Path, answers: int = 4) -> dict[str, Any]:
+    """Run a callable of this folder on a bank and return its verdict."""
     from eyechart.studies import policy  # noqa: PLC0415
     from eyechart.studies.policy.planning import Extent  # noqa: PLC0415
     from eyechart.studies.policy.scoring import judge  # noqa: PLC0415
 
     sys.path.insert(0, str(HERE))
-    policy.run(policy.plan(bank, [spec], run, extent=Extent(answers=answers), conditions=conditions))
+    policy.run(policy.plan(bank, [spec], run, extent=Extent(answers=answers)))
     return judge(policy.score(run))[spec].as_dict()
 
 

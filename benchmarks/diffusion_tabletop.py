@@ -23,26 +23,13 @@ from act_tabletop import EXPECTED, HERE, HORIZON, PRESETS, TOLD, asked, backbone
 
 RESULT = HERE / "results" / "diffusion.json"
 CACHE = Path(os.environ.get("EYECHART_DIFFUSION", "build/diffusion"))
-STEPS, KEYPOINTS = 2000, 16
-SEEDS, FRAMES = 4, 4
-"""Of the banks: 16 episodes of four frames, since episodes tell more than frames do."""
-CONDITIONS = (
-    *("real", "real_repeat", "swapped@state", "swapped@instruction", "blank", "exchanged"),
-    *(
-        f"{name}@{channel}"
-        for name in ("swapped", "matched", "near")
-        for channel in ("cameras", "camera:top", "camera:wrist")
-    ),
-    *(f"{name}@{camera}" for name in ("blank", "exchanged") for camera in ("top", "wrist")),
-    *(f"{told}{which}_{side}" for told in ("", "told_") for which in ("named", "other") for side in ("plus", "minus")),
-)
-"""All that a label rests on: each call takes five steps of denoising."""
+STEPS, KEYPOINTS = 12_000, 16
 AXES = ("camera", "cameras", "state", "instruction", "guards")
 """What both ways of asking are to say alike."""
 
 
 def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
-    """Return LeRobot's DiffusionPolicy with a small backbone and a small U-Net, and five steps of inference."""
+    """Return LeRobot's DiffusionPolicy with a small backbone and a small U-Net, and ten steps of inference."""
     from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig  # noqa: PLC0415
     from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy, SpatialSoftmax  # noqa: PLC0415
 
@@ -60,7 +47,7 @@ def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
         prediction_type="sample",
         noise_scheduler_type="DDIM",
         num_train_timesteps=50,
-        num_inference_steps=5,
+        num_inference_steps=10,
     )
     made = DiffusionPolicy(config)
     for encoder in made.diffusion.rgb_encoder:
@@ -94,7 +81,7 @@ class Trained:
     def __call__(
         self, images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None, seed: int | None = None
     ) -> np.ndarray:
-        """Return a motion of five steps of denoising."""
+        """Return a motion of ten steps of denoising."""
         import torch  # noqa: PLC0415
 
         if self._loaded is None:
@@ -131,11 +118,8 @@ def main() -> int:
     for kind, preset in PRESETS.items():
         if not (CACHE / f"{kind}.json").is_file():
             train(kind, args.steps)
-        bank = bank_of(preset, CACHE, seeds=SEEDS, steps=FRAMES)
         found = {
-            way: asked(
-                f"python:diffusion_tabletop:{kind}_{way}", bank, CACHE / f"run-{kind}-{way}", conditions=CONDITIONS
-            )
+            way: asked(f"python:diffusion_tabletop:{kind}_{way}", bank_of(preset, CACHE), CACHE / f"run-{kind}-{way}")
             for way in ("seeded", "drawn")
         }
         one, other = found["seeded"], found["drawn"]
