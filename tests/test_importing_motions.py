@@ -53,6 +53,9 @@ def act(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | Non
     return np.stack([state + sign * step * np.array([x - 0.5, y - 0.5]) for step in (1, 2, 3)])
 
 
+act.channels = ("camera:front", "state", "instruction")  # type: ignore[attr-defined]
+
+
 def rows(folder: Path, *, gap: int | None = None) -> list[str]:
     """Write the pictures of a log, and return the lines of its table; without step ``gap`` in the first episode."""
     rng, lines = np.random.default_rng(0), [HEAD]

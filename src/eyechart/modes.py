@@ -239,7 +239,8 @@ def mode_text(mode: RequestMode) -> str:
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:
-    """Write a mode's TOML file."""
+    """Write a mode's TOML file; its folder is made where it is not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(mode_text(mode), encoding="utf-8")
 
 

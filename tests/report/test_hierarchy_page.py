@@ -186,5 +186,6 @@ def test_the_commands_know_a_study_by_its_folder(study: Path, tmp_path: Path) ->
     assert (tmp_path / "f" / "ways-primary-0-offset-1.pdf").is_file()
     found = json.loads(run.invoke(app, ["score", str(study), "--json"]).stdout)
     assert found["study"] == "hierarchy"
+    other = shutil.copytree(study, tmp_path / "other")
     with pytest.raises(SpecError, match="a report is about one hierarchy"):
-        run.invoke(app, ["report", str(study), str(study), "--out", str(tmp_path / "x.html")], catch_exceptions=False)
+        run.invoke(app, ["report", str(study), str(other), "--out", str(tmp_path / "x.html")], catch_exceptions=False)

@@ -28,6 +28,7 @@ class Checkpoint:
 
     def __init__(self, step: int, looks: float) -> None:
         self.step, self.looks, self.version = step, looks, f"step {step}"
+        self.channels = arms.reach.channels if looks else arms.middle.channels  # type: ignore[attr-defined]
 
     def __call__(self, images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
         """Return a mixture of two motions."""
@@ -90,6 +91,7 @@ class Named:
 
     def __init__(self, version: str, looks: float) -> None:
         self.version, self._looks = version, looks
+        self.channels = Checkpoint(0, looks).channels
 
     def __call__(self, images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
         """Answer as the checkpoint that looks as much does."""

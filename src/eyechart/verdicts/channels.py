@@ -15,7 +15,7 @@ USED = 0.02
 """A channel is used where its share is above this, with a chance of .01 to be wrong."""
 IGNORED = 0.10
 """And ignored where its share is below this, likewise."""
-COLOURED = 0.05
+COLOURED = 0.03
 """Of two ways to look beyond one's pose, colours that are exchanged count from here on: two chances are two errors."""
 ALPHA = 0.01
 FOLLOWED = 0.30
