@@ -170,6 +170,14 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         (spoilt("speed", "x" * 200_000), {}, "row 4: field larger than field limit"),
         (spoilt("speed", '"'), {}, None),
         (
+            photographs.as_csv(photographs.rows()) + '1.jpg,9,yard,0,3,"slow\n2.jpg,9,yard,1,3,4\n',
+            {},
+            "quote not closed?",
+        ),
+        (photographs.as_csv(photographs.rows()) + '1.jpg,"9"9,yard,0,3,4\n', {}, "row 65: ',' expected after '\"'"),
+        (spoilt("photo", "x" * 5000), {}, "…', 5000 characters, which is no file's name"),
+        (spoilt("photo", "0/\0.jpg"), {}, "which is no file there: embedded null"),
+        (
             photographs.as_csv(photographs.rows()).replace(".50 km/h", ",5", 1),
             {},
             "cells; the header has 6",
@@ -224,6 +232,7 @@ def test_what_is_wrong_with_a_table_is_one_line_and_leaves_nothing(
         ("[" * 100_000, "row 1 is no JSON object"),
         ("\n\n", "is empty"),
         ('{"photo": "\\ud800.jpg"}\n', "row 1 is no JSON object"),
+        ('{"photo": "0/00.jpg", "photo": "0/01.jpg"}\n', "row 1 is no JSON object: it has 'photo' twice"),
         ('{"photo": "0/00.jpg", "lidar_m": 1' + "0" * 400 + "}\n", "row 1: the gap 'lidar_m' is 1000000"),
         ('{"photo": "0/00.jpg", "lidar_m": NaN}\n', "row 1: the gap 'lidar_m' is nan, not a number"),
     ],
@@ -235,6 +244,14 @@ def test_what_is_wrong_with_json_lines_is_one_line(imported: Import, lines: str,
     with pytest.raises(SourceError, match=r"table\.jsonl") as refused:
         imported(lines, ending=".jsonl", columns=places, threshold=threshold)
     assert said in str(refused.value)
+
+
+def test_a_delimiter_inside_quotes_parts_no_columns(imported: Import) -> None:
+    """A header may hold more commas in a name than semicolons between names."""
+    text = photographs.as_csv(photographs.rows(), delimiter=";").replace(
+        "speed", '"speed, as read, told, or so, or so, or"', 1
+    )
+    assert "speed, as read, told, or so, or so, or" in imported(text).frames[0].truth
 
 
 def odd_pictures(folder: Path) -> dict[str, str]:

@@ -289,6 +289,34 @@ def test_columns_are_known_in_whatever_letters(
     assert {(one.finish_reason, one.prompt_tokens) for one in came.values()} == {("stop", 3)}
 
 
+def test_no_word_of_an_answer_brings_a_key_of_this_machine(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever column holds it: the ledger is passed on."""
+    key = "sk-elsewhere-0123456789"
+    monkeypatch.setenv("SOME_API_KEY", key)
+    words = ("text", "reasoning", "finish_reason", "served", "provider", "system_fingerprint")
+    rows = [{**noisy[2][0], **dict.fromkeys(words, f"a {key}")}, {**noisy[2][1], "text": "", "error": f"no {key}"}]
+    imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL)
+    assert key not in repr(replies_of(tmp_path / "run"))
+    assert repr(replies_of(tmp_path / "run")).count("[$SOME_API_KEY]") == len(words) + 1
+
+
+def test_a_blank_error_is_none(bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path) -> None:
+    """As it stands beside every answer in some programs' tables."""
+    rows = [{**row, "error": "  "} for row in noisy[2][:9]]
+    assert imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL).errors == 0
+
+
+def test_a_column_of_a_type_that_is_not_read_is_named(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """A Parquet file has a column of that name, and its owner looks at it."""
+    rows = [{**row, "text": row["text"].encode()} for row in noisy[2]]
+    with pytest.raises(SourceError, match=r"no column 'text'.*; of a type that is not read are 'text' \(binary\)"):
+        imported(bank.root, as_parquet(tmp_path / "a.parquet", rows), tmp_path / "run", ALL)
+
+
 def test_a_run_of_imported_answers_says_so_and_its_guards_cannot_say(
     bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
 ) -> None:

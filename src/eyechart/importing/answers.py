@@ -1,7 +1,7 @@
 """Answers that were made elsewhere are read from a table, strictly: what is wrong is named with its row."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +11,7 @@ from eyechart.calls import MOST, ErrorKind, Reply, misfit
 from eyechart.errors import SourceError, printable
 from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, plain_name, read_number
 from eyechart.importing.faults import Faults
-from eyechart.importing.tables import open_table
+from eyechart.importing.tables import Table, open_table
 
 MOST_ROWS = 5_000_000
 MOST_REPEATS = 1_000
@@ -63,7 +63,7 @@ def read_answer_table(path: Path, faults: Faults, progress: Progress | None = No
     or lacks the columns ``call`` and ``text``.
     """
     table = open_table(path, progress, optional=_KNOWN)
-    named = _named(path, table.columns)
+    named = _named(path, table)
     for number, row in enumerate(table.rows, 1):
         if number > MOST_ROWS:
             raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
@@ -80,14 +80,15 @@ def meaning(column: str) -> str:
     return ALIASES.get(plain, plain if plain in (*_KEYS, *_KNOWN) else column)
 
 
-def _named(path: Path, columns: Sequence[str]) -> dict[str, str]:
+def _named(path: Path, table: Table) -> dict[str, str]:
     """Return what each column means; raises SourceError where one that is needed is missing."""
-    named = {name: meaning(name) for name in columns}
+    named = {name: meaning(name) for name in table.columns}
+    unread = f"; of a type that is not read are {', '.join(table.unread)}" if table.unread else ""
     for needed in ("call", "text"):
         if needed not in named.values():
             raise SourceError(
                 f"{path} has no column '{needed}'; answers come back with the columns {', '.join(_KEYS)} of the export "
-                f"and text, and it has {printable(', '.join(columns))}"
+                f"and text, and it has {printable(', '.join(table.columns) + unread)}"
             )
     return named
 
@@ -124,12 +125,12 @@ def _repeat(cell: Cell, where: str) -> int:
 
 def _reply(row: Row, where: str) -> Reply | None:
     text, error = _verbatim(row.get("text"), where, "text"), _verbatim(row.get("error"), where, "error")
-    if text.strip() and error:
+    if text.strip() and error.strip():
         raise SourceError(f"{where} has a text and an error: it came, or it did not; leave one empty")
     told: dict[str, object] = {name: _number(row.get(name), f"{where}: '{name}'", name) for name in _NUMBERS}
     told |= {name: _word(row.get(name), f"{where}: '{name}'") or None for name in _LABELS}
     told["reasoning"] = _verbatim(row.get("reasoning"), where, "reasoning")
-    if error:
+    if error.strip():
         kind = cast("ErrorKind", error if error in get_args(ErrorKind) else "exception")
         return made_reply("", {**told, "error": kind, "error_detail": printable(error)}, where)
     if not text and not any(told.values()):

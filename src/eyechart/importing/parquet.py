@@ -35,7 +35,10 @@ def require(module: str, package: str, extra: str) -> Any:  # noqa: ANN401 - a m
 
 @dataclass(frozen=True)
 class ParquetTable:
-    """A Parquet file's plain columns. ``vectors`` maps a column of vectors to the names of its components."""
+    """A Parquet file's plain columns. ``vectors`` maps a column of vectors to the names of its components.
+
+    ``unread`` are the columns that are neither, each with its type.
+    """
 
     path: Path
     plain: tuple[str, ...]
@@ -43,6 +46,7 @@ class ParquetTable:
     vectors: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     words: tuple[str, ...] = ()
     extra: str = "parquet"
+    unread: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -119,7 +123,8 @@ def open_parquet(
         raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
     if count > MOST_ROWS:
         raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
-    return ParquetTable(path, plain, count, lists, words, extra)
+    unread = tuple(f"'{one.name}' ({one.type})" for one in schema if one.name not in {*plain, *lists})
+    return ParquetTable(path, plain, count, lists, words, extra, unread)
 
 
 def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:

@@ -8,6 +8,8 @@ from pathlib import Path, PurePosixPath
 from eyechart.errors import BankError, SourceError, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
 
+_MOST_NAME = 1_000
+
 
 @dataclass(frozen=True)
 class Convert:
@@ -46,6 +48,8 @@ class Photographs:
         it leads outside.
         """
         path = name.strip()
+        if len(path) > _MOST_NAME:
+            raise SourceError(f"{what} is '{path[:60]}…', {len(path)} characters, which is no file's name")
         if "\\" in path and "/" not in path:
             path = path.replace("\\", "/")
         pure = PurePosixPath(path)
@@ -56,9 +60,9 @@ class Photographs:
         try:
             inside(self.folder, str(pure))
         except BankError as error:
-            raise SourceError(
-                f"{what} is '{name}', which leads outside {self.folder}, where the pictures must lie"
-            ) from error
+            none = error.__cause__  # a NUL, or a loop of links
+            why = f"is no file there: {none}" if none else f"leads outside {self.folder}, where the pictures must lie"
+            raise SourceError(f"{what} is '{name}', which {why}") from error
         return str(pure)
 
     def _from_table(self, pure: PurePosixPath) -> PurePosixPath | None:

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -18,6 +19,7 @@ MOST_LINE = 4_000_000
 MOST_COLUMNS = 2_000
 
 _DELIMITERS = ",;\t"
+_QUOTED = re.compile(r'"[^"]*"')
 _REPORT_EVERY = 5_000
 
 
@@ -27,7 +29,8 @@ class Table:
 
     ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is the number of
     rows, None where only reading tells. A row that is broken is noted in ``faults`` and comes without any column, so
-    that whoever reads on finds all of them; he must then look there.
+    that whoever reads on finds all of them; he must then look there. ``unread`` are columns whose values are no plain
+    ones, with their types.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Table:
     typed: bool
     count: int | None = None
     faults: Faults = field(default_factory=Faults)
+    unread: tuple[str, ...] = ()
 
 
 def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
@@ -55,9 +59,9 @@ def open_table(path: Path, progress: Progress | None = None, *, optional: Sequen
 def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     lines = _lines(path, progress)
     head = next(lines, "")
-    delimiter = max(_DELIMITERS, key=head.count)
+    delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
     row = _OneRow(path, chain([head], lines))
-    reader = csv.reader(row, delimiter=delimiter)
+    reader = csv.reader(row, delimiter=delimiter, strict=True)  # else a quote that is not closed takes all rows behind
     try:
         columns = tuple(name.strip() for name in next(reader, []))
     except csv.Error as error:
@@ -151,7 +155,7 @@ def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
 
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     try:
-        row = json.loads(line)
+        row = json.loads(line, object_pairs_hook=_each_once)
         if "\\u" in line:
             json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
     except (ValueError, RecursionError) as error:
@@ -161,10 +165,21 @@ def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     return row
 
 
+def _each_once(pairs: list[tuple[str, Cell]]) -> dict[str, Cell]:
+    """Return an object of these pairs; raises ValueError where a name stands there twice, with either value."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"it has '{twice}' twice; leave out one")
+    return found
+
+
 def _parquet(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     opened = open_parquet(path)
     _check_columns(path, opened.columns)
-    return Table(path.name, opened.columns, _counted(opened.rows(), opened.count, progress), True, opened.count)
+    rows = _counted(opened.rows(), opened.count, progress)
+    return Table(path.name, opened.columns, rows, typed=True, count=opened.count, unread=opened.unread)
 
 
 def _counted(rows: Iterator[Row], count: int, progress: Progress | None) -> Iterator[Row]:

@@ -134,7 +134,7 @@ async def ask(model: Model, query: Query) -> Reply:
         reply = await model.answer(query)
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        reply = _cleaned(bounded(reply))
+        reply = cleaned(bounded(reply))
         if wrong := misfit(reply):
             raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:
@@ -153,7 +153,7 @@ _FIELDS = tuple(one.name for one in fields(Reply))
 _values = attrgetter(*_FIELDS)
 
 
-def _cleaned(reply: Reply) -> Reply:
+def cleaned(reply: Reply) -> Reply:
     """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
     texts = {name: text for name, text in zip(_FIELDS, _values(reply), strict=True) if text and isinstance(text, str)}
     found: dict[str, Any] = each_without_secrets(texts)

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
@@ -13,8 +13,9 @@ from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_tab
 from eyechart.importing.answers import TOLD
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, today
+from eyechart.models import cleaned
 from eyechart.models.faults import is_of_the_road
-from eyechart.modes import ELSEWHERE, RequestMode, each_without_secrets
+from eyechart.modes import ELSEWHERE, RequestMode
 from eyechart.run import Progress
 from eyechart.studies.battery.planning import Asking, Battery, planned, writing
 from eyechart.studies.battery.questions import Keys, showable, unasked
@@ -292,8 +293,7 @@ def _digest(reply: Reply) -> str:
 
 def _cleaned(reply: Reply) -> Reply:
     """Return a reply without numbers that nobody can have measured, and without the values of this machine's keys."""
-    texts = {name: one for name in ("text", "error_detail", "reasoning") if (one := getattr(reply, name))}
-    return replace(bounded(reply), **each_without_secrets(texts))  # type: ignore[arg-type]
+    return cleaned(bounded(reply))
 
 
 def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
