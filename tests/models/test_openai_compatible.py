@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import email.utils
+import gzip
 import json
 import time
 from collections.abc import Callable
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from eyechart.calls import Query, Reply
+from eyechart.calls import Query, Reply, bounded
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
+from eyechart.limits import asks_too_much
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
@@ -202,6 +204,35 @@ def test_json_of_another_shape_is_unreadable(body: object) -> None:
     assert (reply.error, reply.text, reply.status) == ("unreadable", "", 200)
 
 
+@pytest.mark.parametrize("said", ["Fri, 31 Dec 9999 23:59:59 GMT", "1000000000000"])
+def test_a_wait_beyond_every_bound_is_a_long_wait(said: str) -> None:
+    """And not one that was never asked for: the model is set aside."""
+    with says(lambda: refuse(429, "busy", {"Retry-After": said})) as server:
+        assert asks_too_much(bounded(ask(server)))
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (gzip.compress(json.dumps(completion("SLOW")).encode()), "packed (gzip), which was not asked for"),
+        (b" <!DOCTYPE html><p>Welcome", "a page (HTML), so another program may answer at this address"),
+        (b"SLOW", "the body is no JSON: "),
+    ],
+)
+def test_a_body_that_is_no_json_is_said_to_be_what_it_is(body: bytes, said: str) -> None:
+    """As far as its first bytes tell."""
+    with says(lambda: web.Response(body=body, content_type="application/json")) as server:
+        reply = ask(server)
+    assert reply.error == "unreadable"
+    assert said in reply.error_detail
+
+
+def test_a_redirect_without_an_address_is_none_to_give() -> None:
+    """As a 304 to a question that nobody kept."""
+    with says(lambda: web.Response(status=304)) as server:
+        assert ask(server).error_detail == "HTTP 304: no answer, and no address to ask instead"
+
+
 def content(*parts: object) -> dict[str, object]:
     """Return a body whose message comes in parts."""
     return {"choices": [{"message": {"content": list(parts)}, "finish_reason": "stop"}]}
@@ -386,7 +417,9 @@ def test_no_part_of_a_key_is_left_where_a_text_is_cut(monkeypatch: pytest.Monkey
         plain = ask(server, key_env="MY_KEY")
     with says(lambda: web.json_response({"error": "x" * before + KEY})) as server:
         inside = ask(server, key_env="MY_KEY")
-    assert "sk-" not in repr((named, failed, plain, inside))
+    with says(lambda: web.json_response(content({"type": "x" * (before % 40) + KEY, "text": "GO"}))) as server:
+        unread = ask(server, key_env="MY_KEY")
+    assert "sk-" not in repr((named, failed, plain, inside, unread))
     assert len(named.finish_reason or "") == len(named.served or "") == 200
 
 

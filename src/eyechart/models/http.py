@@ -26,7 +26,7 @@ import orjson
 from aiohttp.connector import Connection
 
 from eyechart import __version__
-from eyechart.calls import ErrorKind, Reply
+from eyechart.calls import MOST, ErrorKind, Reply
 from eyechart.errors import printable
 from eyechart.models.faults import kind_of_status
 
@@ -205,8 +205,13 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
     if len(seen.body) > MOST_BYTES:
         return "unreadable", f"the body has more than {MOST_BYTES} bytes"
     if 300 <= came.status < 400:
-        where = came.headers.get("Location", "nowhere")
-        return "gateway", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
+        where = came.headers.get("Location")
+        led = (
+            f"redirected to {where}, which is not followed; give that address"
+            if where
+            else "no answer, and no address to ask instead"
+        )
+        return "gateway", f"HTTP {came.status}: {led}"
     if came.status >= 400:
         message = error_message(seen.body, seen.scrub)
         return kind_of_status(came.status, _json_of(seen.body)), f"HTTP {came.status}: {message or came.reason}"
@@ -255,6 +260,16 @@ def read_json(body: bytes | bytearray) -> object:
             return json.loads(body)
         except (ValueError, RecursionError):
             raise error from None
+
+
+def unlike_json(came: Response) -> str:
+    """Return in words what a body is that is no JSON, as far as its first bytes and its type tell."""
+    start = bytes(came.body[:64]).lstrip().lower()
+    if start.startswith(b"\x1f\x8b"):
+        return "the body is no JSON but packed (gzip), which was not asked for; switch that off where the server runs"
+    if start.startswith((b"<!doctype", b"<html")) or came.content_type == "text/html":
+        return "the body is no JSON but a page (HTML), so another program may answer at this address"
+    return "the body is no JSON"
 
 
 def words_of(found: object, depth: int = 0) -> str:
@@ -314,8 +329,15 @@ def _retry_after(headers: Mapping[str, str]) -> float | None:
     said = headers.get("Retry-After", "").strip()
     if not said:
         return None
-    with contextlib.suppress(ValueError):
-        return number_of(float(said))
+    wait = None
     with contextlib.suppress(ValueError, TypeError, OverflowError, IndexError, OSError):
-        return max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
+        if (wait := _seconds(said)) is None:
+            wait = max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
+    wait = number_of(wait)
+    return None if wait is None else min(wait, MOST["retry_after_s"])  # one beyond counts as not reported
+
+
+def _seconds(said: str) -> float | None:
+    with contextlib.suppress(ValueError):
+        return float(said)
     return None

@@ -26,6 +26,7 @@ from eyechart.models.http import (
     is_loopback,
     number_of,
     read_json,
+    unlike_json,
     words_of,
 )
 from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, require_text, text_of
@@ -157,7 +158,7 @@ def _read(came: Response) -> Reply:
     try:
         body = read_json(came.body)
     except ValueError as error:
-        return came.failure("unreadable", f"the body is no JSON: {error}")
+        return came.failure("unreadable", f"{unlike_json(came)}: {error}")
     if not isinstance(body, dict):
         return came.failure("unreadable", f"the body is no JSON object but {type(body).__name__}")
     return _read_body(came, body)

@@ -97,7 +97,7 @@ def require_text(content: object) -> None:
     for part in parts:
         kind, said = (part.get("type", "text"), part.get("text")) if isinstance(part, dict) else ("text", part)
         if said and (kind not in _TEXTS or not isinstance(said, str)) and not _THOUGHT.search(str(kind)):
-            raise ValueError(f"the content of the message has a part that cannot be read, of type {str(kind)[:40]!r}")
+            raise ValueError(f"the content of the message has a part that cannot be read, of type {str(kind)!r}")
 
 
 def refusal_of(message: Mapping[str, object]) -> str | None:
