@@ -4,7 +4,7 @@ import asyncio
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
 from eyechart.records import Amount, Count, Plain
@@ -102,12 +102,14 @@ class Limits:
 class Outcome:
     """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words.
 
-    ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost.
+    ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost. ``failed``
+    says of each model with calls that ended in an error how many, and what the last one was.
     """
 
     set_aside: Mapping[str, str]
     stopped: str | None = None
     uncounted: int = 0
+    failed: Mapping[str, str] = field(default_factory=dict)
 
 
 class Budget:
@@ -126,6 +128,8 @@ class Budget:
         self._came = asyncio.Event()
         self._spent_up = False
         self._in_a_row = dict.fromkeys(models, 0)
+        self._failed: Counter[str] = Counter()
+        self._last: dict[str, str] = {}
 
     def made_before(self, model: str, reply: Reply | None) -> None:
         """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
@@ -183,9 +187,19 @@ class Budget:
     def ended(self, model: str, reply: Reply) -> None:
         """Note how a call ended; a model that keeps failing is set aside."""
         self._in_a_row[model] = self._in_a_row[model] + 1 if reply.error else 0
+        if reply.error:
+            self._failed[model] += 1
+            self._last[model] = f"{reply.error}: {reply.error_detail}"
         if self._in_a_row[model] >= self.limits.patience:
             last = f"the last one with {reply.error}: {reply.error_detail}"
             self.set_aside.setdefault(model, f"{self._in_a_row[model]} calls in a row failed, {last}")
+
+    def failures(self) -> dict[str, str]:
+        """Return of each model with calls that ended in an error how many, and what the last one was, in words."""
+        return {
+            model: f"{count} call{'s' * (count > 1)} ended in an error, the last one with {self._last[model]}"
+            for model, count in self._failed.items()
+        }
 
     def _add(self, model: str, reply: Reply) -> None:
         cost = self.limits.cost(model, reply)

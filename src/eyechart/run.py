@@ -282,7 +282,7 @@ class _Execution:
             asyncio.run(self._run(todo))
         except BaseExceptionGroup as group:
             raise first_error(group) from None
-        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
+        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures())
 
     async def _run(self, todo: list[CallKey]) -> None:
         self._report()

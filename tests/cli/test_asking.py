@@ -42,6 +42,15 @@ def run(bank: FrameBank, tmp_path: Path) -> Run:
     return battery
 
 
+def test_a_run_whose_calls_failed_says_with_what(run: Run) -> None:
+    """Also where they are too few to set the model aside, and where they are over, so that the run is whole."""
+    options = ("--model", "openai:m", "--conditions", "real", "--limit", "2", "--no-probe", "--base-url")
+    with FaultServer(["400"]) as server:
+        result = run(*options, server.base_url)
+    assert result.exit_code == 0
+    assert "openai:m: 2 calls ended in an error, the last one with bad_request: HTTP 400: " in result.stderr
+
+
 def test_options_are_the_request_and_stand_in_the_manifest(run: Run, tmp_path: Path) -> None:
     """What was asked for is what is sent, and what resuming must ask for again."""
     options = ("--model", "openai:m", "--conditions", "real", "--limit", "2", "--max-tokens", "9")

@@ -509,6 +509,9 @@ def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int) -> None:
     """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
     outcome = replace(outcome, set_aside={**failed, **outcome.set_aside})
     say_aside(outcome)
+    for model, words in outcome.failed.items():
+        if model not in outcome.set_aside:
+            say(f"{model}: {words}")
     if outcome.stopped is not None and left:
         say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
         raise typer.Exit(3)
