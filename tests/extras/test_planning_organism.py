@@ -32,7 +32,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_driving_depends_on_its_eyes(run: Path) -> None:
     """It gets farther with real pictures than mirrored, in worlds that only a look at the side can get through."""
-    drives = {one.driver.condition: one for one in read_drives([run])}
+    drives = {one.driver.condition: one for one in read_drives([run]) if one.driver.policy.startswith("hf:")}
     reached = {
         condition: sum(map(outcomes_of(list(drives.values())).success, one.episodes))
         for condition, one in drives.items()
