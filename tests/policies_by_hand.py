@@ -29,6 +29,7 @@ UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
 REVERSED = Statistic(-0.6, 72, (-0.9, -0.31), 1.0, detail={"smallest_p": 0.0002})
 A_LITTLE = Statistic(0.1, 72, (0.01, 0.3), 0.009, detail={"smallest_p": 0.0002})
 TOO_FEW = Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})
+COLOURED = share(0.031, 0.5)
 NOT_ONE_BIT = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
 GOOD = {
     "motions": Statistic(1.0, 72),
@@ -107,7 +108,7 @@ CASES: dict[str, Changes] = {
     "own pose, near, but colours": {
         "beyond@cameras": OPEN,
         "T.near@cameras": share(0.1, 0.3),
-        "T.exchanged": USED,
+        "T.exchanged": COLOURED,
         "follow": None,
     },
     "own pose, near, and no colours": {
@@ -124,7 +125,7 @@ CASES: dict[str, Changes] = {
     "the wrist near its pose, but colours": {
         "beyond@camera:wrist": IGNORED,
         "T.near@camera:wrist": USED,
-        "T.exchanged@wrist": USED,
+        "T.exchanged@wrist": COLOURED,
     },
     "the wrist beyond its pose": {"beyond@camera:wrist": USED, "T.near@camera:wrist": IGNORED},
     "state shortcut": {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED, "state": USED},

@@ -9,6 +9,11 @@ from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_policy,
 from policies_by_hand import CHANNELS, GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
 
 
+def _near_its_pose(coloured: Statistic) -> dict[str, Statistic | None]:
+    """Return what changes where pictures of the own episode tell nothing, and exchanged colours so much."""
+    return {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3), "T.exchanged": coloured, "follow": None}
+
+
 @pytest.mark.parametrize(
     ("changed", "label", "words"),
     [
@@ -31,6 +36,8 @@ from policies_by_hand import CHANNELS, GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW
         ({"swap": share(0.021, 0.5, p=0.01)}, "object_grounded", ""),
         ({"swap": share(0.0, 0.05, episodes=5)}, "undecided", "5 episodes bound nothing"),
         ({"swap": None}, "undecided", "did not ask"),
+        (_near_its_pose(share(0.029, 0.5)), "undecided", "it may read its own pose"),
+        (_near_its_pose(share(0.031, 0.5)), "camera_content", "moves no object"),
     ],
 )
 def test_the_camera_axis(changed: dict[str, Statistic | None], label: str, words: str) -> None:

@@ -3,9 +3,10 @@
 import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
-from eyechart.stats.order import falls_everywhere, lost_beyond_noise, swapped_ends
+from eyechart.stats.order import Floats, falls_everywhere, lost_beyond_noise, swapped_ends
 
 
 def _tail(lost: int, pairs: int, wavered: int, repeats: int) -> float:
@@ -87,3 +88,24 @@ def test_a_fall_has_no_rise_and_eleven_answers_say_nothing() -> None:
     steps = falls_everywhere(range(24), [1.0] * 12 + [0.0] * 12, seed=1)
     assert (steps.value, steps.p, steps.note) == (0.0, 1.0, "nowhere")
     assert falls_everywhere(range(11), [1.0] * 11, seed=1).value is None
+
+
+@pytest.mark.parametrize("n", [30, 60])
+def test_p_of_a_rise_is_the_share_of_orders_with_as_great_a_one(n: int) -> None:
+    """Of 200 orders, each looked at by itself, window by window; of these p is far from 0 and from 1."""
+    rng = np.random.default_rng(n)
+    levels = rng.choice([0.0, 0.5, 1.0], n)
+    found = falls_everywhere(range(n), levels, seed=3, resamples=200)
+    drawn = np.random.default_rng(3).permuted(np.tile(levels, (200, 1)), axis=1)
+    as_great = sum(_greatest_rise(one) >= _greatest_rise(levels) - 1e-12 for one in drawn)
+    assert found.p == pytest.approx((1 + as_great) / 201)
+    assert 0.05 < found.p < 0.95
+
+
+def _greatest_rise(levels: Floats) -> float:
+    widths = {int(one) for one in np.geomspace(6, max(6, len(levels) / 4), 6)}
+    return max(
+        float(levels[at + wide : at + 2 * wide].mean() - levels[at : at + wide].mean()) * math.sqrt(wide / 2)
+        for wide in widths
+        for at in range(len(levels) - 2 * wide + 1)
+    )

@@ -308,6 +308,7 @@ def test_a_blank_error_is_none(bank: FrameBank, noisy: tuple[Path, Path, list[Ro
     assert imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL).errors == 0
 
 
+@pytest.mark.models
 def test_a_column_of_a_type_that_is_not_read_is_named(
     bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
 ) -> None:

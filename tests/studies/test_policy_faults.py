@@ -1,12 +1,17 @@
 """Policies as people ship them, with one fault between robot and network: what a run says, and what it cannot know."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from eyechart.frames import FrameBank
+from eyechart.models import policy_callable
+from eyechart.models.policy_callable import PolicyCallable
 from eyechart.probe.policies import examine_policy
 from eyechart.simulators import open_bank_simulator
+from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import PolicyScore, judge
@@ -66,6 +71,30 @@ def test_what_a_call_does_to_its_own_arrays_reaches_no_other(bank: FrameBank, tm
     (first, *others) = (one.motions.answers for one in found.values())
     for other in others:
         assert all((first[name] == other[name]).all() for name in first)
+
+
+def test_an_answer_is_copied_before_another_call_may_write_to_it(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While it is copied, no other call can begin."""
+    policies, held = [], []
+
+    class Watched(PolicyCallable):
+        """A policy that is remembered, to look at its lock."""
+
+        def __init__(self, *given: Any, **more: Any) -> None:  # noqa: ANN401 - passed on
+            super().__init__(*given, **more)
+            policies.append(self)
+
+    def of(answer: object) -> Motion:
+        held.append(policies[0].alone.locked())
+        return Motion.of(answer)
+
+    monkeypatch.setattr(policy_callable, "PolicyCallable", Watched)
+    monkeypatch.setattr(policy_callable, "Motion", SimpleNamespace(of=of))
+    asked(bank, tmp_path / "run", "one_buffer", concurrency=1)
+    assert held
+    assert all(held)
 
 
 def test_what_draws_its_answers_keeps_nothing(bank: FrameBank, tmp_path: Path) -> None:
