@@ -133,6 +133,13 @@ def test_one_reply_to_everything_is_degenerate() -> None:
     assert guard("degeneracy", same[:5]).holds is None
 
 
+@pytest.mark.parametrize(("signs", "quoted"), [(40, f"{'x' * 40!r}"), (41, f"{'x' * 40!r} …")])
+def test_of_a_long_reply_its_beginning_is_quoted(signs: int, quoted: str) -> None:
+    """With a sign that there is more, where there is."""
+    same = sent_with(lambda at, name: replace(fine(at, name), text="x" * signs))
+    assert guard("degeneracy", same).because.endswith(f"replies are the same: {quoted}")
+
+
 def test_repeats_that_come_at_once_are_suspected_of_a_cache() -> None:
     """Equal to the byte, in under a tenth of the time of the first; slow ones, or different ones, are not."""
 

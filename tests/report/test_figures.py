@@ -6,13 +6,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import report_runs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.report.charts import plain
+from eyechart.report.charts import cell, luminance, plain
 from eyechart.report.page import write_figures
 from eyechart.studies.battery import Extent
+from eyechart.studies.battery import figures as drawn
 from eyechart.studies.battery.figures import figures, pair_counts, pair_words
 from eyechart.studies.battery.subjects import Subject, subjects
 from report_runs import Reported, make_run, read_evidence
@@ -124,3 +126,14 @@ def test_a_name_in_a_figure_is_not_read_as_a_formula(bank: Path, tmp_path: Path)
     text = drawn["agreement"][0].svg()
     assert "$\\frac{1}{0}$&lt;b&gt;漢😀" in text
     assert drawn["agreement"][0].pdf().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("name", ["_REDS", "_STAYS", "_MOVED", "_BLUES"])
+@pytest.mark.parametrize("share", np.linspace(0, 1, 21))
+def test_a_number_in_a_cell_can_be_read_on_its_colour(name: str, share: float) -> None:
+    """Ink and face differ by a contrast of 4.5 at least, as WCAG asks of text, wherever on the scale a cell is."""
+    axes = Figure().add_subplot()
+    cell(axes, 0, 0, share, "0.50", getattr(drawn, name))
+    (face,), (text,) = axes.patches, axes.texts
+    dark, light = sorted((luminance(face.get_facecolor()), luminance(text.get_color())))
+    assert (light + 0.05) / (dark + 0.05) >= 4.5

@@ -74,7 +74,7 @@ _STYLE: Any = {
     "ytick.labelsize": 8.5,
     "path.simplify": False,
 }
-ON_COLOUR = "#202020"
+ON_COLOUR = "#000000"
 """Ink on a coloured cell: the same in light and in dark."""
 
 _TAG = re.compile(r"<[^>]*>")
