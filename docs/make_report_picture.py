@@ -19,7 +19,7 @@ from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import read_evidence
 
 CONTROLLERS = ("constant", "presence", "scene_only", "crash_colour", "depth", "depth_lateral")
-WIDTH, TOP, BELOW = 1360, 790, 762
+WIDTH, TOP, BELOW = 1360, 757, 762
 
 
 def make_report(bank: Path, folder: Path) -> Path:
