@@ -52,7 +52,7 @@ def test_what_is_missing_is_named_with_the_run_that_it_needs(tmp_path: Path) -> 
     """And nothing is written for it; a run's own files are not written over."""
     done = CliRunner().invoke(app, ["paper", str(MADE / "prompts"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0
-    assert "missing  t:frontier: needs a run of eyechart run\n" in done.stdout
+    assert "missing  t:frontier: needs a run of eyechart run battery\n" in done.stdout
     assert {one.stem for one in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs"}
 
 

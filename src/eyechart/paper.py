@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from eyechart.report.table import Table
 
 LABELS: Mapping[str, str] = {
-    "t:conditions": "eyechart run",
+    "t:conditions": "eyechart run battery",
     "t:baselines": "eyechart run closed-loop",
     "t:controller-local": "eyechart run structured",
     "t:positive-guardian": "eyechart run structured",
     "t:mpc-intent": "eyechart run hierarchy",
     "t:degeneracy": "eyechart run closed-loop",
-    "t:frontier": "eyechart run",
-    "t:qwenorder": "eyechart run",
+    "t:frontier": "eyechart run battery",
+    "t:qwenorder": "eyechart run battery",
     "t:prompts": "eyechart run prompts",
     "fgr:mi": "eyechart run closed-loop",
-    "fgr:bicb": "eyechart run",
+    "fgr:bicb": "eyechart run battery",
     "fgr:vlm-interface": "eyechart run structured",
 }
 """The labels of the paper's tables and figures, each with the command whose run determines it."""

@@ -16,9 +16,13 @@ from eyechart.studies.structured.tables import PAPER as CONTROL
 ROOT = Path(__file__).parents[2]
 PRINTED = json.loads((Path(__file__).with_name("printed.json")).read_text(encoding="utf-8"))
 NUMBERS, COUNTS = frozenset(PRINTED["numbers"]), frozenset(PRINTED["counts"])
+SECTIONS, LABELS = tuple(PRINTED["sections"]), frozenset(PRINTED["labels"])
 CLAIM = re.compile(r"[Tt]he paper(?:'s)?((?:[ \n]+(?:[A-Za-z:'`-]+|\())*?)[ \n(]+(\.?\d+(?:\.\d+)?)(?![\w])")
 """The paper, or something of the paper's, with a number a few words behind it."""
 WORDS = 6
+SECTION = re.compile(r"\b[Ss]ections? (?=[A-Z])")
+"""Behind it stands the name of a section: all that code and documents name so are the paper's."""
+LABEL = re.compile(r"\\b(?:t|fgr|sn):[a-z]+(?:-[a-z]+)*")
 FILES = sorted(
     path
     for pattern in ("src/eyechart/**/*.py", "src/eyechart/**/*.html", "src/eyechart/**/*.toml", "docs/**/*.md", "*.md")
@@ -66,6 +70,32 @@ def test_every_number_that_is_said_to_be_the_papers_is_printed_there() -> None:
         False,
         True,
     ]
+
+
+def plain(text: str) -> str:
+    """Return a text on one line, in small letters, with hyphens for dashes."""
+    return " ".join(re.sub("--|–", "-", text).split()).lower()
+
+
+def test_every_section_and_label_that_is_named_as_a_source_is_in_the_paper() -> None:
+    """By its title, or the label of its table or figure; where there are two, also the one behind 'and' or a comma."""
+    named, unknown = 0, []
+    titles = sorted((plain(one) for one in SECTIONS), key=len, reverse=True)
+    for path in FILES:
+        text = path.read_text(encoding="utf-8")
+        unknown += [f"{path.name}: {one}" for one in LABEL.findall(text) if one not in LABELS]
+        joined = " ".join(text.split())
+        for found in SECTION.finditer(joined):
+            rest, named = plain(joined[found.end() : found.end() + 200]), named + 1
+            title = next((one for one in titles if rest.startswith(one)), None)
+            behind = re.match(r"(?: \([^)]*\))?(?:,| and) ", rest[len(title or "") :])
+            if title is None or (
+                found[0].lower() == "sections "
+                and not (behind and any(rest[len(title) + behind.end() :].startswith(one) for one in titles))
+            ):
+                unknown.append(f"{path.name}: section {rest[:60]}")
+    assert not unknown, unknown
+    assert named >= 40
 
 
 @pytest.mark.parametrize("file", OURS)

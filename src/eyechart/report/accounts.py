@@ -101,10 +101,10 @@ NO_PRICE = (
 
 
 def deployment_table(accounts: Mapping[str, Account]) -> Table:
-    """Return what decisions cost and take, in the paper's units: a row a model. Source: paper, section sn:cost.
+    """Return what decisions cost and take, in the paper's units: a row a model.
 
     A decision is a call whose reply holds one. What an unfinished run costs a decision cannot be said, nor what
-    attempts of unknown cost or energy took.
+    attempts of unknown cost or energy took. Source: paper, section Transfer and deployment characteristics.
     """
     rows: list[tuple[Cell, ...]] = []
     for spec, one in accounts.items():

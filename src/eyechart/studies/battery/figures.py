@@ -1,7 +1,7 @@
 """Figures of batteries: those that compare models, and those of one model.
 
-Source: paper, figures bicb (agreement) and mi (entropy against information), table t:qwenorder (median gap by action)
-and section The Input-Ablation Battery (reflection).
+Source: paper, figures fgr:bicb (agreement) and fgr:mi (entropy against information), Table t:qwenorder (median gap by
+action) and section The Input-Ablation Battery (reflection).
 """
 
 from collections.abc import Sequence

@@ -23,7 +23,7 @@ from eyechart.studies.battery.controls import BINS, DISTANCES, FEWEST_PAIRS, MID
 from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
 
 NOISE = 0.11
-"""The noise floor that is planned for where none is given: the median of the paper's models."""
+"""The noise floor that is planned for where none is given: near the median of the paper's hosted models, .125."""
 
 READS = (0.3, 1.0)
 """The shares of the frames on which the planned readers of distance read it."""

@@ -1,8 +1,8 @@
 """The model as its own blind baseline: the same policy in the same worlds with real pictures and without.
 
-Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion: completing a task does not
-show that the camera was used. A picture that is none tells only whether there is one; another world's picture tells
-whether it matters what the picture shows.
+Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion and Conclusion: completing a
+task does not show that the camera was used. A picture that is none tells only whether there is one; another world's
+picture tells whether it matters what the picture shows.
 """
 
 import math

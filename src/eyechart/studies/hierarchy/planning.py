@@ -62,7 +62,7 @@ SCRIPTED: Mapping[str, tuple[str, str]] = {
     "oracle, lateral intent, mirrored": ("lateral", ORACLE_MIRRORED),
 }
 """The sources that are no model, by their names: the part in which each drives, and its policy there. MPC-only and the
-constant STRAIGHT are the same drives under the paper's two names."""
+constant STRAIGHT are the same drives under two names, of which the paper prints the first."""
 
 
 def _policies(part: str) -> tuple[str, ...]:

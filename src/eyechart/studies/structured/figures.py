@@ -1,6 +1,6 @@
 """The figure of the visual interface: a frame, the calibrated view of it, and the view of its reflection.
 
-Source: paper, figure vlm-interface.
+Source: paper, figure fgr:vlm-interface.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ _WIDTH = 7.16
 
 
 def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
-    """Yield figure vlm-interface of the first run whose pictures are there and whose models were shown a view.
+    """Yield figure fgr:vlm-interface of the first run whose pictures are there and whose models were shown a view.
 
     Its frame is the first with a lead that is close, else the first with one, else the first of the run.
     """
