@@ -186,7 +186,7 @@ CONTROLLERS: dict[str, Controller] = {
         Declared("self_inconsistent", "depth", "does_not_swap"),
     ),
     "self_inconsistent": Controller(
-        "tosses a coin at roads, and a coin biased to STOP at anything else (self-inconsistent, as the paper's Kimi-K3 is)",
+        "tosses a coin at roads, and a coin biased to STOP at anything else (self-inconsistent as the paper's Kimi-K3)",
         _self_inconsistent,
         Declared("self_inconsistent", "self_inconsistent", "does_not_swap"),
     ),
