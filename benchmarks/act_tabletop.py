@@ -208,13 +208,13 @@ class Trained:
 sees, privileged = Trained("sees"), Trained("privileged")
 
 
-def bank_of(preset: str, folder: Path) -> Path:
-    """Return a bank of 12 episodes and 72 frames of a preset; built once in a folder."""
+def bank_of(preset: str, folder: Path, episodes: int = 12, steps: int = 6) -> Path:
+    """Return a bank of a preset, so many episodes of four scenarios, ``steps`` frames each; built once in a folder."""
     from eyechart.simulators import open_bank_simulator  # noqa: PLC0415
 
-    bank = folder / f"bank-{preset}"
+    bank = folder / f"bank-{preset}-{episodes}-{steps}"
     if not bank.is_dir():
-        open_bank_simulator("tabletop").build(bank, preset=preset, steps=6)
+        open_bank_simulator("tabletop").build(bank, preset=preset, seeds=range(episodes // 4), steps=steps)
     return bank
 
 
