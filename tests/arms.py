@@ -140,3 +140,26 @@ def by_wrist(images: Images, state: np.ndarray, instruction: str | None) -> np.n
     seen = blocks(images["wrist"], np.full(2, np.nan))
     places = np.where(np.isfinite(seen), state[:2] + (seen - 0.5) / ZOOM, 0.5)
     return oracle(Workspace(state[:2], float(state[2]), places, named))
+
+
+def parcel(images: Images, state: np.ndarray, instruction: str | None) -> dict[str, np.ndarray]:
+    """Look, and put the answer into a dict, as servers do."""
+    return {"actions": reach(images, state, instruction)}
+
+
+async def awaited(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, once somebody awaits it."""
+    return reach(images, state, instruction)
+
+
+def sightless(images: Images, state: np.ndarray) -> np.ndarray:
+    """Take no instruction."""
+    return reach(images, state, "red")
+
+
+def seedless(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Say that a seed fixes it, and take none."""
+    return reach(images, state, instruction)
+
+
+seedless.seedable = True  # type: ignore[attr-defined]

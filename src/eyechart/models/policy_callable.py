@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from inspect import iscoroutinefunction, signature
 from threading import Lock, Thread
 
 import numpy as np
@@ -103,6 +104,8 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
         raise SpecError(
             f"'python:{name}' declares {amiss[0]} = {own[amiss[0]]!r}: see docs/policies.md for what it may be"
         )
+    if cannot := _cannot_be_called(act, *(("seed",) if seedable else ())):
+        raise SpecError(f"'python:{name}' cannot be asked: {cannot}")
     facts = {"seedable": str(seedable).lower(), **({"file_sha256": digest} if digest else {})}
     if isinstance(channels, list | tuple):
         facts["channels"] = ", ".join(channels)
@@ -117,6 +120,21 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
         reset=reset if callable(reset) else None,
         alone=_ALONE[name.rpartition(":")[0]],
     )
+
+
+def _cannot_be_called(act: Act, *named: str) -> str:
+    """Return in words why a callable does not take what it will be given; nothing where it does, or does not say."""
+    if iscoroutinefunction(act) or iscoroutinefunction(getattr(act, "__call__", None)):  # noqa: B004 - of an object
+        return "it is an async function; a plain one is called, in a thread of its own"
+    try:
+        signature(act).bind({}, None, None, **dict.fromkeys(named))
+    except TypeError as error:
+        return (
+            f"it is called with {', '.join(('images', 'state', 'instruction', *(f'{one}=' for one in named)))}: {error}"
+        )
+    except ValueError:  # of what is not written in Python
+        return ""
+    return ""
 
 
 def _is_word(one: object) -> bool:

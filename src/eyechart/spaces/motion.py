@@ -57,6 +57,8 @@ class Motion:
             array = np.asarray(given)
         except Exception as error:
             raise ValueError(f"a {type(given).__name__} is no array: {error}") from error
+        if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
+            raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
             raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits")
         if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
