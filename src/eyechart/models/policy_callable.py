@@ -124,7 +124,7 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
 
 def _cannot_be_called(act: Act, *named: str) -> str:
     """Return in words why a callable does not take what it will be given; nothing where it does, or does not say."""
-    if iscoroutinefunction(act) or iscoroutinefunction(getattr(act, "__call__", None)):  # noqa: B004 - of an object
+    if iscoroutinefunction(act) or iscoroutinefunction(type(act).__call__):
         return "it is an async function; a plain one is called, in a thread of its own"
     try:
         signature(act).bind({}, None, None, **dict.fromkeys(named))
