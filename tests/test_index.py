@@ -1,5 +1,6 @@
 """The index of a folder of runs: nothing in it is left out, models stand side by side, and each over time."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -126,3 +127,14 @@ def test_report_of_a_folder_writes_the_index_with_its_tables(folder: Path, tmp_p
     assert isinstance(refused.exception, SpecError)
     assert str(refused.exception) == "an index of runs takes no --figures: give the runs themselves"
     assert not (tmp_path / "other.html").exists()
+
+
+def test_a_model_whose_runs_have_no_verdict_has_a_row_and_no_history(tmp_path: Path) -> None:
+    """As drives have none, beside a battery of others."""
+    made = Path(__file__).parent / "old" / "0.1.0" / "made"
+    for name in ("drives", "battery"):
+        shutil.copytree(made / name, tmp_path / name)
+    entries = read_index(tmp_path, READING, silent)
+    assert {one.found.label for one in entries if one.run == "drives"} == {"no verdict"}
+    assert not history_table(entries).rows
+    assert {row[2] for row in runs_table(entries).texts()} == {"drives", "battery"}

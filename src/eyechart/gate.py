@@ -21,7 +21,7 @@ from eyechart.verdicts import (
     judge_one,
     refuted,
 )
-from eyechart.verdicts.admission import CLAUSES, Held
+from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
 from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
@@ -169,7 +169,7 @@ def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **ter
     def checks(one: Evidence, reason: str) -> Iterator[Check]:
         for clause in hold_clauses(one.statistics):
             if clause.name in wanted or "admission" in wanted:
-                yield Check(one.model, clause.name, None if reason else clause.passes, reason or _held_words(clause))
+                yield Check(one.model, clause.name, None if reason else clause.passes, reason or clause.words)
 
     return _gate(score, checks, _without_estimate, terms)
 
@@ -242,13 +242,6 @@ def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Un
             mine = [replace(one, holds=None, because=unfinished) for one in mine]
         checks += mine
     return Gate(tuple(checks))
-
-
-def _held_words(found: Held) -> str:
-    one, least = found.statistic, found.clause.least
-    if one.value is None:
-        return one.note
-    return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
 def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:

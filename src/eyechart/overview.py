@@ -152,7 +152,7 @@ def _opening(entries: Sequence[Entry]) -> Opening:
         return Opening("No run here has a verdict on a model.")
     many = {words: [one.who for one in said if one.tone == tone] for tone, words in _NEWEST.items()}
     return Opening(
-        f"The newest verdicts. {parted(many, 'models')}",
+        f"Do decisions come from the camera? {parted(many, 'models')}",
         sorted(said, key=lambda one: not one.beware),
     )
 
@@ -214,6 +214,8 @@ def history_table(entries: Sequence[Entry]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for model in dict.fromkeys(one.model for one in entries if one.model):
         mine = [one for one in entries if one.model == model and one.found.label != NO_VERDICT.label]
+        if len(mine) < 2:
+            continue
         told = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
         rows += [
             (
@@ -221,7 +223,6 @@ def history_table(entries: Sequence[Entry]) -> Table:
                 *(one.about, one.found.decided_by, one.found.estimate),
             )
             for one, words in zip(mine, told, strict=True)
-            if len(mine) > 1
         ]
     note = (
         "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every statistic."

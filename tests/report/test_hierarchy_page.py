@@ -145,7 +145,7 @@ def test_tables_hold_every_source_and_every_difference(study: Path, tmp_path: Pa
         for kind in ("csv", "md", "tex")
     }
     sources = (tmp_path / "tables" / "sources.csv").read_text()
-    assert "unaware,mpc-blind,rover-mpc-unaware,constant:STRAIGHT,real,2,0.0" in sources
+    assert "mpc-blind,unaware,rover-mpc-unaware,constant:STRAIGHT,real,2,0.0" in sources
     assert "positive control" in (tmp_path / "tables" / "paired.csv").read_text()
 
 

@@ -1,6 +1,7 @@
 """The online run: worlds are vetted, then estimators drive in those that passed, and nothing is credited to silence."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
+from eyechart.studies import Reading, open_study
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import Vetted, vet
 from eyechart.studies.structured.seen import SEEN, check
@@ -197,3 +199,16 @@ def test_reflections_may_be_left_out_and_a_run_goes_on_as_it_was_begun(tmp_path:
     with Ledger(out / LEDGER) as ledger:
         assert {key.condition for key, _ in ledger.replies(CONTROL)} == {"real"}
     assert online.plan("short", [CONTROL], out, episodes=1).episodes.drivers.mirror_axis is None
+
+
+def test_the_page_says_first_who_is_admitted_on_what_it_met_and_who_crashes(driven: Path) -> None:
+    """And nothing of who drives by sight, which nobody was asked, nor of options that the command has not."""
+    html = open_study("online").report([driven], [], Reading(independent=False, reread=False), lambda _: None).page.html
+    page = html.decode()
+    opening = page[page.index('class="sentence"') : page.index("</section>", page.index('class="sentence"'))]
+    assert f"not admitted 2 ({CONTROL}, {BLIND})" in opening
+    assert re.search(r"It fails \w+, [^:]+: [0-9.]+, at least [0-9.]+ \(n = \d+\)", opening)
+    assert "Crashes beside the positive control" in opening
+    assert page.index('id="first"') < page.index('id="ladder"')
+    assert 'id="blind"' not in page
+    assert "--condition" not in page

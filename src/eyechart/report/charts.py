@@ -223,10 +223,21 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right and top, in pixels."""
 
 
-def dots(rows: Sequence[tuple[str, Statistic, str, bool]], x_name: str, scale: float, *, zero: bool = False) -> Figure:
+WIDE, HEAD = 3.4, 1.9
+"""Inches across which values are drawn: of a figure of its own, and of one at the head of a page, half as wide."""
+
+
+def dots(
+    rows: Sequence[tuple[str, Statistic, str, bool]],
+    x_name: str,
+    scale: float,
+    *,
+    zero: bool = False,
+    across: float = WIDE,
+) -> Figure:
     """Return named statistics as dots with intervals, each in its colour, some hollow; ``zero`` draws the line of 0."""
     left = room([label for label, *_ in rows])
-    figure, axes = canvas(left + 3.4, 0.7 + 0.27 * len(rows), (left, 0.2, 0.5, 0.05))
+    figure, axes = canvas(left + across, 0.7 + 0.27 * len(rows), (left, 0.2, 0.5, 0.05))
     if zero:
         axes.axvline(0, color=INK, linewidth=0.9, zorder=1)
     for y, (_, one, colour, hollow) in enumerate(rows):

@@ -241,7 +241,8 @@ class Study(ABC, Generic[S]):
             scores[name] = self.score(run, reading)
             parts = list(self.printed(scores[name]))
             lines = [one for one in parts if isinstance(one, str)]
-            sections.append(Section(run.name, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
+            every = f"Every number of {name}" if len(runs) > 1 else "Every number"
+            sections.append(Section(every, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
         title = ", ".join(run.name for run in runs)
         page = page_of(
             self.question or f"What came of these {self.runs_are}?", title, sections, answer=self.answer(scores)

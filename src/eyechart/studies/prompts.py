@@ -22,7 +22,7 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.records import Plain
 from eyechart.report.accounts import costs_table
-from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, marked, number, p_value, stacked
+from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, p_value, stacked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
@@ -362,7 +362,7 @@ _HOLD = {
     "sees": "the answers go with the gap in",
     "partly": "they tell a picture from a blank, and no more was shown, in",
     "blind": "the answer is always the same in",
-    "open": "nothing of the picture was shown in",
+    "open": "no link to the picture is shown in",
 }
 _WORDS = {"sees": "goes with the gap", "partly": "tells that there is a picture", "blind": "always the same answer"}
 
@@ -376,7 +376,7 @@ def held(cell: CellScore) -> tuple[str, str]:
         tone = "partly"
     else:
         tone = "blind" if cell.statistics["distinct_outputs"].value == 1 else "open"
-    return tone, _WORDS.get(tone, "nothing shown")
+    return tone, _WORDS.get(tone, "no link shown")
 
 
 def _about(cell: CellScore) -> str:
@@ -384,7 +384,8 @@ def _about(cell: CellScore) -> str:
     gap, modal = found["mutual_information"], found["modal_share"]
     p = p_value(cell.holm["mutual_information"])
     often = "—" if modal.value is None else f"{100 * modal.value:.0f} %"
-    return f"I(A; g) {number(gap.value)} bits, p {p}; {often} of the frames get its most frequent answer."
+    tells = f"Its answers tell {estimate(gap)} bits of the gap (p {p}, n {gap.n})"
+    return f"{tells}; {often} of {modal.n} frames get its most frequent answer."
 
 
 _CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"
@@ -420,7 +421,7 @@ class Prompts(OfFrames[PromptsScore]):
 
     def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
         """Return in how many cells the answers hold anything of the scene, and how much in each."""
-        from eyechart.report.charts import BLUE, Drawing, dots, style  # noqa: PLC0415 - a score needs no figures
+        from eyechart.report.charts import BLUE, HEAD, Drawing, dots, style  # noqa: PLC0415 - a score needs no figures
         from eyechart.report.page import MOST_SAID, Opening, Said, parted  # noqa: PLC0415 - nor templates
 
         named = [
@@ -431,12 +432,12 @@ class Prompts(OfFrames[PromptsScore]):
         many = {words: [one.who for one in said if one.tone == tone] for tone, words in _HOLD.items()}
         rows = [(who, cell.statistics["mutual_information"], BLUE, tone != "sees") for who, cell, tone, _ in found]
         with style():
-            figure = dots(rows[:MOST_SAID], "I(A; g), bits of the answer that tell the gap", 1.0)
-        told = "; ".join(f"{who}: {number(one.value)}" for who, one, *_ in rows)
+            figure = dots(rows[:MOST_SAID], "bits of the answer that tell the gap", 1.0, across=HEAD)
+        told = "; ".join(f"{who}: {estimate(one)}" for who, one, *_ in rows)
         drawn = Drawing(
             "in-short", "What the answers tell of the gap, by prompt", f"Filled: significant. {told}", figure
         )
-        return Opening(parted(many, "cells, a model under a prompt each"), said, figure=drawn)
+        return Opening(parted(many, "cells (a model under a prompt)"), said, figure=drawn)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""

@@ -26,7 +26,9 @@ CLAUSES: dict[str, Clause] = {
     "scene_equivariance": Clause(
         "scene_equivariance", 0.65, "share of pairs whose scenes are each other's mirror image"
     ),
-    "action_equivariance": Clause("action_equivariance", 0.75, "share of pairs whose actions are"),
+    "action_equivariance": Clause(
+        "action_equivariance", 0.75, "share of pairs whose actions are each other's mirror image"
+    ),
     "actions": Clause("actions", 3, "different actions on the frames"),
     "directional": Clause("directional", 2, "decisions for LEFT or RIGHT on the frames"),
 }
@@ -55,6 +57,14 @@ class Held(Written):
     def outcome(self) -> str:
         """Return the same in a word."""
         return {True: "pass", False: "fail", None: "cannot say"}[self.passes]
+
+    @property
+    def words(self) -> str:
+        """Return what was found beside what is asked, with its n; or why nothing can be said."""
+        one, least = self.statistic, self.clause.least
+        if one.value is None:
+            return one.note
+        return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
 def hold(statistics: Mapping[str, Statistic]) -> tuple[Held, ...]:

@@ -4,12 +4,11 @@ Source of its figures: paper, Table t:baselines and figure fgr:mi.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.report.charts import BLUE, MUTED, VERMILLION, Drawing, dots, scattered, style
-from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
-from eyechart.report.table import Table
+from eyechart.report.charts import BLUE, HEAD, MUTED, WIDE, Drawing, dots, scattered, style
+from eyechart.report.page import GLYPHS, Opening, Page, Said, Section, fill, parted
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
@@ -61,25 +60,25 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
         }
 
 
-def _dots(rungs: Sequence[Rung], name: str) -> Drawing:
+def _dots(rungs: Sequence[Rung], name: str, across: float = WIDE) -> Drawing:
     form, found = MEASURES[name], [(one.driver, one.statistics[name]) for one in rungs]
     rows = [(who.label, one, BLUE, who.policy.startswith("constant:")) for who, one in found]
     title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
-    figure = dots(rows, f"{title}; {_BEST[name]}", form.scale)
+    figure = dots(rows, f"{title}; {_BEST[name]}", form.scale, across=across)
     told = "; ".join(f"{who.label}: {form.shown(one)}" for who, one in found)
     says = f"Dots with 95 % intervals over episodes; hollow: constant policies. {told}"
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
-def _paired(found: Mapping[str, Blind], name: str) -> Drawing:
+def _paired(found: Mapping[str, Blind], name: str, across: float = WIDE) -> Drawing:
     form, rows, told = SIGNED[name], [], []
     for label, one in found.items():
         value = one.paired.differences[name]
         differs = name in one.paired.changed
-        rows.append((label, value, VERMILLION if differs else MUTED, not differs))
+        rows.append((label, value, BLUE if differs else MUTED, not differs))
         told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
     what = NAMES[name].partition(" (")[0]
-    figure = dots(rows, f"{what}, real less other{_UNITS[name]}", form.scale, zero=True)
+    figure = dots(rows, f"{what}, real less other{_UNITS[name]}", form.scale, zero=True, across=across)
     says = f"Differences in the same worlds with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 
@@ -152,7 +151,8 @@ def _found(one: Blind) -> str:
 
 
 def _without_name(one: Blind) -> str:
-    return one.sentence.removeprefix(f"{one.driver.policy}, ")
+    words = one.sentence.removeprefix(f"{one.driver.policy}, {one.condition}: ")
+    return words[:1].upper() + words[1:]
 
 
 def _best(score: ClosedLoopScore) -> list[str]:
@@ -167,7 +167,8 @@ def _best(score: ClosedLoopScore) -> list[str]:
         where = f" in {simulator}" if len(score.simulators) > 1 else ""
         reward = MEASURES["reward"].shown(best.statistics["reward"])
         sees = ", which sees nothing" if blind else ""
-        found.append(f"By score{where} {best.driver.label} comes first, reward {reward}{sees}.")
+        n = best.statistics["reward"].n
+        found.append(f"By score{where} {best.driver.label} comes first, reward {reward} over {n} episodes{sees}.")
     return found
 
 
@@ -178,7 +179,7 @@ def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
             return found
     with style():
         rungs = sorted(score.ladder, key=lambda one: -(one.statistics["reward"].value or 0.0))
-        return replace(_dots(rungs[:_SIGHTED], "reward"), name="in-short") if rungs else None
+        return replace(_dots(rungs[:_SIGHTED], "reward", HEAD), name="in-short") if rungs else None
 
 
 def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
@@ -186,20 +187,32 @@ def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
     if not any(one.paired.differences[name].value is not None for one in told.values()):
         return None
     with style():
-        return replace(_paired(dict(list(told.items())[:_SIGHTED]), name), name="in-short")
+        return replace(_paired(dict(list(told.items())[:_SIGHTED]), name, HEAD), name="in-short")
+
+
+@dataclass(frozen=True)
+class First:
+    """What a study tells of its runs before their drives: its question, the answer, and a section with the evidence.
+
+    Where nobody drove with other pictures too, it stands in the place of the question who drives by sight.
+    """
+
+    question: str
+    answer: Opening
+    section: Section
 
 
 def make_drives_page(
     runs: Sequence[Path],
     score: ClosedLoopScore,
-    more: Sequence[Table] = (),
+    first: First | None = None,
     *,
     pictured: int = PICTURED,
     tell: Tell = lambda _: None,
 ) -> Page:
     """Return the report of runs of episodes; the same runs give the same bytes.
 
-    ``more`` tables stand with its numbers; ``tell`` is told what is under way.
+    ``first`` is what their study tells before the drives; ``tell`` is told what is under way.
     """
     tell("figures")
     drawn = drives_figures(score)
@@ -212,7 +225,9 @@ def make_drives_page(
         scripts=("layout.js", "browser.js", "drives.js"),
         data=browser.data,
         title=", ".join(path.resolve().name for path in runs),
-        answer=opening(score),
+        question=first.question if first else "Who drives well, and who by sight?",
+        answer=first.answer if first else opening(score),
+        first=first.section if first else None,
         drives=score.drives,
         episodes=sum(len(one.episodes) for one in score.drives),
         unfinished=unfinished_words(score.unfinished),
@@ -232,7 +247,7 @@ def make_drives_page(
         audit=degeneracy_table(score.audit),
         audit_words=degeneracy_words(score.audit),
         replays=replay_table(score.replays) if score.replays else None,
-        numbers=[*more, *long_tables(score)],
+        numbers=long_tables(score),
         twins=score.twins,
         repeats=score.repeats,
         made=[(path.resolve().name, made(path)) for path in runs],

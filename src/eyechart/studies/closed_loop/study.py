@@ -187,6 +187,7 @@ def served_of(path: Path) -> dict[str, ServedGuard]:
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
+    from eyechart.studies.closed_loop.page import First
 
 NO_LEDGER = {
     **dict.fromkeys(
@@ -234,14 +235,14 @@ class OfEpisodes(Study[S]):
         from eyechart.studies.closed_loop.page import make_drives_page
         from eyechart.studies.closed_loop.tables import tables_of
 
-        more = self.beside_drives(runs)
-        page = make_drives_page(runs, scored, more, pictured=PICTURED if reading.driven else 0, tell=tell)
-        return Made(page, [*tables_of(scored), *more], page.notes)
+        first = self.first(runs)
+        page = make_drives_page(runs, scored, first, pictured=PICTURED if reading.driven else 0, tell=tell)
+        return Made(page, [*tables_of(scored), *(first.section.tables if first else ())], page.notes)
 
-    def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
-        """Return what a study tells of its runs beside the drives; nothing where they are all."""
+    def first(self, runs: Sequence[Path]) -> "First | None":
+        """Return what a study tells of its runs before the drives; None where these are all."""
         del runs
-        return ()
+        return None
 
 
 class ClosedLoop(OfEpisodes[ClosedLoopScore]):

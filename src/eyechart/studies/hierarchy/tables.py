@@ -157,7 +157,7 @@ def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
     actions = score.sources[0].intents if score.sources else ()
     counted = ("fail-safe steps", "solver failures", "episodes in error", *actions)
     named = (
-        *columns("text", "part", "name", "simulator", "source", "condition"),
+        *columns("text", "name", "part", "simulator", "source", "condition"),
         Column("n", "count"),
         *(
             column
@@ -168,7 +168,7 @@ def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
     )
     rows: list[tuple[Cell, ...]] = [
         (
-            *(one.part, one.name, one.driver.simulator, one.driver.policy, one.driver.condition, one.goals.n),
+            *(one.name, one.part, one.driver.simulator, one.driver.policy, one.driver.condition, one.goals.n),
             *(one.goals.value, one.goals.ci, one.crashes.value, one.crashes.ci),
             *(one.distance_m.value, one.distance_m.ci, one.stop_share.value, one.stop_share.ci),
             *(one.fail_safe, one.solver_failures, one.errors, *one.intents.values()),

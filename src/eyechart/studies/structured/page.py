@@ -22,6 +22,7 @@ from eyechart.studies.structured.tables import (
     Estimates,
     Estimator,
     clauses_table,
+    clauses_words,
     controller_table,
     figures_table,
     marks,
@@ -94,7 +95,7 @@ def _opening(
             card["model"],
             "admitted" if card["admitted"] else "not admitted yet" if card["state"] else "not admitted",
             "sees" if card["admitted"] else "blind" if card["fails"] and not card["state"] else "open",
-            f"It {card['words']}{'; ' + card['state'] if card['state'] else ''}.",
+            card["why"],
             place=f"card-{number}",
         )
         for number, card in enumerate(cards, 1)
@@ -176,6 +177,7 @@ def _card(who: Estimator) -> dict[str, Any]:
     words = "meets every clause" if score.admitted else f"fails {', '.join(fails)}" if fails else "fails no clause"
     if unsaid:
         words += f"; cannot say: {', '.join(unsaid)}"
+    why = clauses_words((one.name, one.passes, one.words) for one in score.clauses)
     told = score.told
     return {
         "model": who.label,
@@ -184,6 +186,7 @@ def _card(who: Estimator) -> dict[str, Any]:
         "fails": fails,
         "state": state,
         "words": words,
+        "why": f"{why} It is {state}." if state else why,
         "marks": marks(who.run.score.guards[who.spec]),
         "clauses": next(clauses_table([(who.label, score, ())]).split(), None),
         "reasons": list(told.reasons.items()),

@@ -18,6 +18,7 @@ from eyechart.studies.structured.scoring import StructuredScore, require_scorabl
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
+    from eyechart.studies.closed_loop.page import First
     from eyechart.studies.structured.tables import Estimates
 
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
@@ -109,10 +110,10 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
         return online.score(folder), self.report([folder], [], reading, tell)
 
-    def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
-        from eyechart.studies.structured.tables import met_table, online_table
+    def first(self, runs: Sequence[Path]) -> "First":
+        from eyechart.studies.structured.online_page import first_of
 
-        return [table(online.score(run)) for run in runs for table in (online_table, met_table)]
+        return first_of({run.resolve().name: online.score(run) for run in runs})
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
         from eyechart.report.table import stacked

@@ -7,7 +7,7 @@ from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, co
 from eyechart.studies.battery.subjects import OfModel, RunEvidence
 from eyechart.studies.structured import EstimatorScore
 from eyechart.studies.structured.online import OnlineScore
-from eyechart.verdicts.admission import Held
+from eyechart.verdicts.admission import CLAUSES, Held
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
@@ -22,6 +22,8 @@ _ROW = {
     "action eq.": "action_equivariance",
     "swap": "swap_rate",
 }
+_TOLD = 2
+"""Clauses that are told at the head of a page with what was found; the table has all of them."""
 _OUTCOME = {True: Mark("pass", "good"), False: Mark("fail", "bad"), None: Mark("cannot say", "open")}
 
 Estimates = RunEvidence[EstimatorScore]
@@ -69,6 +71,23 @@ def paper_table(models: Mapping[str, EstimatorScore]) -> Table:
     )
     form = (Column(name, "estimate", beside="n" if name == "swap" else "") for name in _ROW)
     return Table("", "", (Column("estimator"), *form), rows).labelled("t:controller-local", CONTROLLERS)
+
+
+def clauses_words(found: Iterable[tuple[str, bool | None, str]]) -> str:
+    """Return in words which clauses fail or cannot be said, of their names, whether each holds, and what was found."""
+    every = list(found)
+    told = []
+    for begins, outcome in (("It fails ", False), ("Cannot say: ", None)):
+        mine = [_clause_words(name, because) for name, holds, because in every if holds is outcome]
+        if mine:
+            more = f"; and {len(mine) - _TOLD} more, below" if len(mine) > _TOLD else ""
+            told.append(f"{begins}{'; '.join(mine[:_TOLD])}{more}.")
+    return " ".join(told) or f"It meets all {len(every)} clauses."
+
+
+def _clause_words(name: str, because: str) -> str:
+    says = f", {CLAUSES[name].says}" if name in CLAUSES else ""
+    return f"{name}{says}: {because}"
 
 
 def clauses_table(everyone: Sequence[Scored]) -> Table:

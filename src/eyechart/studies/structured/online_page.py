@@ -1,0 +1,69 @@
+"""What the page of an online run says first: who is admitted on what it met while it drove, and who crashes."""
+
+from collections.abc import Collection, Iterator, Mapping
+
+from eyechart.gate import UNPARSED, hold_online
+from eyechart.report.charts import BLUE, HEAD, INK, Drawing, dots, style
+from eyechart.report.page import MOST_SAID, Opening, Said, Section, parted
+from eyechart.report.table import estimate
+from eyechart.studies.closed_loop.page import First
+from eyechart.studies.structured.online import CONTROL, OnlineScore
+from eyechart.studies.structured.tables import clauses_words, met_table, online_table
+
+_ANSWERS = {"sees": "admitted", "blind": "not admitted", "open": "cannot say for"}
+_WORDS = {**_ANSWERS, "open": "cannot say"}
+_INTRO = (
+    "An estimator may steer only if it meets every clause on the frames that it met while it drove, and each of these "
+    "frames passes the checks of the renderer and of the positive control. Crashes measure caution too: who brakes "
+    "at everything seldom crashes."
+)
+
+
+def first_of(scores: Mapping[str, OnlineScore]) -> First:
+    """Return the question, the answer and the evidence of online runs, by name."""
+    named = {f"{name} · " if len(scores) > 1 else "": score for name, score in scores.items()}
+    said = [one for of, score in named.items() for one in _said(of, score)]
+    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
+    answer = Opening(
+        parted(many, "estimators that drove"),
+        said,
+        figure=_crashes(named, frozenset(many["admitted"])),
+        caption="Filled: admitted, and the control. Few crashes are no proof of sight.",
+    )
+    tables = [table(score) for score in scores.values() for table in (online_table, met_table)]
+    lines = [line for of, score in named.items() for line in _lines(of, score)]
+    return First(
+        "Do these models measure the scene that they drive in?",
+        answer,
+        Section("Admission", _INTRO, tables=tables, lines=lines),
+    )
+
+
+def _said(of: str, score: OnlineScore) -> Iterator[Said]:
+    """Yield what a page says first of each estimator: whether it is admitted, and what stands against it."""
+    gate = hold_online(score)
+    for spec in score.manifest.models:
+        mine = [one for one in gate.checks if one.model == spec and one.requirement != UNPARSED]
+        held = [one.holds for one in mine]
+        tone = "sees" if held and all(held) else "blind" if False in held else "open"
+        why = clauses_words((one.requirement, one.holds, one.because) for one in mine)
+        yield Said(f"{of}{spec}", _WORDS[tone], tone, why, place="first")
+
+
+def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Drawing:
+    """Draw in what share of its episodes each estimator crashed, the positive control first."""
+    rows = [
+        (who := f"{of}{spec}", one.crash_rate, INK if spec == CONTROL else BLUE, not {spec, who} & {CONTROL, *admitted})
+        for of, score in named.items()
+        for spec, one in score.driven.items()
+    ][: MOST_SAID + 1]
+    with style():
+        figure = dots(rows, "crashed, share of episodes", 1.0, across=HEAD)
+    told = "; ".join(f"{who}: {estimate(one)}, n {one.n}" for who, one, *_ in rows)
+    return Drawing("in-short", "Crashes beside the positive control's", f"Filled: admitted. {told}", figure)
+
+
+def _lines(of: str, score: OnlineScore) -> Iterator[str]:
+    """Yield what the checks found on the frames that each estimator saw, and which worlds were refused."""
+    yield from (f"{of}{spec}: {score.frames(spec)[1]}." for spec in score.manifest.models)
+    yield from (f"{of}refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)
