@@ -23,7 +23,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -50,6 +50,7 @@ help:
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
+	@echo "make long-gpu    the arm of Transformers on a GPU: labels of the CPU, ways of loading, memory, energy, faults"
 	@echo "make long-inspect a battery under Inspect AI, and one asked by hand from a table, against the native run, by statistic"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-policy-draws  the trained policies again: other draws, other episodes, other numbers of threads"
@@ -182,6 +183,9 @@ long-fuzz: $(CORE)
 
 long-endpoints: $(CORE)
 	$(BIN)/python benchmarks/every_server.py --litellm "$(LITELLM)" --transformers "$(TRANSFORMERS)" --llama "$(LLAMA)" --url "$(URL)"
+
+long-gpu: $(VLM)
+	$(BIN)/python benchmarks/gpu_arms.py
 
 long-inspect: $(MODELS) $(INSPECT)/.done
 	$(INSPECT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps .

@@ -7,6 +7,7 @@ from eyechart.costs import ALL, Account, Book, estimate
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Price, Prices, read_prices
 from eyechart.modes import Measured, RequestMode
+from eyechart.report.accounts import costs_table
 from eyechart.spaces.discrete import DRIVING
 
 SPEC = "openai:m"
@@ -83,6 +84,8 @@ def test_energy_adds_up_where_it_was_measured() -> None:
     ]
     found = accounts(sent)[ALL]
     assert (found.energy_j, found.energy_measured) == (3.5, 2)
+    assert "idle draw" in costs_table({"m": {ALL: found}}, every=False).note
+    assert costs_table({"m": accounts(sent[1:2])}, every=False).note == ""
 
 
 def test_a_reported_cost_comes_before_a_price_and_one_s_own_machine_costs_no_dollars() -> None:

@@ -114,4 +114,7 @@ def test_a_model_that_is_billed_costs_so_much_a_thousand_decisions() -> None:
     (row, other, third) = table.rows
     assert row[2:6] == (2.0, 40.0, 0.2, 0.5)
     assert row[7] == 10.0
+    assert "Energy is gross" in table.note
+    assert "idle draw" in table.note
+    assert "Energy" not in deployment_table({"a": replace(account, energy_j=None, energy_measured=0)}).note
     assert (other[2], other[7], third[2]) == (None, None, None)

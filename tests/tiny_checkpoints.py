@@ -4,7 +4,7 @@ They are made from Transformers' own configuration classes, as the published one
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -72,10 +72,10 @@ def _ids(tokenizer: PreTrainedTokenizerFast) -> dict[str, int]:
     return {"vocab_size": len(tokenizer), **{name: getattr(tokenizer, name) for name in names}}
 
 
-def _keep(model: Any, ids: dict[str, int], folder: Path) -> Path:  # noqa: ANN401 - any of the three
+def _keep(model: Any, ids: dict[str, int], folder: Path, dtype: torch.dtype = torch.float32) -> Path:  # noqa: ANN401 - any of the three
     del ids["vocab_size"]
     model.generation_config = GenerationConfig(**ids)
-    model.to(torch.float32).save_pretrained(folder)
+    model.to(dtype).save_pretrained(folder)
     return folder
 
 
@@ -100,11 +100,18 @@ def save_smolvlm(folder: Path) -> Path:
     return _keep(Idefics3ForConditionalGeneration(config), ids, folder)
 
 
-def save_llava(folder: Path) -> Path:
-    """Write a LLaVA-1.5: a CLIP, a projection of two layers, and a Llama."""
+def save_llava(
+    folder: Path,
+    *,
+    text: Mapping[str, object] = TEXT,
+    vision: Mapping[str, object] = VISION,
+    side: int = 56,
+    dtype: torch.dtype = torch.float32,
+) -> Path:
+    """Write a LLaVA-1.5: a CLIP of pictures of ``side`` × ``side``, a projection of two layers, and a Llama."""
     begin, end = "<s>", "</s>"
     fast = _tokenizer("<image>", begin=begin, end=end)
-    pictures = CLIPImageProcessorPil(size={"shortest_edge": 56}, crop_size={"height": 56, "width": 56})
+    pictures = CLIPImageProcessorPil(size={"shortest_edge": side}, crop_size={"height": side, "width": side})
     LlavaProcessor(
         pictures,
         fast,
@@ -115,11 +122,11 @@ def save_llava(folder: Path) -> Path:
     ).save_pretrained(folder)
     ids = _ids(fast)
     config = LlavaConfig(
-        vision_config={"model_type": "clip_vision_model", **VISION, "image_size": 56, "patch_size": 14},
-        text_config={"model_type": "llama", **TEXT, **ids},
+        vision_config={"model_type": "clip_vision_model", **vision, "image_size": side, "patch_size": 14},
+        text_config={"model_type": "llama", **text, **ids},
         image_token_index=fast.convert_tokens_to_ids("<image>"),
     )
-    return _keep(LlavaForConditionalGeneration(config), ids, folder)
+    return _keep(LlavaForConditionalGeneration(config), ids, folder, dtype)
 
 
 def save_qwen2_vl(folder: Path, *, tied: bool) -> Path:

@@ -245,6 +245,48 @@ def test_weights_that_cannot_be_loaded_are_replies(bank: FrameBank, copy: Path) 
         assert reply.error_detail.startswith(f"the weights of '{copy}' cannot be loaded: ")
 
 
+def test_no_memory_for_the_weights_is_said(bank: FrameBank, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one line, with what to do; once there is room, and the model was closed, it answers."""
+    import torch  # noqa: PLC0415 - an extra
+
+    def full(*_: object, **__: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\nSee the documentation")
+
+    model = opened("organism:grounded")
+    with monkeypatch.context() as patched:
+        patched.setattr(torch.nn.Module, "to", full)
+        (reply,) = together(model, queries(bank)[:1])
+    assert reply.error == "missing_model"
+    assert (
+        "cannot be loaded: out of memory: load it smaller with --option dtype=bfloat16 or bits=4" in reply.error_detail
+    )
+    assert "free what else is in that memory (OutOfMemoryError: CUDA out of memory." in reply.error_detail
+    assert "\n" not in reply.error_detail
+    (reply,) = together(model, queries(bank)[:1])
+    assert reply.error is None
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ImportError(
+            "\nQwen2VLImageProcessor requires the Torchvision library but it was not found in your environment."
+        ),
+        ValueError("Could not load any image processor class. Missing optional dependencies: torchvision. Please"),
+    ],
+)
+def test_a_package_that_a_processor_lacks_is_named(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However the version of Transformers says it."""
+    from transformers import AutoProcessor  # noqa: PLC0415 - an extra
+
+    def lacking(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(AutoProcessor, "from_pretrained", lacking)
+    with pytest.raises(SpecError, match=r"cannot be opened: it needs torchvision: pip install torchvision$"):
+        opened("organism:grounded")
+
+
 def test_pickled_weights_are_not_loaded(bank: FrameBank, copy: Path) -> None:
     """Only safetensors are: a pickle is a program."""
     import torch  # noqa: PLC0415 - an extra

@@ -1,6 +1,6 @@
 """Tables of what calls took, and of what doctor and probe found."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -91,7 +91,19 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
         *columns("number", "median s", "p95 s", "first byte s"),
         Column("energy", "number", 1, unit=" J"),
     )
-    return Table("costs", "what the calls took", named, rows)
+    note = _gross(one for found in accounts.values() for one in found.values())
+    return Table("costs", "what the calls took", named, rows, note)
+
+
+_GROSS = (
+    "Energy is gross: all that this machine's GPUs, and its processors with a counter, drew while calls were "
+    "under way, idle draw and the loading of weights included"
+)
+
+
+def _gross(accounts: Iterable[Account]) -> str:
+    """Return what energy is, where any was measured."""
+    return _GROSS if any(one.energy_j is not None for one in accounts) else ""
 
 
 NO_PRICE = (
@@ -128,6 +140,8 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
     note = "— not known, not measured, or the run is not finished"
     if any("unknown" in one.cost_from for one in accounts.values()):
         note += f". {NO_PRICE}"
+    if gross := _gross(accounts.values()):
+        note += f". {gross}"
     return Table("costs", caption, named, tuple(rows), note)
 
 

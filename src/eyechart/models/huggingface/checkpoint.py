@@ -25,12 +25,15 @@ _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[\w.-]+(/[\w.-]+)?")
 _HUB_SECONDS = 15
 _CHUNK = 1 << 20
-_LACKS = re.compile(r"requires the (\w+) library but it was not found")
+_LACKS = re.compile(r"requires the (\w+) library but it was not found|Missing optional dependencies: (\w+)")
 _IMAGE_TOKENS = ("image_token", "boi_token")
 """Where Transformers' processors keep the token that a template writes for a picture."""
 _PRINTED = re.compile(r"""['"]type['"]\s*:\s*['"]image['"]""")
 _ABOUT = frozenset({".md", ".lock"})
 """Files of these kinds say something about a checkpoint, and are no part of it."""
+
+SMALLER = "load it smaller with --option dtype=bfloat16 or bits=4, or spread it with device_map=auto"
+"""What to do about weights that are too large for the memory."""
 
 Processor = Any
 """A Transformers processor; the library is imported only here, and has no types that say more."""
@@ -126,7 +129,7 @@ def _memory(how: Loading, weights: Weights | None) -> dict[str, str]:
     if needed is not None and there is not None and needed > there:
         found["warning"] = (
             f"its weights alone take {needed:.1f} GB as {how.precision or how.dtype}, and there are {there:.1f} GB: "
-            "load it smaller with --option dtype=bfloat16 or bits=4, or spread it with device_map=auto"
+            f"{SMALLER}"
         )
     return found
 
@@ -222,8 +225,9 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
         line = first_line(error)
         if "trust_remote_code" in str(error):
             line = "it needs code from its repository: read that code, then give the option trust_remote_code=true"
-        elif isinstance(error, ImportError) and (lacks := _LACKS.search(str(error))):
-            line = f"it needs {lacks[1].lower()}: pip install {lacks[1].lower()}"
+        elif lacks := _LACKS.search(str(error)):
+            package = (lacks[1] or lacks[2]).lower()
+            line = f"it needs {package}: pip install {package}"
         raise SpecError(f"the processor of '{place}' cannot be opened: {line}") from error
 
 

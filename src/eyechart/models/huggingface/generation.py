@@ -11,7 +11,7 @@ from PIL import Image
 
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
-from eyechart.models.huggingface.checkpoint import Checkpoint, conversation, first_line
+from eyechart.models.huggingface.checkpoint import SMALLER, Checkpoint, conversation, first_line
 from eyechart.modes import RequestMode
 
 Tensor = Any
@@ -92,7 +92,10 @@ class Speaker:
             )
             self._model = (model if placed else model.to(how.device)).eval()
         except Exception as error:  # noqa: BLE001 - likewise of a checkpoint
-            detail = f"the weights of '{checkpoint.place}' cannot be loaded: {first_line(error)}"
+            line = first_line(error)
+            if _out_of_memory(error):
+                line = f"out of memory: {SMALLER}, or free what else is in that memory ({line})"
+            detail = f"the weights of '{checkpoint.place}' cannot be loaded: {line}"
             self._broken = Reply(error="missing_model", error_detail=detail)
 
     def _answer(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
