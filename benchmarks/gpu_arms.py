@@ -79,7 +79,10 @@ MEDIUM = {
 SMALL: dict[str, Any] = {"side": 56}
 """What a rehearsal takes instead."""
 MB = 1e6
-QUERIES, TOKENS = 64, 24
+STEPS_S = 0.25
+"""How far the sum of calls may be off the counter, as time: it moves every 0.1 s, and both ends fall between steps."""
+
+QUERIES, TOKENS = 32, 24
 
 
 @dataclass(frozen=True)
@@ -227,11 +230,13 @@ def make_medium(folder: Path, device: str) -> None:
 
 def prepare(place: Place) -> None:
     """Make the bank and the checkpoints that the parts share."""
-    built = say(["frames", "build", "highway", "--out", place.bank, "--seeds", "0,1", "--steps", 12])
-    if built["exit"]:
-        raise RuntimeError(f"no bank: {built['said']}")
-    apart(make_medium, place.medium, place.device)
-    shutil.copytree(place.medium, place.folder / "another")
+    if not place.bank.exists():
+        built = say(["frames", "build", "highway", "--out", place.bank, "--seeds", "0,1", "--steps", 12])
+        if built["exit"]:
+            raise RuntimeError(f"no bank: {built['said']}")
+    if not (place.folder / "another").exists():
+        apart(make_medium, place.medium, place.device)
+        shutil.copytree(place.medium, place.folder / "another")
 
 
 # --------------------------------------------------------------------------------------------------- the counter itself
@@ -342,6 +347,8 @@ def labels_of(out: Path) -> dict[str, dict[str, str]]:
 
 def answers(out: Path, spec: str) -> dict[tuple[object, ...], str]:
     """Return the text of every finished call by frame, condition and repeat."""
+    if not (out / LEDGER).is_file():
+        return {}
     with Ledger(out / LEDGER) as ledger:
         finished = ledger.finished()
         return {
@@ -491,7 +498,8 @@ def load_tiny(device: str) -> dict[str, Any]:
             save(folder)
             rows = {way: load(str(folder), options, device, [*pictures(4), *[None]]) for way, options in WAYS.items()}
             for row in rows.values():
-                row.pop("span", None)
+                for shared_with_others in ("span", "energy_j", "counter_j"):
+                    row.pop(shared_with_others, None)
             found[name] = rows
     return found
 
@@ -650,7 +658,7 @@ def interrupted(place: Place) -> dict[str, Any]:
         least = replies_in(out) + 40
         child = subprocess.Popen(command(words), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         began = time.monotonic()
-        while how is not None and replies_in(out) < least and child.poll() is None and time.monotonic() - began < 60:
+        while how is not None and replies_in(out) < least and child.poll() is None and time.monotonic() - began < 120:
             time.sleep(0.02)
         if how is not None:
             child.send_signal(how)
@@ -738,8 +746,9 @@ def wrong(found: Mapping[str, Any]) -> list[str]:
         told += [f"{spec}: other labels"] * (isinstance(one, dict) and not one["as_on_cpu"])
     asked = [one["models"] for one in found.get("battery", {}).values() if isinstance(one, dict) and "models" in one]
     for spec, one in [row for models in asked for row in models.items()]:
-        share = one["sum_over_counter"]
-        told += [f"{spec}: calls are not the counter's"] * (share is not None and not 0.97 <= share <= 1.01)
+        if one["energy_j"] is not None and one["counter_j"] is not None:
+            off = abs(one["energy_j"] - one["counter_j"])
+            told += [f"{spec}: its calls are {off:.0f} J off the counter"] * (off > STEPS_S * one["watts"])
     rows = {f"medium {way}": row for way, row in found.get("medium", {}).items()}
     for name, one in found.get("tiny", {}).items():
         rows |= {f"{name} {way}": row for way, row in one.items()} if isinstance(one, dict) else {}
@@ -783,12 +792,12 @@ BESIDE: dict[str, Part] = {
 """What measures no energy and leaves most of the memory: these parts go on side by side."""
 
 ALONE: dict[str, Part] = {
-    "counter": lambda place: dict(apart(measure_counter, place.device)),
-    "medium": lambda place: dict(apart(load_medium, place.medium, place.device)),
     "battery": battery,
+    "medium": lambda place: dict(apart(load_medium, place.medium, place.device)),
     "too_large": too_large,
     "squeezed": lambda place: dict(apart(squeeze, place.medium)),
     "spilled": spilled,
+    "counter": lambda place: dict(apart(measure_counter, place.device)),
     "labels": labels,
 }
 NEED_GPU = ("too_large", "squeezed", "spilled")
@@ -824,29 +833,33 @@ def main() -> int:
     everything = [*BESIDE, *ALONE]
     parser.add_argument("--only", action="append", choices=everything, help="this part; again for more")
     parser.add_argument("--rehearse", action="store_true", help="on a CPU, with small checkpoints; writes nothing")
+    parser.add_argument("--work", type=Path, help="keeps bank, checkpoints and runs in this folder, and goes on there")
     parser.add_argument("--out", type=Path, default=RESULT, help="where the result is written")
     asked = parser.parse_args()
     import torch  # noqa: PLC0415 - an extra, and slow
 
-    if not asked.rehearse and not torch.cuda.is_available():
+    if not asked.rehearse and asked.only != ["labels"] and not torch.cuda.is_available():
         print("no GPU that torch reaches is here: run this on a machine with one, or give --rehearse", file=sys.stderr)
         return 2
     head = {"date": dt.datetime.now(dt.UTC).date().isoformat(), "version": eyechart.__version__, **machine()}
 
     parts = asked.only or [name for name in everything if not (asked.rehearse and name in NEED_GPU)]
     found = json.loads(asked.out.read_text()) if asked.only and asked.out.is_file() and not asked.rehearse else {}
-    found |= head
+    found |= head if asked.only != ["labels"] else {}
     FRAMES.update({"default": 3, "float32": 2} if asked.rehearse else {})
     writing = threading.Lock()
 
     def keep(more: Mapping[str, Any]) -> None:
         with writing:
             found.update(more)
+            found["not_run"] = [name for name in everything if name not in found]
             if not asked.rehearse:
                 asked.out.write_text(json.dumps(found, indent=1) + "\n")
 
     with tempfile.TemporaryDirectory() as made:
-        measured(Place(Path(made), "cpu" if asked.rehearse else "cuda"), parts, keep)
+        folder = asked.work or Path(made)
+        folder.mkdir(exist_ok=True)
+        measured(Place(folder.resolve(), "cpu" if asked.rehearse else "cuda"), parts, keep)
     if asked.rehearse:
         print(json.dumps(found, indent=1))
     for line in (told := wrong(found)):
