@@ -156,7 +156,7 @@ class Watch:
         }
 
 
-def apart(function: Callable[..., Any], *args: object, seconds: float = 150) -> Any:  # noqa: ANN401 - what it returns
+def apart(function: Callable[..., Any], *args: object, seconds: float = 600) -> Any:  # noqa: ANN401 - what it returns
     """Return what a function returns in a fresh process, which holds nothing of a GPU before or after."""
     kind = multiprocessing.get_context("spawn")
     reading, writing = kind.Pipe(duplex=False)
