@@ -122,9 +122,16 @@ def by_few(frame: Frame) -> str:
     return by_lead(frame) if sum(map(ord, frame.id)) % 9 == 0 else "SLOW"
 
 
+def by_range(frame: Frame) -> str:
+    """Go on where the lead is put farthest, and slow for one that is farther still, as for all between."""
+    gap = simulated.gap(frame)
+    return "STOP" if gap < 12 else "STRAIGHT" if 50 < gap < 60 else "SLOW"
+
+
 @pytest.mark.parametrize(
     ("look", "decided_by"),
     [
+        (by_range, "dose_lost"),
         (by_nearest, "lane_exchange"),
         (by_hole, "dose_bins"),
         (by_zigzag, "dose_mid"),

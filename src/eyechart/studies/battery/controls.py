@@ -52,9 +52,6 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
-PLACED = {"lead_mid_near": "lead_mid_near_m", "lead_mid_far": "lead_mid_far_m"}
-"""The conditions that move the lead alone, and of which the bank says frame by frame how far away it is."""
-
 END_SHARE = 0.15
 """The ends of braking are where so many of the answers are less hard, and so many harder."""
 
@@ -284,12 +281,17 @@ class Controls:
         """Return the braking levels of the true picture and of each dose, the nearer first, NaN where about as near.
 
         Not of the exchange, in which another vehicle is moved too: who turns where a side is clear may then not brake.
+        Where near and far were put frame by frame the bank does not tell, only between which distances: the true lead
+        is nearer than all of these, or farther.
         """
         known = self._numbers(LEAD_GAP.column)
         real, found = self._level("real"), []
-        for condition, column in PLACED.items():
+        for condition, column in DISTANCES.items():
             level, distance = self._level(condition), self._numbers(column)
             before, after = known * APART < distance, known > distance * APART
+            if condition not in MIDS:
+                before = known * APART < np.fmin.reduce(distance, initial=np.nan)
+                after = known > np.fmax.reduce(distance, initial=np.nan) * APART
             nearer, farther = np.where(before, real, level), np.where(before, level, real)
             nearer[~(before | after)] = np.nan
             found.append((f"real and {condition} by their distances", nearer, farther))
