@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from numbers import Integral, Real
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 _LONGEST = 500
@@ -124,12 +125,30 @@ def why(error: Exception) -> str:
 
 
 @contextmanager
-def raising(kind: "type[EyechartError]", what: str, then: str = "") -> Iterator[None]:
-    """Raise as an error of this kind what the system says against a file: ``what`` cannot be, why, and ``then``."""
+def raising(
+    kind: type[Exception],
+    what: str,
+    then: str = "",
+    of: type[Exception] | tuple[type[Exception], ...] = OSError,
+    words: Callable[[Exception], str] | None = None,
+) -> Iterator[None]:
+    """Raise as an error of this kind what the system says against a file: ``what`` cannot be, why, and ``then``.
+
+    Of other errors that are named, what they say is told as it is, or in other ``words``.
+    """
     try:
         yield
-    except OSError as error:
-        raise kind(f"{what}: {why(error)}{then}") from error
+    except of as error:
+        raise kind(f"{what}: {(words or (why if of is OSError else str))(error)}{then}") from error
+
+
+def read_at_most(path: Path, most: int, kind: "type[EyechartError]", what: str) -> bytes:
+    """Return the bytes of a file; raises an error of this kind where it cannot be read or has too many for ``what``."""
+    with raising(kind, f"{path} cannot be read"), path.open("rb") as file:
+        found = file.read(most + 1)
+    if len(found) > most:
+        raise kind(f"{path} has more than {most} bytes, too many for {what}")
+    return found
 
 
 def whole_number(name: str, value: object, least: int) -> int:

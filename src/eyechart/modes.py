@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 import msgspec
 import tomli_w
 
-from eyechart.errors import SecretError, SpecError, meant
+from eyechart.errors import SecretError, SpecError, meant, raising
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
@@ -176,16 +176,14 @@ class RequestMode:
             raw["temperature"] = None
         elif "temperature" in raw and raw["temperature"] is None:
             raise SpecError(f"{where}: temperature must be {_MODE['temperature'][1]}")
-        try:
+        with raising(SpecError, where, of=SpecError):
             if "measured" in raw:
                 measured = raw["measured"]
                 if not isinstance(measured, Mapping):
-                    raise SpecError("measured must be a table: [measured]")  # noqa: TRY301
+                    raise SpecError("measured must be a table: [measured]")
                 _refuse_unknown(measured, Measured, "[measured]")
                 raw["measured"] = Measured(**measured)
             return cls(**cast("dict[str, str]", raw))  # type: ignore[arg-type]
-        except SpecError as error:
-            raise SpecError(f"{where}: {error}") from error
 
     @classmethod
     def recorded(cls, values: Mapping[str, object], where: str) -> "RequestMode":

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Protocol
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import Plain
 from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Measured, Statistic
@@ -50,20 +50,13 @@ def read_scores(path: Path) -> dict[str, float]:
 
     Raises SpecError naming the file, the row and what is wrong in it.
     """
-    try:
-        with path.open("rb") as file:
-            raw = file.read(_FILE_BYTES + 1)
-        if len(raw) > _FILE_BYTES:
-            raise SpecError(f"{path} has more than {_FILE_BYTES} bytes, too many for a table of scores")
+    raw = read_at_most(path, _FILE_BYTES, SpecError, "a table of scores")
+    with raising(SpecError, f"{path} is no CSV file", of=(UnicodeDecodeError, csv.Error)):
         rows = csv.DictReader(io.StringIO(raw.decode("utf-8-sig"), newline=""))
         columns = rows.fieldnames or []
         if missing := [name for name in ("model", "score") if name not in columns]:
             raise SpecError(f"{path} has no column '{missing[0]}'; it has {', '.join(columns) or 'none'}")
         return _scores(path, rows)
-    except OSError as error:
-        raise SpecError(f"{path} cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise SpecError(f"{path} is no CSV file: {error}") from error
 
 
 def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:

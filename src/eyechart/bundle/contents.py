@@ -14,7 +14,7 @@ from PIL import features
 
 from eyechart import __version__
 from eyechart.calls import Reply
-from eyechart.errors import BundleError
+from eyechart.errors import BundleError, raising
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
@@ -78,10 +78,8 @@ class Recipe(Plain):
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
         """Read a recipe, also one of another eyechart; raises BundleError where it is none."""
-        try:
+        with raising(BundleError, f"{INDEX} does not say how its results were made", of=ValueError):
             return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
-        except ValueError as error:
-            raise BundleError(f"{INDEX} does not say how its results were made: {error}") from error
 
     @property
     def elsewhere(self) -> str | None:

@@ -30,7 +30,7 @@ from eyechart.bundle.pages import Strictness, compare_pages
 from eyechart.bundle.parts import OF_DRIVES, derive_parts, has_parts
 from eyechart.bundle.unpacking import unpack
 from eyechart.calls import CallKey
-from eyechart.errors import BundleError, EyechartError
+from eyechart.errors import BundleError, EyechartError, raising
 from eyechart.frames import FrameBank, open_unchecked, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_episodes_manifest, read_manifest
@@ -276,10 +276,8 @@ def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validat
 
 
 def _read_results(folder: Path) -> dict[str, object]:
-    try:
+    with raising(BundleError, f"{RESULTS} cannot be read", of=(OSError, ValueError, RecursionError)):
         printed = json.loads((folder / RESULTS).read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        raise BundleError(f"{RESULTS} cannot be read: {error}") from error
     if not isinstance(printed, dict):
         raise BundleError(f"{RESULTS} holds no results")
     return printed

@@ -8,7 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Reread, expanded
 from eyechart.cli.terminal import print_each, print_json, say
-from eyechart.errors import BankError, GuardianError, VoteError
+from eyechart.errors import BankError, GuardianError, VoteError, raising
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -376,10 +376,8 @@ def _require_run(folder: Path) -> None:
 
 def _ids_of(path: Path) -> list[str]:
     """Read ids of frames, one a line."""
-    try:
+    with raising(VoteError, f"{path} is no list of frame ids, one a line", of=(OSError, ValueError)):
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except (OSError, ValueError) as error:
-        raise VoteError(f"{path} is no list of frame ids, one a line: {error}") from error
 
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, int], str]":

@@ -6,7 +6,7 @@ import os
 
 from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
-from eyechart.errors import EyechartError, SpecError
+from eyechart.errors import EyechartError, SpecError, raising
 
 
 class RayWorker:
@@ -74,7 +74,5 @@ def join() -> None:
             raise SpecError(
                 "--engine ray joins a Ray cluster: name it in RAY_ADDRESS, as HOST:PORT, or 'auto' on a node"
             )
-        try:
+        with raising(SpecError, f"no Ray cluster answers at {address}", of=(ConnectionError, ValueError, RuntimeError)):
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            raise SpecError(f"no Ray cluster answers at {address}: {error}") from error

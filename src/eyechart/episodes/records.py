@@ -9,7 +9,7 @@ from statistics import fmean
 from typing import NoReturn
 
 from eyechart.calls import SILENT, CallKey
-from eyechart.errors import LedgerError, SpecError
+from eyechart.errors import LedgerError, SpecError, raising
 from eyechart.frames import Scalar
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, read_run
@@ -179,10 +179,8 @@ def _episode(line: bytes) -> Episode:
     def refuse(word: str) -> NoReturn:
         raise ValueError(f"it holds {word}, which is no number")
 
-    try:
+    with raising(ValueError, "it is no JSON", of=(json.JSONDecodeError, UnicodeDecodeError)):
         raw = json.loads(line, parse_constant=refuse)
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"it is no JSON: {error}") from error
     episode = build(Episode, raw)
     for number, step in enumerate(episode.steps):
         for name, due in (("step", number), ("frame", episode.key.frame(number))):

@@ -351,10 +351,8 @@ class BankWriter:
         """Return a frame's logged motion as its row has it, nothing where the manifest declares no motions."""
         if self._manifest.motion is None:
             return {}
-        try:
+        with raising(BankError, f"frame '{frame.id}'", of=ValueError):
             return {MOTION: read_motion(frame.motion, self._manifest.motion)}
-        except ValueError as error:
-            raise BankError(f"frame '{frame.id}': {error}") from error
 
     def note(self, name: str, value: object) -> None:
         """Add to the bank's settings what is known only when all was added; it has no part in the fingerprint."""

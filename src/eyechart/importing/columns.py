@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 
 from eyechart.conditions import CONDITIONS
-from eyechart.errors import BankError, SpecError, meant
+from eyechart.errors import BankError, SpecError, meant, raising
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
@@ -111,7 +111,7 @@ def read_rig(path: Path, *, of_table: bool = True) -> Rig:
     One that is not ``of_table`` has cameras and ``[reflection]`` alone. Raises SpecError naming the file and what is
     wrong in it.
     """
-    try:
+    with raising(SpecError, f"{path} is no rig of cameras", of=(msgspec.ValidationError, BankError, SpecError)):
         rig = msgspec.convert(read_toml(path), Rig)
         require_exchanged(rig.cameras)
         _require_changed_alike(rig.camera)
@@ -119,8 +119,6 @@ def read_rig(path: Path, *, of_table: bool = True) -> Rig:
         _require_axes(rig)
         if rig.motion is not None:
             rig.motion.space(rig.state, rig.reflection)
-    except (msgspec.ValidationError, BankError, SpecError) as error:
-        raise SpecError(f"{path} is no rig of cameras: {error}") from error
     return rig
 
 

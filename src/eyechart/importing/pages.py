@@ -14,7 +14,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from eyechart.errors import SourceError
+from eyechart.errors import SourceError, raising
 
 BATCH_ROWS = 1024
 """Rows that are read at a time."""
@@ -153,20 +153,17 @@ def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROW
 
     So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError goes through.
     """
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, SEEK_END)
-            footer = _footer(file, size)
-            schema = iter(_get(footer, 2, _LIST)[:_MOST_ELEMENTS])
-            root: Fields = next(schema, {})
-            leaves = [*_leaves(schema, _may(root, 5, _I32) or 0, "", repeated=False, depth=1)]
-            groups = _get(footer, 4, _LIST)
-            _check_rows(footer, groups)
-            for number, group in enumerate(groups, 1):
-                read = [(leaf, leaf.is_read(names)) for leaf in leaves]
-                _check_group(_Pages(file, size), f"row group {number}", group, read, rows)
-    except _MalformedError as error:
-        raise SourceError(f"{path} cannot be read as Parquet: {error}") from error
+    with raising(SourceError, f"{path} cannot be read as Parquet", of=_MalformedError), path.open("rb") as file:
+        size = file.seek(0, SEEK_END)
+        footer = _footer(file, size)
+        schema = iter(_get(footer, 2, _LIST)[:_MOST_ELEMENTS])
+        root: Fields = next(schema, {})
+        leaves = [*_leaves(schema, _may(root, 5, _I32) or 0, "", repeated=False, depth=1)]
+        groups = _get(footer, 4, _LIST)
+        _check_rows(footer, groups)
+        for number, group in enumerate(groups, 1):
+            read = [(leaf, leaf.is_read(names)) for leaf in leaves]
+            _check_group(_Pages(file, size), f"row group {number}", group, read, rows)
 
 
 def _check_rows(footer: Fields, groups: Sequence[Fields]) -> None:
@@ -185,10 +182,8 @@ def _footer(file: BinaryIO, size: int) -> Fields:
     if length > MOST_FOOTER:
         raise _MalformedError(f"its footer has {length} bytes; the limit is {MOST_FOOTER}; write larger row groups")
     file.seek(size - _TAIL - length)
-    try:
+    with raising(_MalformedError, "its footer", of=_MalformedError):
         return _Compact(file.read(length), MOST_STRUCTS).struct()
-    except _MalformedError as error:
-        raise _MalformedError(f"its footer: {error}") from error
 
 
 def _leaves(schema: Iterator[Fields], count: int, above: str, *, repeated: bool, depth: int) -> Iterator[_Leaf]:
@@ -220,10 +215,8 @@ def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tu
         column = f"column '{leaf.path}' of {where}"
         if leaf.type == _FIXED and leaf.width > _MOST_WIDTH:
             raise _MalformedError(f"{column} has values of {leaf.width} bytes; the limit is {_MOST_WIDTH}")
-        try:
+        with raising(_MalformedError, column, of=_MalformedError):
             unpacked = pages.of(_get(chunk, 3, _STRUCT), words=leaf.type == _WORDS)
-        except _MalformedError as error:
-            raise _MalformedError(f"{column}: {error}") from error
         if leaf.repeated:
             listed += unpacked.values
         elif unpacked.values != rows:

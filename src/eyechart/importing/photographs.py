@@ -84,7 +84,7 @@ class Photographs:
 
         Raises SourceError, naming row and file, where it is not plain and nobody asked to make it so.
         """
-        try:
+        with raising(SourceError, what, of=BankError):
             picture = self._bytes_of(file)
             if self.convert is None:
                 _require_plain(picture, file)
@@ -92,8 +92,6 @@ class Photographs:
             pixels, done = made_plain(
                 picture, file, background=read_colour(self.convert.background), longest=self.convert.longest
             )
-        except BankError as error:
-            raise SourceError(f"{what}: {error}") from error
         if not done:
             return picture, file
         self.done.update(["pictures", *done])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
-from eyechart.errors import SourceError
+from eyechart.errors import SourceError, raising
 from eyechart.importing.cells import Cell, Progress, Row, plain_name
 from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import open_parquet
@@ -62,10 +62,8 @@ def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
     row = _OneRow(path, chain([head], lines))
     reader = csv.reader(row, delimiter=delimiter, strict=True)  # else a quote that is not closed takes all rows behind
-    try:
+    with raising(SourceError, f"{path}: the first line is no header", of=csv.Error):
         columns = tuple(name.strip() for name in next(reader, []))
-    except csv.Error as error:
-        raise SourceError(f"{path}: the first line is no header: {error}") from error
     _check_columns(path, columns)
     faults = Faults()
     return Table(path.name, columns, _csv_rows(path, reader, row, columns, faults), typed=False, faults=faults)
@@ -154,12 +152,10 @@ def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
 
 
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
-    try:
+    with raising(SourceError, f"{path}, row {number} is no JSON object", of=(ValueError, RecursionError)):
         row = json.loads(line, object_pairs_hook=_each_once)
         if "\\u" in line:
             json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
-    except (ValueError, RecursionError) as error:
-        raise SourceError(f"{path}, row {number} is no JSON object: {error}") from error
     if not isinstance(row, dict):
         raise SourceError(f"{path}, row {number} is a {type(row).__name__}, no JSON object")
     return row

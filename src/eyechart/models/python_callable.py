@@ -22,7 +22,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from eyechart.calls import Query, Reply
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, raising
 from eyechart.models import require_options
 from eyechart.models.energy import metered
 from eyechart.modes import RequestMode, without_secrets
@@ -291,10 +291,8 @@ def _takes_all(ask: Ask, name: str) -> bool:
         taken[1].name == "images" or taken[2].default is inspect.Parameter.empty
     ):
         return True  # (prompt, image, state=...) is a callable of one image with an option of its own
-    try:
+    with raising(SpecError, f"'python:{name}' must take (prompt, image) or (prompt, images, state)", of=TypeError):
         signature.bind("", None)
-    except TypeError as error:
-        raise SpecError(f"'python:{name}' must take (prompt, image) or (prompt, images, state): {error}") from error
     return False
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import build, picked
 from eyechart.spaces.reader import READER, READERS, Names, read_by, spelled
 from eyechart.spaces.space import READ_AT_MOST, UNPARSED, Answer, Decision, unanswered, without_thinking
@@ -132,10 +132,8 @@ class Discrete:
     @classmethod
     def from_dict(cls, values: object) -> "Discrete":
         """Build a space from plain values; raises SpecError naming what is wrong."""
-        try:
+        with raising(SpecError, "an action space needs name, actions, mirror_pairs, brake and proceed", of=ValueError):
             written = build(_Written, values)
-        except ValueError as error:
-            raise SpecError(f"an action space needs name, actions, mirror_pairs, brake and proceed: {error}") from error
         return cls(
             written.name,
             written.actions,
@@ -184,24 +182,15 @@ def space_from(values: dict[str, object], where: str, name: str) -> Discrete:
             raise SpecError(f"{where}: an action space has no '{key}'; it has {', '.join(known)}")
     if "actions" not in values:
         raise SpecError(f'{where}: no actions; write for example actions = ["STOP", "GO"]')
-    try:
+    with raising(SpecError, where, of=SpecError):
         return Discrete.from_dict({**known, **values})
-    except SpecError as error:
-        raise SpecError(f"{where}: {error}") from error
 
 
 def read_toml(path: Path) -> dict[str, object]:
     """Read a TOML file of at most 1 MB; raises SpecError naming it and the line at fault."""
-    try:
-        with path.open("rb") as file:
-            text = file.read(_TOML_BYTES + 1)
-        if len(text) > _TOML_BYTES:
-            raise SpecError(f"{path} has more than {_TOML_BYTES} bytes, too many for settings")
+    text = read_at_most(path, _TOML_BYTES, SpecError, "settings")
+    with raising(SpecError, f"{path} is no TOML file", of=(ValueError, RecursionError)):
         return tomllib.loads(text.decode("utf-8-sig"))
-    except OSError as error:
-        raise SpecError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise SpecError(f"{path} is no TOML file: {error}") from error
 
 
 DRIVING = Discrete(

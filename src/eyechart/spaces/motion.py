@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, picked
 from eyechart.spaces.space import Answer, Decision, unanswered
 
@@ -53,10 +53,8 @@ class Motion:
     @classmethod
     def of(cls, given: object) -> "Motion":
         """Return what a controller answered; raises ValueError where that is no array of numbers, or too large."""
-        try:
+        with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception):
             array = np.asarray(given)
-        except Exception as error:
-            raise ValueError(f"a {type(given).__name__} is no array: {error}") from error
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
             raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:

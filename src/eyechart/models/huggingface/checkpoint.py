@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, raising
 from eyechart.models import MEMORY_GB, WEIGHTS_GB
 from eyechart.models.huggingface import loading, organisms
 from eyechart.models.huggingface.loading import Loading, Weights, choose_loading, memory_gb, weigh, weights_by_type
@@ -253,15 +253,13 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
     template = getattr(processor, "chat_template", None)
     if not template:
         raise SpecError(f"'{spec}' has no chat template, so it cannot be asked; take a checkpoint that has one")
-    try:
+    with raising(SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=first_line):
         seen, unseen = (
             processor.apply_chat_template(
                 conversation("", "?", pictures=picture), add_generation_prompt=True, tokenize=False
             )
             for picture in (1, 0)
         )
-    except Exception as error:
-        raise SpecError(f"the chat template of '{spec}' takes no picture: {first_line(error)}") from error
     if not _has_slot(processor, seen, unseen):
         raise SpecError(f"the chat template of '{spec}' has no image slot: the picture would never reach the model")
     return str(template)

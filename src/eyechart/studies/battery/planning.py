@@ -19,7 +19,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError, raising
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -483,8 +483,6 @@ def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
     for shard, (manifest, its_bank) in zip(shards, read, strict=True):
         if its_bank.manifest.images != bank.manifest.images and manifest.fingerprint == whole.fingerprint:
             raise LedgerError(f"{shard} is no part of the run in {shards[0]}: it was run on other pictures")
-        try:
+        with raising(LedgerError, f"{shard} is no part of the run in {shards[0]}", of=LedgerError):
             whole = whole.extended(replace(manifest, shard=None))
-        except LedgerError as error:
-            raise LedgerError(f"{shard} is no part of the run in {shards[0]}: {error}") from error
     return replace(whole, created=min(manifest.created for manifest in manifests)), bank

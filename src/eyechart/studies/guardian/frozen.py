@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import msgspec
 
 from eyechart import __version__
-from eyechart.errors import EyechartError, GuardianError, OutputError, raising
+from eyechart.errors import EyechartError, GuardianError, OutputError, raising, read_at_most
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
@@ -281,14 +281,9 @@ def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
 
 
 def _read(path: Path) -> dict[str, object]:
-    with raising(GuardianError, f"{path} cannot be read"), path.open("rb") as file:
-        text = file.read(_MOST_BYTES + 1)
-    if len(text) > _MOST_BYTES:
-        raise GuardianError(f"{path} has more than {_MOST_BYTES} bytes, too many for a guardian")
-    try:
+    text = read_at_most(path, _MOST_BYTES, GuardianError, "a guardian")
+    with raising(GuardianError, f"{path} is no guardian", of=(ValueError, RecursionError)):
         raw = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise GuardianError(f"{path} is no guardian: {error}") from error
     if not isinstance(raw, dict) or raw.get("format") not in [FORMAT, EXPORT_FORMAT]:
         raise GuardianError(f"{path} is no guardian; 'eyechart guardian fit' writes one")
     return raw

@@ -14,7 +14,7 @@ from pathlib import Path
 from eyechart import episodes as closed_loop
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
 from eyechart.episodes.running import USUAL
-from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError, raising
 from eyechart.integrity import ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -129,10 +129,8 @@ def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
     file = out / VETTING
     if not file.is_file():
         return None
-    try:
+    with raising(LedgerError, f"{file} is no record of vetted worlds", of=(ValueError, RecursionError)):
         found = build(tuple[Vetted, ...], json.loads(file.read_text(encoding="utf-8")))
-    except (ValueError, RecursionError) as error:
-        raise LedgerError(f"{file} is no record of vetted worlds: {error}") from error
     if not any(one.why is None for one in found):
         raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
     return found
