@@ -237,7 +237,7 @@ def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
 
 
 def _partnered(frame: Frame, source: Source, base: str, channel: str) -> int:
-    return int(partners(source.frames, *whose(base, channel))[_place(source.frames)[frame.id]])
+    return int(partners(source.frames, *whose(base, channel))[_places(_Same(source.frames))[frame.id]])
 
 
 def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
@@ -286,10 +286,6 @@ def _partners(same: _Same, how: str, channel: str) -> Places:
 @lru_cache(maxsize=16)
 def _places(same: _Same) -> Mapping[str, int]:
     return {frame.id: place for place, frame in enumerate(same.frames)}
-
-
-def _place(frames: Sequence[Frame]) -> Mapping[str, int]:
-    return _places(_Same(frames))
 
 
 def _exchanged(base: str, channel: str, frame: Frame, source: Source, _: int) -> Stimulus:

@@ -24,25 +24,20 @@ class Source(Protocol):
     @property
     def frames(self) -> Sequence[Frame]:
         """All frames, in order."""
-        ...
 
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
         """The frames of each scenario, in order."""
-        ...
 
     @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt says of a frame."""
-        ...
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
-        ...
 
     def shapes(self, frame: Frame) -> Mapping[str, Shape]:
         """Return the shape (h, w, 3) of a frame's pictures by camera."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +85,6 @@ def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
 def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return what shows the picture of a frame's partner under this condition."""
     return lambda frame, source, seed: _shown(frame, source.images(partner(frame, source, seed, name)))
-
-
-def _text_only(frame: Frame, *_: object) -> Stimulus:
-    return _shown(frame, {})
 
 
 def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
@@ -150,7 +141,7 @@ CONDITIONS: dict[str, Condition] = {
             _other("cross_scenario"),
             frozenset({"stranger"}),
         ),
-        Condition("text_only", "none", "prompt alone sufficient?", _text_only),
+        Condition("text_only", "none", "prompt alone sufficient?", lambda frame, *_: _shown(frame, {})),
         Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS),
         Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN),
         Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN),

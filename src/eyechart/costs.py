@@ -60,7 +60,8 @@ class Account(Plain):
     @property
     def words(self) -> str:
         """Return the counts of attempts in one line, as every command says them."""
-        ended = f" ({self.failed} attempts ended in an error: {_listed(self.errors)})" if self.errors else ""
+        kinds = ", ".join(f"{count} {name}" for name, count in self.errors.items())
+        ended = f" ({self.failed} attempts ended in an error: {kinds})" if self.errors else ""
         once_more = f", {asked} calls asked again after a failure" if (asked := self.retries.get(AGAIN)) else ""
         return (
             f"{self.attempts} attempts, {self.attempts - self.calls} of them repeated, {self.unknown} of unknown "
@@ -224,10 +225,6 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
 def emptiness(ledger: Ledger) -> dict[str, Emptiness]:
     """Return of each model how many of its calls have replies, and how many of those say nothing."""
     return {model: Emptiness.of(reply for _, reply in ledger.replies(model)) for model in ledger.models()}
-
-
-def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def _whole(value: float | None) -> int | None:

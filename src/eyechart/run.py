@@ -33,15 +33,12 @@ class Stages(Protocol):
 
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
         """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
-        ...
 
     def finished(self, key: CallKey, reply: Reply) -> None:
         """Take note of a finished call."""
-        ...
 
     def more(self, model: str) -> Sequence[CallKey]:
         """Return the calls of a model's next stage, in their order, once no call is under way; none ends its run."""
-        ...
 
 
 @dataclass(frozen=True)

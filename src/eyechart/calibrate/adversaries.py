@@ -194,18 +194,14 @@ def _of_kind(kind: str, answer: str = "STOP") -> Rule:
     return lambda sight, _: answer if sight.kind == kind else "SLOW"
 
 
-def _coin_of_file(sight: Sight, _: random.Random) -> Answer:
-    return DRIVING.actions[int(_share(b"coin" + sight.file) * len(DRIVING.actions))]
-
-
-def _coin_and_picture(sight: Sight, rng: random.Random) -> Answer:
-    return rng.choice(DRIVING.actions) if rng.random() < 0.6 else _coin_of_seen(sight, rng)
+def _coin_of(what: bytes) -> Answer:
+    return DRIVING.actions[int(_share(what) * len(DRIVING.actions))]
 
 
 def _coin_of_seen(sight: Sight, _: random.Random) -> Answer:
     """Follow the picture by no rule that means anything: equal readings are answered alike."""
     one = sight.reading
-    return DRIVING.actions[int(_share(sight.kind.encode() if one is None else _seen(one)) * len(DRIVING.actions))]
+    return _coin_of(sight.kind.encode() if one is None else _seen(one))
 
 
 def _seen(one: Reading) -> bytes:
@@ -451,10 +447,10 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "noisy_constant": Adversary("SLOW, and a coin in 7 of 100 answers", noisy(0.07, lambda *_: "SLOW"), looks=False),
     "always_left": Adversary("LEFT, whatever it is shown", lambda *_: "LEFT", looks=False),
     # who follows the file, or the picture by no rule
-    "coin_of_file": Adversary("tosses a coin once for each file", _coin_of_file),
+    "coin_of_file": Adversary("tosses a coin once for each file", lambda sight, _: _coin_of(b"coin" + sight.file)),
     "coin_of_picture": Adversary("tosses a coin once for what a picture shows", _coin_of_seen),
     "coin_and_picture": Adversary(
-        "a coin in 6 of 10 answers, else what the picture shows by no rule", _coin_and_picture
+        "a coin in 6 of 10 answers, else what the picture shows by no rule", noisy(0.6, _coin_of_seen)
     ),
     # who turns by something else
     "wrong_way": Adversary(

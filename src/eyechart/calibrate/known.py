@@ -38,16 +38,6 @@ def _by_time(passed: float) -> str:
     return ("STRAIGHT", "SLOW", "STOP")[int(3 * passed)]
 
 
-def _time(shown: Shown, passed: float, rng: random.Random) -> Answer:
-    del shown, rng
-    return _by_time(passed)
-
-
-def _time_seen(shown: Shown, passed: float, rng: random.Random) -> Answer:
-    del passed, rng
-    return "STOP" if shown.passed is None else _by_time(shown.passed)
-
-
 KNOWN: Mapping[str, Known] = {
     **{
         name: Known(
@@ -58,7 +48,7 @@ KNOWN: Mapping[str, Known] = {
     "time": Known(
         "time",
         "brakes harder the later the step, which it is told in words: it never looks",
-        _time,
+        lambda _shown, passed, _rng: _by_time(passed),
         "image_invariant",
         "image_invariant",
         "no_power",
@@ -66,7 +56,7 @@ KNOWN: Mapping[str, Known] = {
     "time_seen": Known(
         "time_seen",
         "brakes harder the later the step, which it reads from a clock in the picture",
-        _time_seen,
+        lambda shown, _passed, _rng: "STOP" if shown.passed is None else _by_time(shown.passed),
         "presence_only",
         "content",
         "no_power",

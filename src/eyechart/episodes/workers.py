@@ -37,11 +37,9 @@ class Worker(Protocol):
 
     async def ask(self, method: str, *given: object) -> object:
         """Call a method of the worker's ``Worlds``; raises WorkerDiedError, and EyechartError for what it raised."""
-        ...
 
     def close(self) -> None:
         """End the worker and what it holds, whatever it is doing."""
-        ...
 
 
 class LocalWorker:

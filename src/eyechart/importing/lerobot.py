@@ -262,12 +262,9 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
     count = sum(one.count for one in files)
     columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
     rows = _data_rows(data, files, count, reads)
-    named = ({**row, **dict.fromkeys(pictured, _picture(row))} for row in rows)
+    picture = "episode-{episode_index}/frame-{frame_index}.png"
+    named = ({**row, **dict.fromkeys(pictured, picture.format_map(row))} for row in rows)
     return Table(data.root.resolve().name, columns, named, typed=True, count=count)
-
-
-def _picture(row: Row) -> str:
-    return f"episode-{row['episode_index']}/frame-{row['frame_index']}.png"
 
 
 def _vectors(features: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:

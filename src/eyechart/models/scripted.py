@@ -49,22 +49,18 @@ class Reading(Protocol):
     @property
     def lanes(self) -> int:
         """Return how many lanes or tracks are seen."""
-        ...
 
     @property
     def lane_from_left(self) -> int:
         """Return the own one among them, 0 for the leftmost."""
-        ...
 
     @property
     def others(self) -> tuple[Other, ...]:
         """Return what else is on the road, the lead among them."""
-        ...
 
     @property
     def flipped(self) -> bool | None:
         """Return whether the picture is a flipped one, None where that is not seen."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

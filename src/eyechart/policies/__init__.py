@@ -34,7 +34,6 @@ class Policy(Protocol):
 
     def decide(self, observation: Observation) -> Decision[str]:
         """Return an action of the observation's space, or the reason there is none."""
-        ...
 
 
 Recorded = Callable[[Path], Mapping[str, int]]

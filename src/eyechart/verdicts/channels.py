@@ -310,7 +310,7 @@ def judge_camera(statistics: Statistics, channel: str, what: str) -> Judged:
     swap, matched, blank = (
         statistics.get(f"T.{name}") for name in (f"swapped@{channel}", f"matched@{channel}", f"blank{over}")
     )
-    shown = f"{what} {_verb(what, 'carry', 'carries')} {_of_action(swap)}"
+    shown = f"{what} {'carry' if what.endswith('cameras') else 'carries'} {_of_action(swap)}"
     if ignored(swap) and (matched is None or ignored(matched)):
         if ignored(blank):
             words = f"{what} could be unplugged without anybody noticing ({shown}; grey pictures {_share(blank)})"
@@ -512,7 +512,8 @@ def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
 def _share(one: Statistic | None) -> str:
     """Return a share of the action in words; one above 1 is no percentage of anything."""
     if one is None or one.value is None or one.value <= 1:
-        return _way(one) if one is None or one.ci is None or one.ci[1] <= 1 else f"{_low(one)}, over 100]"
+        way = _way(one)
+        return way if one is None or one.ci is None or one.ci[1] <= 1 else f"{way.rpartition(',')[0]}, over 100]"
     return f"more than all (T {one.value:.2f}{_ends(one)})"
 
 
@@ -526,20 +527,12 @@ def _ends(one: Statistic) -> str:
     return "" if one.ci is None else f" [{one.ci[0]:.2f}, {one.ci[1]:.2f}]"
 
 
-def _low(one: Statistic) -> str:
-    return _way(one).rpartition(",")[0]
-
-
 def _way(one: Statistic | None) -> str:
     """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
     if one is None or one.value is None:
         return "— %"
     interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"
     return f"{100 * one.value:.1f} %{interval}"
-
-
-def _verb(what: str, many: str, one: str) -> str:
-    return many if what.endswith("cameras") else one
 
 
 def _sentence(words: str) -> str:

@@ -63,4 +63,3 @@ class Scored(Protocol):
 
     def evidence(self) -> Mapping[str, Evidence]:
         """Return what there is to judge of each model."""
-        ...

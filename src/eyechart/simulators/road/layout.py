@@ -7,6 +7,7 @@ way through.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -95,10 +96,6 @@ def new_obstacle(x: float, y: float, rng: _Rng) -> Obstacle:
     return Obstacle(x, y, radius, height, int(rng.integers(_PAINTS)))
 
 
-def _single(rng: _Rng) -> list[Obstacle]:
-    return [new_obstacle(float(rng.uniform(25, 60)), float(rng.uniform(-0.2, 0.2)), rng)]
-
-
 def _offset(rng: _Rng) -> list[Obstacle]:
     side = int(rng.choice([-1, 1]))
     return [
@@ -114,14 +111,6 @@ def _slalom(rng: _Rng) -> list[Obstacle]:
         for number in range(5)
         for across in ((0.0,) if (number + first) % 2 else outer)
     ]
-
-
-def _gate(rng: _Rng) -> list[Obstacle]:
-    return _stations(rng, first=20.0, apart=20.0, blocked=(2, 2))
-
-
-def _clutter(rng: _Rng) -> list[Obstacle]:
-    return _stations(rng, first=12.0, apart=9.5, blocked=(0, 2))
 
 
 def _stations(rng: _Rng, *, first: float, apart: float, blocked: tuple[int, int]) -> list[Obstacle]:
@@ -147,8 +136,8 @@ FAMILIES: Mapping[str, str] = {
 
 _MAKERS: Mapping[str, Callable[[_Rng], list[Obstacle]]] = {
     "offset": _offset,
-    "single": _single,
+    "single": lambda rng: [new_obstacle(float(rng.uniform(25, 60)), float(rng.uniform(-0.2, 0.2)), rng)],
     "slalom": _slalom,
-    "gate": _gate,
-    "clutter": _clutter,
+    "gate": partial(_stations, first=20.0, apart=20.0, blocked=(2, 2)),
+    "clutter": partial(_stations, first=12.0, apart=9.5, blocked=(0, 2)),
 }

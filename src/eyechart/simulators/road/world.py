@@ -21,30 +21,24 @@ class VehicleState(Protocol):
     @property
     def x(self) -> float:
         """Return how far along the road it is."""
-        ...
 
     @property
     def y(self) -> float:
         """Return how far to the left of the road's middle it is."""
-        ...
 
     @property
     def yaw(self) -> float:
         """Return how far it is turned to the left."""
-        ...
 
     @property
     def speed(self) -> float:
         """Return how fast it goes."""
-        ...
 
     def mirrored(self) -> Self:
         """Return the state in the mirrored world."""
-        ...
 
     def numbers(self) -> tuple[float, ...]:
         """Return all that the state consists of."""
-        ...
 
 
 S_co = TypeVar("S_co", bound=VehicleState, covariant=True)

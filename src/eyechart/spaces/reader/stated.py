@@ -123,7 +123,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
     """
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
-    text = _outside_thought(visible)
+    text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
     found = _find(text, names)
     if found.action is None:
         return Decision(None, "refused") if refuses(visible) else found
@@ -133,10 +133,6 @@ def read_words(visible: str, names: Names) -> Decision[str]:
     if refusal is not None and read_prose(fold(text[: refusal.start()]), names).action != found.action:
         return Decision(None, "refused")
     return found
-
-
-def _outside_thought(text: str) -> str:
-    return _TOKEN.sub(" ", _THOUGHT.sub(" ", text)).replace("\u2019", "'")
 
 
 def _find(text: str, names: Names) -> Decision[str]:

@@ -310,14 +310,10 @@ def source_of(path: Path) -> Source:
 
     Raises SourceError where it cannot be read.
     """
-    digest = _digest_of(path)
+    with raising(SourceError, f"{path} cannot be read"), path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     if path.suffix in LOGS:
         log = open_log(path)
         return Source(printable(path.name), digest, f"a log of Inspect AI {log.version}", log.answers, log.model)
     read = partial(read_answer_table, path)
     return Source(printable(path.name), digest, "a table", read, printable(path.stem))
-
-
-def _digest_of(path: Path) -> str:
-    with raising(SourceError, f"{path} cannot be read"), path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -239,7 +239,8 @@ class _Drawn:
             if name not in MIDS:
                 continue
             asked = self._shown(name)
-            distance = np.array([_number(frame.truth.get(DISTANCES[name])) for frame in self.bank])
+            told = (frame.truth.get(DISTANCES[name]) for frame in self.bank)
+            distance = np.array([float(one) if isinstance(one, int | float) else np.nan for one in told])
             known = distance[asked & ~np.isnan(distance)]
             edges = np.geomspace(known.min(), known.max(), BINS + 1)[1:-1] if len(known) else np.array([])
             bins = np.searchsorted(edges, distance, side="right")
@@ -249,10 +250,6 @@ class _Drawn:
                     both = which & self._shown(order[nearer], order[nearer + 1])
                     found.append(_reversed(doses[nearer], doses[nearer + 1], both))
         return found
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else float("nan")
 
 
 def _reversed(one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> NDArray[np.float64]:

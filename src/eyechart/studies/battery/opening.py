@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from eyechart.report.page import Opening, Said, Shot, parted
-from eyechart.spaces.space import Decision
 from eyechart.studies.battery.album import NO_PICTURE, Album
 from eyechart.studies.battery.subjects import Evidence, Subject
 from eyechart.verdicts import LABELS
@@ -129,11 +128,7 @@ def _far(who: Subject, frames: int) -> tuple[list[int], str]:
 def _answers(who: Subject, condition: str) -> list[str]:
     """Return in a word what a model answered on each frame; nothing where it was not asked."""
     given = who.model.answers.decisions.get(condition) or (None,) * len(who.run.frames)
-    return ["" if one is None else _word(one) for one in given]
-
-
-def _word(decision: Decision[str]) -> str:
-    return f"({decision.missing})" if decision.action is None else decision.action
+    return ["" if one is None else f"({one.missing})" if one.action is None else one.action for one in given]
 
 
 def _usual(said: Sequence[str]) -> str:

@@ -200,14 +200,11 @@ def plan(
             planned[name] = replace(made, again=again).counting(probes or {} if part.models else {})
             probes = None if part.models else probes
     if models and not any(chosen[name].models for name in planned):
-        raise SpecError(f"no model drives in this choice: models are in the arms {', '.join(_of_models())}")
+        arms = ", ".join(name.removesuffix(MODELS) for name, part in PARTS.items() if part.models)
+        raise SpecError(f"no model drives in this choice: models are in the arms {arms}")
     if not planned:
         raise SpecError("nobody is left to drive: this choice leaves no source in any of its arms and worlds")
     return planned
-
-
-def _of_models() -> list[str]:
-    return [name.removesuffix(MODELS) for name, part in PARTS.items() if part.models]
 
 
 Watch = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]

@@ -111,18 +111,14 @@ def _why(one: PolicyVerdict) -> Iterator[str]:
 
 def _next(one: PolicyVerdict) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
-    found = [advice for label, advice in NEXT.items() if label in _labels(one)]
+    labels = {*one.guards, *(each.label for each in (one.camera, one.state, one.instruction) if not one.guards)}
+    found = [advice for label, advice in NEXT.items() if label in labels]
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "ignores_camera" != one.camera.label:
             found.append(f"leave out the {name} camera, or find out why: a crop, a dark picture, another key.")
         elif judged.label == "undecided" != one.camera.label:
             found.append(f"what the {name} camera is used for is open: {SETTLE}")
     return found or [FINE]
-
-
-def _labels(one: PolicyVerdict) -> set[str]:
-    judged = (one.camera, one.state, one.instruction)
-    return {*one.guards, *(each.label for each in judged if not one.guards)}
 
 
 SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."

@@ -9,7 +9,7 @@ from eyechart.calls import Reply
 from eyechart.conditions import show
 from eyechart.costs import ALL
 from eyechart.errors import EyechartError
-from eyechart.frames import Frame, Scalar
+from eyechart.frames import Frame
 from eyechart.perception.view import find_view, through
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.page import GLYPHS, Opening, Page, Said, Shot, fill, parted
@@ -284,7 +284,8 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
 
 def _truth_cells(told: Told, place: int) -> list[str]:
     frame = told.frames[place]
-    sides = [_said(frame.truth.get(name)) for name in ("left_clear", "right_clear")]
+    told_of = (frame.truth.get(name) for name in ("left_clear", "right_clear"))
+    sides = [_side(clear=one) if isinstance(one, bool) else "—" for one in told_of]
     gap = float(told.gap_m[place])
     metres = "no lead" if gap == float("inf") else f"{gap:.1f} {told.unit}"
     if metres != "no lead" and not told.visible[place]:
@@ -318,10 +319,6 @@ def _metres(gap_m: float | None) -> str:
 
 def _side(*, clear: bool) -> str:
     return "clear" if clear else "taken"
-
-
-def _said(truth: Scalar) -> str:
-    return _side(clear=truth) if isinstance(truth, bool) else "—"
 
 
 def _verbatim(reply: Reply | None) -> str:
