@@ -16,8 +16,6 @@ from eyechart.studies.prompts import is_study
 
 DEEPEST = 4
 """Folders in folders that are looked into for runs."""
-PLACES = {"runs": "Runs", "models": "Models side by side", "history": "Over time"}
-"""The tables of an index, and what their parts of the page are called."""
 UNREAD = "cannot be scored"
 NO_VERDICT = Finding("no verdict", "")
 
@@ -113,12 +111,10 @@ def make_index(folder: Path, reading: Reading, tell: Tell) -> Made:
         scripts=("layout.js", "index.js"),
         title=folder.resolve().name,
         answer=_opening(entries),
-        glyphs=GLYPHS,
         runs=len({one.run for one in entries}),
         models=len({one.model for one in entries if one.model}),
         labels=Counter(one.found.label for one in entries).most_common(),
         tables={one.name: one for one in tables},
-        places=[*((one.name, PLACES[one.name]) for one in tables), ("page", "This page")],
         marks=[line for one in entries for line in marked(f"{one.model or one.study} in {one.run}", one.found.marks)],
     )
     return Made(Page(html, {}), tables, [])

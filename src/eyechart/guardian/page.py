@@ -8,7 +8,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import GLYPHS, Opening, Page, Said, fill
+from eyechart.report.page import Opening, Page, Said, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.report.table import estimate as shown
 from eyechart.stats.committee import ABSTAIN, answers
@@ -36,7 +36,6 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
         "guardian.html",
         styles=("guardian.css",),
         answer=opening(found, drawn),
-        glyphs=GLYPHS,
         digest=frozen.digest,
         committee=frozen.committee,
         threshold=frozen.threshold,

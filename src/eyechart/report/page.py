@@ -128,16 +128,13 @@ def page_of(
     question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Opening | None = None
 ) -> Page:
     """Return a page that is a list of sections under the question that it answers, with its answer."""
-    places = [*((f"part-{place}", one.title) for place, one in enumerate(sections, 1)), ("page", "This page")]
     html = fill(
         "sections.html",
-        places=places,
         question=question,
         title=title,
         sections=sections,
         notes=notes,
         answer=answer,
-        glyphs=GLYPHS,
     )
     return Page(html, {one.title: one.drawings for one in sections}, tuple(notes))
 
@@ -186,6 +183,8 @@ def fill(
             data=embedded_json(data),
             packed=packed,
             version=__version__,
+            glyphs=GLYPHS,
+            contents=[],
             **values,
         )
     )
@@ -195,9 +194,13 @@ def fill(
 @cache
 def environment() -> jinja2.Environment:
     """Return the environment that fills a template; it compiles each template once."""
-    loader = jinja2.FunctionLoader(asset)
     made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.FunctionLoader(asset),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        extensions=["jinja2.ext.do"],
     )
     made.filters["inline"] = lambda one: Markup(one.svg(inline=True))  # noqa: S704 - drawn here, every word escaped
     return made

@@ -7,7 +7,7 @@ from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
 from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
-from eyechart.report.page import GLYPHS, Page, fill
+from eyechart.report.page import Page, fill
 from eyechart.report.table import Column, level, number, p_value
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
@@ -62,7 +62,6 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         packed=packed,
         title=", ".join(run.name for run in evidence),
         answer=opening(evidence, everyone, album),
-        glyphs=GLYPHS,
         runs=[_run(run) for run in evidence],
         cards=[_card(who, shared) for who in everyone],
         shared=shared,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.report.charts import BLUE, HEAD, MUTED, WIDE, Drawing, dots, scattered, style
-from eyechart.report.page import GLYPHS, Opening, Page, Said, Section, fill, parted
+from eyechart.report.page import Opening, Page, Said, Section, fill, parted
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
@@ -242,7 +242,6 @@ def make_drives_page(
         paper_words=paper_words(beside, score.ladder) if beside else [],
         paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # told above them
         blind=[(one, one.tone, _found(one)) for one in score.blind],
-        glyphs=GLYPHS,
         blind_table=blind_table(score.blind),
         audit=degeneracy_table(score.audit),
         audit_words=degeneracy_words(score.audit),

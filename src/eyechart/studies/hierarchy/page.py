@@ -62,7 +62,6 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         control=_control(score.oracle_mirrored),
         cards=cards,
         answer=_opening(score, cards),
-        glyphs=GLYPHS,
         pairs=blind_table(score) if score.blind else None,
         rows={
             name: (source_table(score.sources, name), intent_table(score.sources, name))

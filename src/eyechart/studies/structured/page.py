@@ -12,7 +12,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import Frame
 from eyechart.perception.view import find_view, through
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import GLYPHS, Opening, Page, Said, Shot, fill, parted
+from eyechart.report.page import Opening, Page, Said, Shot, fill, parted
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
@@ -69,7 +69,6 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
     html = fill(
         "estimates.html",
         answer=_opening(evidence, cards, worst),
-        glyphs=GLYPHS,
         styles=("estimates.css",),
         title=", ".join(run.name for run in evidence),
         studies=" and ".join(dict.fromkeys(run.score.manifest.study for run in evidence)),
