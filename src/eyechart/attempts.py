@@ -5,8 +5,9 @@ Batteries and episodes make their calls here, so that both cost, fail and resume
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
@@ -15,6 +16,8 @@ from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
 _NOT_SENT = Reply(error="exception")
+
+T = TypeVar("T")
 
 
 def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> Budget:
@@ -105,11 +108,17 @@ async def close(model: Model) -> None:
             await model.close()
 
 
-def first_error(error: BaseException) -> BaseException:
-    """Return the first error inside groups of errors, which is the one that ended a run."""
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+def to_the_end(run: Coroutine[Any, Any, T]) -> T:
+    """Return what a run comes to in an event loop of its own; raises the first error inside groups, which ended it."""
+    try:
+        return asyncio.run(run)
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+    except BaseExceptionGroup as group:
+        error: BaseException = group
+        while isinstance(error, BaseExceptionGroup):
+            error = error.exceptions[0]
+        raise error from None
 
 
 class _Writer:

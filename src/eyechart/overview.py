@@ -146,9 +146,8 @@ def _opening(entries: Sequence[Entry]) -> Opening:
         )
     if not said:
         return Opening("No run here has a verdict on a model.")
-    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _NEWEST.items()}
     return Opening(
-        f"Do decisions come from the camera? {parted(many, 'models')}",
+        f"Do decisions come from the camera? {parted(said, _NEWEST, 'models')}",
         sorted(said, key=lambda one: not one.beware),
     )
 

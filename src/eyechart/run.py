@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Protocol, TypedDict, Unpack
 
 from eyechart import channels
-from eyechart.attempts import Caller, budget_of, close, first_error
+from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError
@@ -33,9 +33,12 @@ class Stages(Protocol):
 
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
         """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
+        del model
+        return iter(todo)
 
     def finished(self, key: CallKey, reply: Reply) -> None:
         """Take note of a finished call."""
+        del key, reply
 
     def more(self, model: str) -> Sequence[CallKey]:
         """Return the calls of a model's next stage, in their order, once no call is under way; none ends its run."""
@@ -275,10 +278,7 @@ class _Execution:
         budget = budget_of(self.limits, self.plan.models, self.ledger)
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again)
         self.stimuli = self.plan.stimuli()
-        try:
-            asyncio.run(self._run(todo))
-        except BaseExceptionGroup as group:
-            raise first_error(group) from None
+        to_the_end(self._run(todo))
         return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures())
 
     async def _run(self, todo: list[CallKey]) -> None:

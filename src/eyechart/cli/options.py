@@ -90,33 +90,19 @@ class Spending:
 
         What its ledgers lost is accepted first, where the command says so.
         """
-        if self.accept_loss and not dry_run:
-            _accept_losses(out)
+        from eyechart.cli.terminal import say
         from eyechart.models.prices import read_prices
-        from eyechart.studies.probed import Allowed
+        from eyechart.studies.probed import Allowed, accept_losses
 
-        return Allowed(
-            read_prices(self.prices),
-            self.no_probe,
-            dry_run,
-            self.max_calls,
-            self.max_cost,
-            shard,
-            self.moved,
-            self.watch,
-            self.sequential,
-        )
+        if self.accept_loss and not dry_run:
+            for ledger, lost in accept_losses(out):
+                say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
+
+        given = {name: value for name, value in vars(self).items() if name not in {"prices", "accept_loss"}}
+        return Allowed(read_prices(self.prices), dry_run=dry_run, shard=shard, **given)
 
 
 NO_LIMIT = Spending()
-
-
-def _accept_losses(out: Path) -> None:
-    from eyechart.cli.terminal import say
-    from eyechart.studies.probed import accept_losses
-
-    for ledger, lost in accept_losses(out):
-        say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
 
 
 _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from eyechart.attempts import Caller, budget_of, close, first_error
+from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import flip
 from eyechart.episodes.records import REFLECTED, Episode, EpisodeKey
@@ -92,12 +92,7 @@ def drive(
     todo = sorted(todo)
     random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
     coordinator = _Coordinator(drivers, open_worker, keep, calls_of(todo, drivers, ledger))
-    try:
-        return asyncio.run(coordinator.run(todo, ledger, bounds))
-    except asyncio.CancelledError:
-        raise KeyboardInterrupt from None
-    except BaseExceptionGroup as group:
-        raise first_error(group) from None
+    return to_the_end(coordinator.run(todo, ledger, bounds))
 
 
 def calls_of(
@@ -153,12 +148,7 @@ def drive_again(
     and the drive goes on; where there is no reply, the episode ends in an error that says so.
     """
     coordinator = _Coordinator(drivers, open_worker, keep, calls, unlike=unlike)
-    try:
-        asyncio.run(coordinator.run(todo, None, bounds))
-    except asyncio.CancelledError:
-        raise KeyboardInterrupt from None
-    except BaseExceptionGroup as group:
-        raise first_error(group) from None
+    to_the_end(coordinator.run(todo, None, bounds))
 
 
 class _CutError(Exception):

@@ -96,21 +96,20 @@ class Opening:
         return len(self.said) - len(self.first)
 
 
-def parted(many: Mapping[str, Sequence[str]], what: str) -> str:
+def parted(said: Sequence[Said], answers: Mapping[str, str], what: str) -> str:
     """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
 
-    An answer may end with the preposition that a count needs: ``yes for``.
+    ``answers`` are by tone, and may end with the preposition that a count needs: ``yes for``.
     """
-    total = sum(map(len, many.values()))
-    if total == 1:
-        answer, (name,) = next((answer, names) for answer, names in many.items() if names)
-        return f"{name}: {answer.removesuffix(' for').removesuffix(' in')}."
+    if len(said) == 1:
+        return f"{said[0].who}: {answers[said[0].tone].removesuffix(' for').removesuffix(' in')}."
+    many = {answer: [one.who for one in said if answers[one.tone] == answer] for answer in answers.values()}
     told = [
-        f"{answer} {len(names)}" + (f" ({', '.join(names)})" if total <= _MOST_NAMED else "")
+        f"{answer} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
         for answer, names in many.items()
         if names
     ]
-    return f"Of {total} {what}: {'; '.join(told)}."
+    return f"Of {len(said)} {what}: {'; '.join(told)}."
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.records import Plain
+from eyechart.records import Written
 from eyechart.report.accounts import costs_table
 from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, p_value, stacked
 from eyechart.run import Progress
@@ -192,7 +192,7 @@ def run(
 
 
 @dataclass(frozen=True)
-class CellScore(Plain):
+class CellScore(Written):
     """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells.
 
     ``took`` says what its calls took, ``guards`` whether they are to be believed.
@@ -209,6 +209,7 @@ class CellScore(Plain):
     holm: Mapping[str, float | None]
     took: Account
     guards: tuple[Guard, ...]
+    written = "cell=name model prompt max_tokens structured planned answered statistics holm accounting=took guards"
 
     @property
     def state(self) -> str:
@@ -219,11 +220,6 @@ class CellScore(Plain):
     def marks(self) -> tuple[str, ...]:
         """Return the guards that failed, in words: with one of them the cell is not to be relied on."""
         return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.guards if guard.holds is False)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        names = {"name": "cell", "took": "accounting"}
-        return {names.get(name, name): one for name, one in super().as_dict().items()}
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
@@ -429,7 +425,6 @@ class Prompts(OfFrames[PromptsScore]):
         ]
         found = [(f"{run}{cell.model} under {cell.name}", cell, *held(cell)) for run, cell in named]
         said = [Said(who, words, tone, _about(cell), beware=cell.state) for who, cell, tone, words in found]
-        many = {words: [one.who for one in said if one.tone == tone] for tone, words in _HOLD.items()}
         rows = [(who, cell.statistics["mutual_information"], BLUE, tone != "sees") for who, cell, tone, _ in found]
         with style():
             figure = dots(rows[:MOST_SAID], "bits of the answer that tell the gap", 1.0, across=HEAD)
@@ -437,7 +432,7 @@ class Prompts(OfFrames[PromptsScore]):
         drawn = Drawing(
             "in-short", "What the answers tell of the gap, by prompt", f"Filled: significant. {told}", figure
         )
-        return Opening(parted(many, "cells (a model under a prompt)"), said, figure=drawn)
+        return Opening(parted(said, _HOLD, "cells (a model under a prompt)"), said, figure=drawn)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""

@@ -31,21 +31,16 @@ def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Al
     """Return what a page of runs says first; its example is of the first run."""
     models, shots, caption = _example(evidence[0], album.places[0], album.uris) if evidence else ((), (), "")
     said = [_said(who, at, alone=len(everyone) == 1) for at, who in enumerate(everyone, 1)]
-    return Opening(_sentence(everyone), said, models, shots, caption=caption)
+    return Opening(_sentence(everyone, said), said, models, shots, caption=caption)
 
 
-def _sentence(everyone: Sequence[Subject]) -> str:
+def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
     """Return in one sentence whether decisions come from the camera."""
-    families = [LABELS[who.verdict.calibrated.label].family for who in everyone]
     if not everyone:
         return "The run names no model."
     if len(everyone) == 1:
-        return f"{_ALONE[families[0]]} {everyone[0].verdict.trust}"
-    many: Mapping[str, Sequence[str]] = {
-        words: [who.label for who, family in zip(everyone, families, strict=True) if family == name]
-        for name, words in _ANSWERS.items()
-    }
-    return parted(many, "models")
+        return f"{_ALONE[said[0].tone]} {everyone[0].verdict.trust}"
+    return parted(said, _ANSWERS, "models")
 
 
 def _said(who: Subject, place: int, *, alone: bool) -> Said:

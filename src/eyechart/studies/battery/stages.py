@@ -4,14 +4,14 @@ First come the run's conditions; then, of each model, the controls that could ta
 stage once the one before is finished. See docs/decisions/0039-asked-in-stages.md.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.conditions import CONTROLS, available
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
-from eyechart.run import Plan, in_order
+from eyechart.run import Plan, Stages, in_order
 from eyechart.seeds import key_seed
 from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
@@ -100,7 +100,7 @@ def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict
     }
 
 
-class InStages:
+class InStages(Stages):
     """Asks each model of a run its controls, stage by stage.
 
     ``plan`` is what is asked now, of a ``whole`` run.
@@ -109,14 +109,6 @@ class InStages:
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._whole, self._ledger = plan, whole, ledger
         self._may, self._controls = supplied(manifest, whole), dict(plan.controls)
-
-    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
-        """Yield the calls of a model as they stand."""
-        del model
-        return iter(todo)
-
-    def finished(self, key: CallKey, reply: Reply) -> None:
-        """Take no note: what is asked next is read from the ledger."""
 
     def more(self, model: str) -> list[CallKey]:
         """Return the calls of a model's next stage, in a seeded random order; none before its last one is finished.

@@ -342,7 +342,7 @@ def layout_for(plan: Plan, model: str) -> Layout:
     return layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
 
 
-class EarlyStop:
+class EarlyStop(Stages):
     """The watch of a run that stops early: one course a model, begun from what its ledger holds.
 
     ``plan`` has every control that may be asked; ``later`` asks those of a run that settled nothing.

@@ -130,8 +130,7 @@ def opening(score: ClosedLoopScore) -> Opening:
     if not told:
         sentence = "Who drives by sight was not asked: nobody drove the same worlds with other pictures too."
     else:
-        many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
-        sentence = parted(many, "drivers that were shown other pictures too")
+        sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
     others = "another world's" if all(one.of_camera for one in told.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return Opening(

@@ -12,7 +12,7 @@ from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import FrameBank, decode
 from eyechart.policies.scripted import read_scene
-from eyechart.records import Plain
+from eyechart.records import Written
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
@@ -29,7 +29,7 @@ MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 
 
 @dataclass(frozen=True)
-class Replay(Plain):
+class Replay(Written):
     """What a modular controller would have done on each frame, and how that compares.
 
     ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
@@ -54,17 +54,11 @@ class Replay(Plain):
     actions: Mapping[str, str]
     unread: tuple[str, ...]
     warnings: tuple[str, ...] = ()
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the replay as plain JSON values."""
-        names = {
-            "agreement": "agreement_with_renderer_policy",
-            "agreement_answered": "agreement_where_answered",
-            "ceiling": "agreement_of_a_perfect_guardian",
-            "ceiling_answered": "agreement_of_a_perfect_guardian_where_answered",
-            "directional": "directional_reference_actions",
-        }
-        return {names.get(name, name): one for name, one in super().as_dict().items()}
+    written = (
+        "agreement_with_renderer_policy=agreement agreement_where_answered=agreement_answered "
+        "agreement_of_a_perfect_guardian=ceiling agreement_of_a_perfect_guardian_where_answered=ceiling_answered "
+        "answered equivariance directional_reference_actions=directional actions unread warnings"
+    )
 
 
 def modular_action(answer: str, scene: Scene) -> str:

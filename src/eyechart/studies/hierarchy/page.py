@@ -49,7 +49,6 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
     html = fill(
         "hierarchy.html",
         styles=("hierarchy.css",),
-        scripts=("layout.js",),
         title=study.resolve().name,
         score=score,
         episodes=sum(len(one.episodes) for many in score.drives.values() for one in many),
@@ -97,11 +96,10 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
     ]
     if not said:
         return Opening("No planner was studied: only scripted sources drove, which see no pictures.")
-    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
     of_camera = [one for _, one in score.blind if one.of_camera]
     shown, which = (of_camera, "another world's") if of_camera else ([one for _, one in score.blind], "others")
     return Opening(
-        parted(many, "arms that a planner drove"),
+        parted(said, _ANSWERS, "arms that a planner drove"),
         said,
         figure=sight_of({f"{one.driver.policy} in {one.driver.simulator}": one for one in shown}, "success_rate"),
         caption=f"Real pictures less {which}; right of the line: more goals with real ones. Filled: significant.",

@@ -46,9 +46,8 @@ def _opening(runs: Sequence[Shown]) -> Opening:
         )
         for spec, one in judged
     ]
-    many = {words: [one.who for one in said if one.tone == kind] for kind, words in _LOOKS.items()}
     alone = judged and f"{_answer(judged[0][1])}"
-    sentence = parted(many, "policies") if len(said) > 1 else alone or "The run names no policy."
+    sentence = parted(said, _LOOKS, "policies") if len(said) > 1 else alone or "The run names no policy."
     score, pictures = runs[0]
     spec = next(iter(score.models), None)
     drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), *shares(spec, score.models[spec])]

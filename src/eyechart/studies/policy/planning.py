@@ -15,7 +15,7 @@ from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, version
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import policy_prompt
-from eyechart.run import Calling, MotionPlan, ask_again, execute, in_order, spread
+from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion
 from eyechart.studies.battery import open_whole, plan_of, resumed, writing
 
@@ -199,20 +199,12 @@ def _alike(one: str, other: str) -> bool:
         return True
 
 
-class _Again:
+class _Again(Stages):
     """Asks a policy again when all has been asked once, where its answers turned out to be drawn."""
 
     def __init__(self, planned: MotionPlan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._manifest, self._ledger = planned, manifest, ledger
         self._asked = set(planned.drawn)
-
-    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
-        """Yield the calls as they come."""
-        del model
-        yield from todo
-
-    def finished(self, key: CallKey, reply: Reply) -> None:
-        """Take no note: the ledger does."""
 
     def more(self, model: str) -> Sequence[CallKey]:
         """Return every call once more, so many times, of a policy that draws."""

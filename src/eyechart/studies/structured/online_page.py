@@ -23,11 +23,10 @@ def first_of(scores: Mapping[str, OnlineScore]) -> First:
     """Return the question, the answer and the evidence of online runs, by name."""
     named = {f"{name} · " if len(scores) > 1 else "": score for name, score in scores.items()}
     said = [one for of, score in named.items() for one in _said(of, score)]
-    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
     answer = Opening(
-        parted(many, "estimators that drove"),
+        parted(said, _ANSWERS, "estimators that drove"),
         said,
-        figure=_crashes(named, frozenset(many["admitted"])),
+        figure=_crashes(named, frozenset(one.who for one in said if one.tone == "sees")),
         caption="Filled: admitted, and the control. Few crashes are no proof of sight.",
     )
     tables = [table(score) for score in scores.values() for table in (online_table, met_table)]

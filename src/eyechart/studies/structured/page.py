@@ -44,6 +44,7 @@ _LONGEST = 600
 _LEADS = {"no lead told", "a lead that is not there"}
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
 _OF = {"real": "picture", "mirrored": "reflection"}
+_ANSWERS = {"sees": "admitted", "blind": "not admitted", "open": "not admitted"}
 
 
 def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _: None) -> Page:
@@ -99,9 +100,7 @@ def _opening(
         )
         for number, card in enumerate(cards, 1)
     ]
-    admitted = [one.who for one in said if one.tone == "sees"]
-    many = {"admitted": admitted, "not admitted": [one.who for one in said if one.tone != "sees"]}
-    sentence = parted(many, "estimators") if len(said) != 1 else f"It is {said[0].label}."
+    sentence = parted(said, _ANSWERS, "estimators") if len(said) != 1 else f"It is {said[0].label}."
     run = next((run for run in evidence if worst[run.name] and run.score.models), None)
     if run is None:
         return Opening(sentence, said)
