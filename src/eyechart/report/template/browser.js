@@ -11,9 +11,7 @@ eyechart.browser = ({ update, show, empty, sideways }) => {
     chosen = place;
     list.replaceChildren(...entries.map((entry, number) => {
       const item = make("li");
-      const button = make("button");
-      button.type = "button";
-      button.tabIndex = -1;
+      const button = make("button", "", "", { type: "button", tabindex: -1 });
       button.append(...words(entry));
       button.addEventListener("click", () => choose(number, true));
       item.append(button);

@@ -1,5 +1,5 @@
 (() => {
-  const { data, at, make, options } = eyechart;
+  const { data, at, set, draw, make, options } = eyechart;
   const filters = ["text", "driver", "scenario", "condition", "ended", "pictures"];
   const field = Object.fromEntries(filters.map((name) => [name, at(`f-${name}`)]));
   for (const name of ["driver", "scenario", "condition", "ended"]) {
@@ -30,22 +30,15 @@
   const role = (action) => data.roles[action] || "other";
 
   const gapLine = (steps) => {
-    const space = "http://www.w3.org/2000/svg";
-    const svg = document.createElementNS(space, "svg");
-    svg.setAttribute("class", "gaps");
-    svg.setAttribute("viewBox", "0 0 100 40");
-    svg.setAttribute("preserveAspectRatio", "none");
-    svg.setAttribute("role", "img");
+    const svg = draw("svg", { class: "gaps", viewBox: "0 0 100 40", preserveAspectRatio: "none", role: "img" });
     const known = steps.map((step) => step[3]).filter((gap) => gap !== null);
     const far = Math.max(1, ...known);
     svg.setAttribute("aria-label", known.length ? `Gap by step, from ${Math.min(...known)} to ${Math.max(...known)} metres; broken where nothing is ahead` : "No gap at any step");
     let points = [];
     const flush = () => {
       if (points.length) {
-        const line = document.createElementNS(space, "polyline");
         if (points.length === 1) points.push(points[0].replace(/^[\d.]+/, (x) => String(Number(x) + 0.6)));
-        line.setAttribute("points", points.join(" "));
-        svg.append(line);
+        svg.append(draw("polyline", { points: points.join(" ") }));
       }
       points = [];
     };
@@ -54,9 +47,7 @@
       else points.push(`${((place + 0.5) / steps.length * 100).toFixed(2)},${(38 - 36 * step[3] / far).toFixed(2)}`);
     });
     flush();
-    const cursor = document.createElementNS(space, "line");
-    cursor.setAttribute("y1", "0");
-    cursor.setAttribute("y2", "40");
+    const cursor = draw("line", { y1: 0, y2: 40 });
     svg.append(cursor);
     return [svg, cursor, known.length ? far : null];
   };
@@ -70,37 +61,25 @@
       at("detail").replaceChildren(title, truth, told);
       return;
     }
-    const strip = make("div", "strip");
-    strip.setAttribute("aria-hidden", "true");
+    const strip = make("div", "strip", "", { "aria-hidden": true });
     const cells = one.steps.map((step) => make("span", `${role(step[1])}${step[2] ? "" : " none"}`));
     strip.append(...cells);
     const [svg, cursor, far] = gapLine(one.steps);
     const key = make("p", "key", `Strip: executed actions, blue proceeds, orange brakes, hatched is the fail-safe.${far === null ? "" : ` Line: gap, up to ${far} m.`}`);
     const label = make("label", "slider");
     label.append(make("span", "unseen", "Step"));
-    const slider = make("input");
-    slider.type = "range";
-    slider.min = "0";
-    slider.max = String(one.steps.length - 1);
-    slider.value = "0";
-    slider.id = "step";
+    const slider = make("input", "", "", { id: "step", type: "range", min: 0, max: one.steps.length - 1, value: 0 });
     label.append(slider);
-    const image = make("img", "drivepicture");
-    image.decoding = "async";
+    const image = make("img", "drivepicture", "", { decoding: "async" });
     const line = make("div", "verdictline");
-    const words = make("p", "truth");
-    words.id = "moment";
-    const reply = make("pre", "reply");
-    reply.dir = "auto";
-    reply.tabIndex = 0;
-    reply.setAttribute("role", "group");
+    const words = make("p", "truth", "", { id: "moment" });
+    const reply = make("pre", "reply", "", { dir: "auto", tabindex: 0, role: "group" });
     const step = () => {
       const now = Number(slider.value);
       const [decision, executed, own, gap, speed, text] = one.steps[now];
       cells.forEach((cell, place) => cell.classList.toggle("now", place === now));
       const x = ((now + 0.5) / cells.length * 100).toFixed(2);
-      cursor.setAttribute("x1", x);
-      cursor.setAttribute("x2", x);
+      set(cursor, { x1: x, x2: x });
       const chip = make("span", `chip ${own ? role(decision) : "none"}`, own ? decision : `no decision: ${decision}`);
       line.replaceChildren(chip, make("span", own ? "against" : "against differs", own ? "executed as decided" : `executed ${executed}: the fail-safe, not the policy's`));
       words.textContent = `Step ${now + 1} of ${one.steps.length} · ${gap === null ? (far === null ? "gap —" : "nothing ahead") : `gap ${gap} m`} · then ${speed === null ? "—" : speed} m/s`;

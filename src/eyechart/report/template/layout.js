@@ -2,8 +2,13 @@
 const eyechart = (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const at = (id) => document.getElementById(id);
-  const make = (tag, className, text) => {
-    const node = document.createElement(tag);
+  const set = (node, attributes) => {
+    for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+    return node;
+  };
+  const draw = (tag, attributes) => set(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes);
+  const make = (tag, className, text, attributes = {}) => {
+    const node = set(document.createElement(tag), attributes);
     if (className) node.className = className;
     if (text !== undefined) node.textContent = text;
     return node;
@@ -53,11 +58,7 @@ const eyechart = (() => {
   for (const one of document.querySelectorAll(".scroll:has(> table > thead)")) folding.observe(one);
 
   const options = (select, pairs) => {
-    select.replaceChildren(...pairs.map(([value, text]) => {
-      const option = make("option", "", text);
-      option.value = value;
-      return option;
-    }));
+    select.replaceChildren(...pairs.map(([value, text]) => make("option", "", text, { value })));
   };
 
   const unpack = async () => {
@@ -84,5 +85,5 @@ const eyechart = (() => {
     near.observe(at(place));
   };
 
-  return { data, at, make, options, begin };
+  return { data, at, set, draw, make, options, begin };
 })();

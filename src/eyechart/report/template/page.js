@@ -87,11 +87,8 @@ eyechart.begin("frames", "status", () => {
     node.append(make("h4", "", condition.name), make("p", "asks", `${condition.image}: ${condition.asks}`));
     const picture = run.pictures[condition.name][frame];
     if (picture >= 0) {
-      const image = make("img");
-      image.alt = `${run.frames[frame].id} under ${condition.name}`;
-      image.decoding = "async";
-      image.src = data.pictures[picture];
-      node.append(image);
+      const alt = `${run.frames[frame].id} under ${condition.name}`;
+      node.append(make("img", "", "", { alt, decoding: "async", src: data.pictures[picture] }));
     } else {
       node.append(make("div", "missing", picture === -1 ? "no picture is sent" : "picture not in this page"));
     }
@@ -128,18 +125,14 @@ eyechart.begin("frames", "status", () => {
     const text = data.texts[number];
     const whole = data.cut[number];
     const node = make("div");
-    const words = make("pre", "reply", text.slice(0, CUT));
-    words.dir = "auto";
-    words.tabIndex = 0;
-    words.setAttribute("role", "group");
-    words.setAttribute("aria-label", `Reply of ${label}`);
+    const said = { dir: "auto", tabindex: 0, role: "group", "aria-label": `Reply of ${label}` };
+    const words = make("pre", "reply", text.slice(0, CUT), said);
     node.append(words);
     if (text === "") words.append(make("em", "", "(empty reply)"));
     if (whole) node.append(make("p", "note", `This page holds ${text.length.toLocaleString("en")} of ${whole.toLocaleString("en")} characters; the ledger has all of them.`));
     if (text.length > CUT) {
       words.append("…");
-      const more = make("button", "quiet", `show all ${text.length.toLocaleString("en")} characters`);
-      more.type = "button";
+      const more = make("button", "quiet", `show all ${text.length.toLocaleString("en")} characters`, { type: "button" });
       more.addEventListener("click", () => {
         words.textContent = text;
         words.focus();
