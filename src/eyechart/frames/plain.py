@@ -107,7 +107,9 @@ def made_plain(
             upright = Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8))
         elif _is_clear(upright):
             done.append("transparency")
-            upright = _laid_over(upright, background)
+            above = upright.convert("RGBA")
+            below = Image.new("RGBA", above.size, (*background, 255))
+            upright = Image.alpha_composite(below, above).convert("RGB")
         if upright.mode != "RGB":
             done += [] if deep else [_WORDS.get(upright.mode, upright.mode).removeprefix("is ").removeprefix("has ")]
             upright = upright.convert("RGB")
@@ -117,9 +119,3 @@ def made_plain(
         if found.format not in PLAIN_FORMATS and not done:
             done.append(f"{found.format}")
         return np.asarray(upright, dtype=np.uint8), done
-
-
-def _laid_over(found: Image.Image, background: tuple[int, int, int]) -> Image.Image:
-    above = found.convert("RGBA")
-    below = Image.new("RGBA", above.size, (*background, 255))
-    return Image.alpha_composite(below, above).convert("RGB")

@@ -160,15 +160,11 @@ def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROW
         root: Fields = next(schema, {})
         leaves = [*_leaves(schema, _may(root, 5, _I32) or 0, "", repeated=False, depth=1)]
         groups = _get(footer, 4, _LIST)
-        _check_rows(footer, groups)
+        if _get(footer, 3, _I64) != sum(_get(group, 3, _I64) for group in groups):
+            raise _MalformedError("its row groups have other rows than it says")
         for number, group in enumerate(groups, 1):
             read = [(leaf, leaf.is_read(names)) for leaf in leaves]
             _check_group(_Pages(file, size), f"row group {number}", group, read, rows)
-
-
-def _check_rows(footer: Fields, groups: Sequence[Fields]) -> None:
-    if _get(footer, 3, _I64) != sum(_get(group, 3, _I64) for group in groups):
-        raise _MalformedError("its row groups have other rows than it says")
 
 
 def _footer(file: BinaryIO, size: int) -> Fields:

@@ -7,7 +7,9 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -18,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
+from PIL import ImageFont
 
 from eyechart.stats.statistic import Statistic
 
@@ -180,6 +183,12 @@ def plain(text: str, longest: int = _LONGEST) -> str:
         return shown
     half = (longest - 1) // 2
     return f"{shown[:half]}…{shown[-half:]}"
+
+
+@cache
+def font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font that figures are drawn in."""
+    return ImageFont.truetype(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 _DARK = 0.18

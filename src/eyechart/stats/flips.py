@@ -1,6 +1,7 @@
 """Tests that flip signs: do two drivers differ in the same worlds, and is what was moved followed."""
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -48,15 +49,7 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
     if not len(moved):
         return Statistic(0.0, len(a), p=1.0, method=method, note="all pairs are equal", detail=detail)
     observed = abs(float(moved.sum())) * (1 - TIE)
-    if exact:
-        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(moved))))
-        p, how = float(np.mean(np.abs(signs @ moved) >= observed)), f"all {len(signs)} patterns"
-    else:
-        rng, k = np.random.default_rng(seed), 0
-        for rows in chunks(resamples, len(moved)):
-            signs = rng.integers(2, size=(rows.stop - rows.start, len(moved))) * 2.0 - 1.0
-            k += int(np.count_nonzero(np.abs(signs @ moved) >= observed))
-        p, how = (k + 1) / (resamples + 1), f"B={resamples}"
+    p, how = _share(moved, lambda sums: np.abs(sums) >= observed, seed, resamples)
     return Statistic(value, len(a), p=p, method=f"{method}, {how}", detail=detail)
 
 
@@ -80,7 +73,9 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
     _, which = np.unique(labels, return_inverse=True)
     sums, fulls, counts = (np.bincount(which, one) for one in (along, most, np.ones_like(along)))
     means, share, many = sums / counts, float(along.sum() / most.sum()), len(sums)
-    p, smallest = _above(means, seed)
+    observed = float(means.sum()) - TIE * float(np.abs(means).sum())
+    p, _ = _share(means, lambda sums: sums >= observed, seed, resamples=9999)
+    smallest = 2.0**-many if many <= ENUMERATED_FLIPS else 1 / 10_000
     detail: dict[str, object] = {"episodes": many, "smallest_p": smallest}
     if many < 2:
         return Statistic(share, len(along), p=p, method=method, note="one episode shows no spread", detail=detail)
@@ -92,17 +87,18 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
     return Statistic(share, len(along), (share - wide, share + wide), p, method, detail=detail, level=FOLLOW_LEVEL)
 
 
-def _above(values: Floats, seed: int, resamples: int = 9999) -> tuple[float, float]:
-    """Return the one-sided p of a mean above 0 by flipped signs, and the smallest that could have come."""
-    observed = float(values.sum()) - TIE * float(np.abs(values).sum())
+def _share(
+    values: Floats, reaches: Callable[[Floats], npt.NDArray[np.bool_]], seed: int, resamples: int
+) -> tuple[float, str]:
+    """Return the p of a sum by flipped signs, the share of patterns whose sum ``reaches`` it, and which patterns."""
     if len(values) <= ENUMERATED_FLIPS:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(values))))
-        return float(np.mean(signs @ values >= observed)), 2.0 ** -len(values)
+        return float(np.mean(reaches(signs @ values))), f"all {len(signs)} patterns"
     rng, k = np.random.default_rng(seed), 0
     for rows in chunks(resamples, len(values)):
         signs = rng.integers(2, size=(rows.stop - rows.start, len(values))) * 2.0 - 1.0
-        k += int(np.count_nonzero(signs @ values >= observed))
-    return (k + 1) / (resamples + 1), 1 / (resamples + 1)
+        k += int(np.count_nonzero(reaches(signs @ values)))
+    return (k + 1) / (resamples + 1), f"B={resamples}"
 
 
 def _numbers(values: npt.ArrayLike, which: str) -> Floats:

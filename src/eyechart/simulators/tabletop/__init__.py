@@ -94,12 +94,13 @@ def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Mome
     for number, (table, way) in enumerate(zip(tables, ways, strict=True)):
         seen = {name: {one: many[number] for one, many in views.items()} for name, views in drawn.items()}
         own: Seen = seen.pop("")
+        numbers = [*table.tool, table.grip, *(table.target if preset == "privileged" else ())]
         yield Moment(
             truth=_truth(table, way),
             picture=own,
             counterfactuals=seen,
             fields={INSTRUCTION: instruction(table.named)},
-            state={STATE: _state(table, told=preset == "privileged")},
+            state={STATE: tuple(round(float(one), 6) for one in numbers)},
             motion=tuple(tuple(map(float, np.round(row, 6))) for row in oracle(table)),
         )
 
@@ -124,11 +125,6 @@ def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     drawn = rng.uniform(HALF, 1 - HALF, (64, 2))
     far = np.linalg.norm(drawn[:, None] - blocks[None], axis=2).min(axis=1)
     return np.asarray(drawn[np.argsort(far < 3 * HALF, kind="stable")[:2]])
-
-
-def _state(table: Workspace, *, told: bool) -> tuple[float, ...]:
-    numbers = [*table.tool, table.grip, *(table.target if told else ())]
-    return tuple(round(float(one), 6) for one in numbers)
 
 
 def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-import matplotlib as mpl
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from eyechart.conditions import CONDITIONS
 from eyechart.destination import whole
@@ -15,7 +13,7 @@ from eyechart.frames import RGB, Frame, FrameBank, decode
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.view import find_view
-from eyechart.report.charts import plain
+from eyechart.report.charts import font, plain
 from eyechart.report.names import shortener
 from eyechart.spaces.motion import MotionSpace
 from eyechart.studies.battery.planning import plan_of
@@ -108,7 +106,9 @@ def write_film(
     height = max(_height(card) for card in made)
     pages = [draw(card, shown, specs[:MOST_MODELS], height, number) for number, card in enumerate(made)]
     if (left := len(specs) - MOST_MODELS) > 0:
-        pages = [_noting(page, f"and {left} more models") for page in pages]
+        where, more = (WIDTH - 10, pages[0].height - 20), f"and {left} more models"
+        for page in pages:
+            ImageDraw.Draw(page).text(where, more, fill=MUTED, font=font(13), anchor="ra")
     reduced = [page.quantize(128, dither=Image.Dither.NONE) for page in pages]
     with whole(out, "film") as partial:
         stays = round(1000 * seconds)
@@ -133,24 +133,14 @@ def draw(card: Card, frame: str, specs: Sequence[str], height: int, number: int)
         page.paste(Image.fromarray(pixels).resize(size, Image.Resampling.NEAREST), (left, 0))
         left += size[0]
     if not card.pictures:
-        pen.text((WIDTH / 2, height / 2), "no picture is shown", fill=MUTED, font=_font(18), anchor="mm")
+        pen.text((WIDTH / 2, height / 2), "no picture is shown", fill=MUTED, font=font(18), anchor="mm")
     y = height + 8
-    pen.text((10, y), plain(f"{number + 1}. {card.condition}", 60), fill=INK, font=_font(17))
-    pen.text((10, y + _LINE), plain(card.asks, 96), fill=MUTED, font=_font(13))
+    pen.text((10, y), plain(f"{number + 1}. {card.condition}", 60), fill=INK, font=font(17))
+    pen.text((10, y + _LINE), plain(card.asks, 96), fill=MUTED, font=font(13))
     short = shortener(specs)
     for row, spec in enumerate(specs):
         top = y + (2 + row) * _LINE
-        pen.text((10, top), plain(short(spec), 48), fill=MUTED, font=_font(14))
-        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "not asked"), 44), fill=INK, font=_font(15))
-    pen.text((WIDTH - 10, y), plain(f"frame {frame}", 40), fill=MUTED, font=_font(13), anchor="ra")
+        pen.text((10, top), plain(short(spec), 48), fill=MUTED, font=font(14))
+        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "not asked"), 44), fill=INK, font=font(15))
+    pen.text((WIDTH - 10, y), plain(f"frame {frame}", 40), fill=MUTED, font=font(13), anchor="ra")
     return page
-
-
-def _noting(page: Image.Image, words: str) -> Image.Image:
-    ImageDraw.Draw(page).text((WIDTH - 10, page.height - 20), words, fill=MUTED, font=_font(13), anchor="ra")
-    return page
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)

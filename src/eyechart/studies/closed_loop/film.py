@@ -7,15 +7,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from PIL import Image, ImageColor, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw
 
 from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.charts import plain
+from eyechart.report.charts import font, plain
 from eyechart.report.overlay import STROKES, over, pieces, plan_words
 from eyechart.report.page import fill
 from eyechart.simulators import Sketch
@@ -158,11 +157,6 @@ def _key(pen: ImageDraw.ImageDraw, x: float, y: float) -> None:
             pen.ellipse((x + 9, middle - 4, x + 17, middle + 4), fill=stroke.colour)
         pen.text((x + 34, y), stroke.says, fill=MUTED, font=words)
         x += 34 + pen.textlength(stroke.says, font=words) + 26
-
-
-def font(size: int) -> ImageFont.FreeTypeFont:
-    """Return the font that figures are drawn in."""
-    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
 
 
 def _write_gif(out: Path, film: _Film) -> int:
