@@ -6,7 +6,7 @@ Each study says which it yields (`Study.paper`); here halves of one table that a
 import hashlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,7 +90,8 @@ def artefacts(
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
     missing = {label: needs(label) for label in LABELS if label not in have}
-    return Artefacts(tables, drawings, missing)
+    fitted = tuple(one if one.label else replace(one, label=f"t:{one.name}") for one in tables)
+    return Artefacts(fitted, drawings, missing)
 
 
 def needs(label: str) -> str:

@@ -1,5 +1,6 @@
 """A bundle of a run of scene estimates holds until one thing in it is changed, and then the figure is named."""
 
+import re
 import sqlite3
 import zipfile
 from collections.abc import Callable
@@ -70,6 +71,19 @@ def test_a_changed_estimate_changes_what_rests_on_it(packed: Path, tmp_path: Pat
     assert f"results.json, {CONTROL}, close_accuracy, value: printed '0.75', recomputed '1.0'" in _exchanged(lines)
     for part in (f"results.json, replies_sha256, {CONTROL}, real", "report.html", "tables/clauses.csv"):
         assert part in lines
+
+
+def test_a_changed_point_of_a_figure_is_named_and_nothing_else(packed: Path, tmp_path: Path) -> None:
+    """A page without a browser of frames holds no data, and none is missed in it."""
+
+    def change(folder: Path) -> None:
+        page = folder / "report.html"
+        text, count = re.subn(r'(<use xlink:href="#gap-told-1-[^>]* x=")[\d.]+', r"\g<1>1", page.read_text(), count=1)
+        assert count == 1
+        page.write_text(text)
+
+    (line,) = said(validate(repacked(packed, tmp_path, change))).splitlines()
+    assert re.match(r"report\.html, gaps, figure 'Told and true gap: .*', use x: printed '1'", line)
 
 
 _CHANGE = """UPDATE replies SET text = replace(text, '"close": true', '"close": false') WHERE call = (SELECT calls.id

@@ -199,7 +199,7 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
     try:
         own = list(_blocks(recomputed, _MOST_UNPACKED))
         given = list(_blocks(printed, _LONGER * (1 + sum(map(len, own)))))
-        if given == own == []:  # a page of scene estimates, which has no browser
+        if given == own and {*own} <= {"null"}:  # a page that has no browser, as one of scene estimates
             return
         mine, theirs = (
             dict[str, Any](chain.from_iterable(json.loads(one).items() for one in side)) for side in (given, own)

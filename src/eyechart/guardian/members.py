@@ -39,7 +39,8 @@ class Member(Plain):
     def words(self) -> str:
         """Return on one line what is known of it."""
         why = ", ".join(f"{n} {reason}" for reason, n in self.reasons.items())
-        said = [f"{self.model}: {self.missing} of {self.votes} votes are missing{f' ({why})' if why else ''}"]
+        missing = f"{self.missing} of {self.votes} votes are missing" if self.missing else f"all {self.votes} votes"
+        said = [f"{self.model}: {missing}{f' ({why})' if why else ''}"]
         if self.clauses:
             said.append(f"clauses of admission not met: {', '.join(self.clauses)}")
         if self.guards:

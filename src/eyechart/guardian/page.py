@@ -7,7 +7,7 @@ from eyechart.conditions import flip
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
-from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
+from eyechart.report.charts import BLUE, INK, MUTED, Drawing, canvas, style
 from eyechart.report.page import Opening, Page, Said, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.report.table import estimate as shown
@@ -35,7 +35,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     html = fill(
         "guardian.html",
         styles=("guardian.css",),
-        answer=opening(found, drawn),
+        answer=opening(found),
         frozen=frozen,
         frames=len(table.frames),
         episodes=len(set(table.episodes)),
@@ -54,7 +54,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     return Page(html, {"curve": [drawn]})
 
 
-def opening(found: GuardianScore, drawn: Drawing) -> Opening:
+def opening(found: GuardianScore) -> Opening:
     """Return what the page says first: how many hazards it misses, its false alarms, and what it hands back."""
     table, own = found.table, found.rows[found.frozen.point]
     hazards = int(table.hazard.sum())
@@ -68,21 +68,25 @@ def opening(found: GuardianScore, drawn: Drawing) -> Opening:
     low, high = balanced.ci or (0.0, 1.0)
     tone = "sees" if low > 0.5 else "blind" if high < 0.5 else "open"
     words = {"sees": "better than chance", "blind": "worse than chance", "open": "not shown to be better than chance"}
+    if balanced.value == 1.0 and balanced.ci is None:
+        tone, words["sees"] = "sees", "no wrong answer"
     reasons = (
-        f"Balanced accuracy {shown(balanced)} over what it answers; the best single model of the calibration "
-        f"has {shown(single)} over its own."
+        f"Balanced accuracy {shown(balanced)} over the {balanced.n} frames that it answers; the best single model of "
+        f"the calibration has {shown(single)} over its own {single.n}."
     )
     bound = "" if found.bound is not None else "How often it misses at most was not bounded: no episodes were kept."
     who = " + ".join(found.frozen.committee)
-    return Opening(
-        sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=replace(drawn, name="in-short")
-    )
+    drawn = replace(curve(found, (4.2, 2.9)), name="in-short")
+    return Opening(sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=drawn)
 
 
 @style()
-def curve(found: GuardianScore) -> Drawing:
-    """Draw the share of wrong answers against the share of frames answered, with the operating points on it."""
-    figure, axes = canvas(6.4, 3.4, (0.7, 0.2, 0.55, 0.2))
+def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawing:
+    """Draw the share of wrong answers against the share of frames answered, with the operating points on it.
+
+    ``size`` is its width and height in inches.
+    """
+    figure, axes = canvas(*size, (0.7, 0.2, 0.55, 0.2))
     points = [(one.answered / one.frames, one.wrong / one.answered) for one in found.curve]
     axes.plot([x for x, _ in points], [y for _, y in points], color=BLUE, linewidth=1.6, marker="o", markersize=3)
     labels: dict[tuple[float, float], list[str]] = {}
@@ -93,7 +97,8 @@ def curve(found: GuardianScore) -> Drawing:
             continue
         top = max(top, 1 - accuracy)
         own = key == found.frozen.point
-        axes.plot([x], [1 - accuracy], "s" if key == "single" else "o", color=VERMILLION if own else INK, markersize=7)
+        colour, size_pt = (BLUE, 9) if own else (INK, 6)
+        axes.plot([x], [1 - accuracy], "s" if key == "single" else "o", color=colour, markersize=size_pt)
         word = "single model" if key == "single" else key.replace("_", "-")
         labels.setdefault((round(x, 2), round(1 - accuracy, 3)), []).append(word)
         told.append(f"{name}: coverage {x:.3f}, risk {1 - accuracy:.3f}")

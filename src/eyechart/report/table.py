@@ -134,7 +134,7 @@ def level(one: Statistic) -> str:
 class Table:
     """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it.
 
-    One with the ``label`` of a table of the paper is set as that is: small, and no wider than a column of text.
+    One with a ``label`` is set in LaTeX as the paper's tables are: small, and no wider than a column of text.
     """
 
     name: str

@@ -177,23 +177,34 @@ class Live:
 def _shell() -> Template:
     """Return the page around what changes, with its script and the policy that lets no other run."""
     folder = files("eyechart.report") / "template"
-    html, script, css = ((folder / f"live.{kind}").read_text(encoding="utf-8") for kind in ("html", "js", "css"))
+    parts = ("live.html", "live.js", "page.css", "live.css")
+    html, script, *css = ((folder / name).read_text(encoding="utf-8") for name in parts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     runs = f"script-src 'sha256-{digest}'; connect-src 'self'; style-src 'unsafe-inline'"
-    return Template(html.replace("$csp", runs).replace("$css", css).replace("$script", script.replace("$", "$$")))
+    return Template(
+        html.replace("$csp", runs).replace("$css", "".join(css)).replace("$script", script.replace("$", "$$"))
+    )
 
 
 def _cost(asked: Sequence[Asked]) -> str:
     known = sum(one.account.cost_usd or 0.0 for one in asked)
     unknown = sum(one.account.cost_from.get("unknown", 0) for one in asked)
-    return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}" if asked else ""
+    if not asked or (unknown and not known):
+        return "; what it costs is not known" if asked else ""
+    return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}"
 
 
 def _section(one: Asked) -> str:
     """Return a model's part of the page; every word of it that is not ours is escaped."""
-    head = "".join(f'<th scope="col">{name}</th>' for name in ("asked about", "shown", "read as", "text"))
+    names = ("asked about", "shown", "read as", "text")
+    head = "".join(f'<th scope="col">{name}</th>' for name in names)
     rows = "\n".join(
-        "<tr>" + "".join(f'<td dir="auto">{escape(printable(text))}</td>' for text in astuple(answer)) + "</tr>"
+        "<tr>"
+        + "".join(
+            f'<td dir="auto" data-name="{name}">{escape(printable(text))}</td>'
+            for name, text in zip(names, astuple(answer), strict=True)
+        )
+        + "</tr>"
         for answer in one.first
     )
     amiss = "".join(f'<p class="warn"><strong>Look:</strong> {escape(printable(line))}</p>' for line in one.warnings)
