@@ -39,7 +39,8 @@ class Member(Plain):
     def words(self) -> str:
         """Return on one line what is known of it."""
         why = ", ".join(f"{n} {reason}" for reason, n in self.reasons.items())
-        missing = f"{self.missing} of {self.votes} votes are missing" if self.missing else f"all {self.votes} votes"
+        lost = f"{self.missing} of {self.votes} votes are missing" if self.missing else ""
+        missing = lost or f"none of {self.votes} votes is missing"
         said = [f"{self.model}: {missing}{f' ({why})' if why else ''}"]
         if self.clauses:
             said.append(f"clauses of admission not met: {', '.join(self.clauses)}")
