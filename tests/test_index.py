@@ -138,3 +138,17 @@ def test_a_model_whose_runs_have_no_verdict_has_a_row_and_no_history(tmp_path: P
     assert {one.found.label for one in entries if one.run == "drives"} == {"no verdict"}
     assert not history_table(entries).rows
     assert {row[2] for row in runs_table(entries).texts()} == {"drives", "battery"}
+
+
+def test_an_index_says_whether_an_estimator_is_admitted_and_by_which_clause(tmp_path: Path) -> None:
+    """Of pairs, and of what it met while it drove; a run that is older than the checks of its frames cannot say."""
+    made = Path(__file__).parent / "old" / "0.1.0" / "made"
+    for name in ("structured", "online"):
+        shutil.copytree(made / name, tmp_path / name)
+    found = {(one.study, one.model): one.found for one in read_index(tmp_path, READING, silent)}
+    over = found["estimates", "scripted:scene_over_calling"]
+    assert (over.label, over.tone, over.decided_by) == ("not admitted", "bad", "close_accuracy")
+    assert over.estimate is not None
+    assert over.estimate.n > 0
+    drove = {one.label for (study, _), one in found.items() if study == "drives"}
+    assert drove == {"admission cannot be said"}

@@ -147,7 +147,7 @@ def _opening(entries: Sequence[Entry]) -> Opening:
     if not said:
         return Opening("No run here has a verdict on a model.")
     return Opening(
-        f"Do decisions come from the camera? {parted(said, _NEWEST, 'models')}",
+        f"Do they look, by the newest verdicts? {parted(said, _NEWEST, 'models')}",
         sorted(said, key=lambda one: not one.beware),
     )
 

@@ -1,19 +1,20 @@
 """Admission and structured runs, and the online run, as studies."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
 from eyechart.gate import ADMISSION, ONLINE, Gate, Terms, hold_admission, hold_online
 from eyechart.manifest import read_manifest
-from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell
+from eyechart.studies import NO_DRIVES, Finding, Made, Packed, Reading, Tell
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import VETTING
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
+from eyechart.verdicts.admission import Held
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -35,6 +36,17 @@ class Structured(OfFrames[StructuredScore]):
 
     def score(self, folder: Path, reading: Reading) -> StructuredScore:
         return score(folder, reread=reading.reread, resamples=reading.resamples)
+
+    def findings(self, score: StructuredScore) -> Mapping[str, Finding]:
+        found = {}
+        for spec, one in score.models.items():
+            left = one.planned - one.answered
+            state = f"unfinished: {one.answered} of {one.planned} calls" if left > 0 else ""
+            marks = [
+                f"guard '{guard.name}' fails: {guard.because}" for guard in score.guards[spec] if guard.holds is False
+            ]
+            found[spec] = _finding(one.clauses, state, marks)
+        return found
 
     def printed(self, score: StructuredScore) -> "Iterator[Table | str]":
         from eyechart.report.table import marked
@@ -78,6 +90,17 @@ class Structured(OfFrames[StructuredScore]):
         return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 
+def _finding(clauses: Sequence[Held], state: str, marks: Sequence[str] = ()) -> Finding:
+    """Return whether an estimator is admitted, with the first clause that it fails, or else that cannot be said."""
+    decides = next((one for holds in (False, None, True) for one in clauses if one.passes is holds), None)
+    if decides is None or decides.passes is None or state:
+        label, tone = "admission cannot be said", "open"
+    else:
+        label, tone = ("admitted", "good") if decides.passes else ("not admitted", "bad")
+    by, estimate = ("", None) if decides is None else (decides.name, decides.statistic)
+    return Finding(label, tone, by, estimate, state, marks)
+
+
 def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
     from eyechart.studies.battery.subjects import subjects
     from eyechart.studies.structured.page import make_estimates_page
@@ -106,6 +129,14 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
 
     def gate(self, score: online.OnlineScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         return hold_online(score, require, **terms)
+
+    def findings(self, score: online.OnlineScore) -> Mapping[str, Finding]:
+        found = {}
+        for spec in score.manifest.models:
+            (over, whole), (seen, why) = score.left(spec), score.frames(spec)
+            state = f"unfinished: {over} of {whole} episodes" if over < whole else "" if seen else why
+            found[spec] = _finding(score.driven[spec].clauses, state)
+        return found
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
         return online.score(folder), self.report([folder], [], reading, tell)
