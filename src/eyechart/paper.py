@@ -90,8 +90,7 @@ def artefacts(
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
     missing = {label: needs(label) for label in LABELS if label not in have}
-    fitted = tuple(one if one.label else replace(one, label=f"t:{one.name}") for one in tables)
-    return Artefacts(fitted, drawings, missing)
+    return Artefacts(tables, drawings, missing)
 
 
 def needs(label: str) -> str:
@@ -174,7 +173,7 @@ def write(found: Artefacts, folder: Path) -> Written:
     """
     from eyechart.report.table import files_of  # noqa: PLC0415 - as above
 
-    files = files_of(found.tables)
+    files = files_of([one if one.label else replace(one, label=f"t:{one.name}") for one in found.tables])
     names = [one.name for one in found.drawings]
     for place, one in enumerate(found.drawings):
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
