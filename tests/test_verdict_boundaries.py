@@ -45,7 +45,7 @@ def test_the_statistics_by_hand_earn_their_labels() -> None:
         ("near_far_lost", share(0.05), share(0.0500001), "content"),
         ("lane_lost", share(0.05), share(0.0500001), "content"),
         ("both_lost", share(0.05), share(0.0500001), "content"),
-        ("ends_lost", share(0.05), share(0.0500001), "content"),
+        ("ends_lost", share(0.045), share(0.0450001), "content"),
         ("dose_lost", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
         ("dose_lost", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
         ("dose_by_frame", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),

@@ -44,6 +44,7 @@ def swapped_ends(
     *,
     light: float,
     hard: float,
+    often: int = 1,
     level: float = 0.95,
 ) -> Statistic:
     """Return the share of pairs whose first is at most ``light`` and whose second at least ``hard``, less noise.
@@ -52,8 +53,9 @@ def swapped_ends(
     Where each picture has a chance of its own to be answered at an end, the same for all pictures at such a distance,
     the share of these pairs times that of the opposite ones is the product of what one picture's answers are at
     opposite ends by chance, half of that of repeats for either picture. So noise explains that share squared, divided
-    by the opposite ones' share. ``ci`` is Wilson's of the share, moved by as much. Raises ValueError where there are no
-    pairs or no repeats.
+    by the opposite ones' share. ``ci`` is Wilson's of the share, moved by as much. Each answer stands in ``often`` of
+    the pairs: ``n`` and ``ci`` are of as many as would hold each once. Raises ValueError where there are no pairs or no
+    repeats.
     """
     (first, second), (one, again) = ([np.asarray(of, dtype=np.float64) for of in both] for both in (pairs, repeats))
     if not len(first) or not len(one):
@@ -63,7 +65,7 @@ def swapped_ends(
     apart = int(np.count_nonzero((np.minimum(one, again) <= light) & (np.maximum(one, again) >= hard)))
     half, n = apart / len(one) / 2, len(first)
     explained = min(half, half * half * n / max(won, 1))
-    share = rate(lost, n, level=level).less(explained)
+    share = replace(rate(lost // often, n // often, level=level), value=lost / n).less(explained)
     detail = {"lost": lost, "won": won, "repeats_apart": apart}
     return replace(share, method=f"{SWAPPED_ENDS}: {share.method}", detail=detail)
 

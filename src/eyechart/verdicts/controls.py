@@ -13,6 +13,7 @@ from eyechart.verdicts.labels import (
     ALPHA,
     BOTH_LOST,
     DOSE_ALPHA,
+    ENDS_LOST,
     MARGIN,
     SCENARIO_ALPHA,
     UNPARSED_CUT,
@@ -104,9 +105,9 @@ def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
             says = f"less hard the nearer {where} ({found[name].note})"
             yield Failure(name, says, f"p of a reversal, corrected, of {alpha} at least")
     for name, says in LOST.items():
-        lost = found[name].value
-        if lost is not None and lost > BOTH_LOST:
-            yield Failure(name, says, f"at most {BOTH_LOST}")
+        lost, most = found[name].value, ENDS_LOST if name == "ends_lost" else BOTH_LOST
+        if lost is not None and lost > most:
+            yield Failure(name, says, f"at most {most}")
     for name, says in ORDER.items():
         one = found[name]
         enough = name == "dose_scan" or (one.value is not None and one.value > BOTH_LOST)

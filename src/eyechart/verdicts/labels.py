@@ -25,6 +25,9 @@ SCENARIO_ALPHA = 0.05
 BOTH_LOST = 0.05
 """At most so many frames may lose both comparisons beyond what two independent ones would."""
 
+ENDS_LOST = 0.045
+"""At most so many pairs may be at opposite ends of braking the wrong way round beyond what independent answers are."""
+
 VETO_POWER = 0.80
 """A veto with less power than this to see a reversal excludes none, and a gate that requires depth is not met."""
 

@@ -7,7 +7,7 @@ docs/decisions/0038-depth-needs-controls.md.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -367,18 +367,21 @@ class Controls:
     def _ends_lost(self) -> Statistic:
         """Return how often it answers from one end of its braking to the other the wrong way round, beyond its noise.
 
-        Of both comparisons together: who misreads a picture now and then may do so in any of the four. The ends are of
-        what it answers to these, so that a rare answer is none.
+        Of both pictures with the lead near against both with it far: who misreads a picture now and then may do so in
+        any of the four. The ends are of what it answers to these, so that a rare answer is none. Its noise is that of
+        all pictures that show what the true one shows.
         """
-        compared = self._pairs("lead_near", "lead_far"), self._pairs("lane_own", "lane_beside")
-        if len(compared[1][0]) < FEWEST_PAIRS:
-            return self._lacking(len(compared[1][0]), "lane_own", "lane_beside")
+        if len(self._pairs("lane_own", "lane_beside")[0]) < FEWEST_PAIRS:
+            return self._lacking(len(self._pairs("lane_own", "lane_beside")[0]), "lane_own", "lane_beside")
+        compared = [self._pairs(*two) for two in product(("lead_near", "lane_own"), ("lead_far", "lane_beside"))]
         nearer, farther = (np.concatenate([both[place] for both in compared]) for place in (0, 1))
         low, high = np.quantile([*nearer, *farther], (END_SHARE, 1 - END_SHARE))
-        repeats, third = self._pairs("real", "real_repeat"), (high - low) / 3
-        if low == high or not len(repeats[0]):
+        alike = [self._pairs(*two) for two in combinations(("real", "real_repeat", "nudged"), 2)]
+        one, again = (np.concatenate([both[place] for both in alike]) for place in (0, 1))
+        if low == high or not len(one):
             return cannot_say("its braking has no two ends, or no picture was asked twice", len(nearer), SWAPPED_ENDS)
-        return swapped_ends((nearer, farther), repeats, light=low + third, hard=high - third, level=LEVEL)
+        third = (high - low) / 3
+        return swapped_ends((nearer, farther), (one, again), light=low + third, hard=high - third, often=2, level=LEVEL)
 
     def _unparsed(self) -> Statistic:
         """Return the rate of replies without a decision to the compared pictures that are declined most."""
