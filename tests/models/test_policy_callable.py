@@ -55,7 +55,8 @@ def test_it_is_given_pictures_by_camera_a_flat_state_and_words(monkeypatch: pyte
     ("said", "words"),
     [
         ("left", "no numbers"),
-        (None, "no numbers"),
+        (None, "a NoneType is no array of numbers"),
+        ({"actions": [[0.0]]}, "a dict is no array of numbers; return the array"),
         ([[1.0], [2.0, 3.0]], "no array"),
         (np.zeros(200_000), "too large"),
     ],
