@@ -109,3 +109,11 @@ def _greatest_rise(levels: Floats) -> float:
         for wide in widths
         for at in range(len(levels) - 2 * wide + 1)
     )
+
+
+def test_an_answer_that_stands_in_two_pairs_counts_once_in_the_interval() -> None:
+    """The share stays, and its interval is that of half as many pairs."""
+    nearer, farther = [0.0] * 4 + [1.0] * 12, [1.0] * 4 + [0.0] * 12
+    once = swapped_ends((nearer, farther), ([1.0], [1.0]), **ENDS)
+    twice = swapped_ends((nearer * 2, farther * 2), ([1.0], [1.0]), **ENDS, often=2)
+    assert (once.value, once.n, once.ci) == (twice.value, twice.n, twice.ci)

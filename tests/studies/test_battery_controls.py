@@ -56,6 +56,7 @@ def test_a_reader_of_distance_passes_every_control_and_says_so() -> None:
     assert (ruling.label, ruling.decided_by, evidence) == ("depth", "depth_interventional", "controlled")
     assert found["depth_net"].value == found["lane_net"].value == 1.0
     assert [found[name].p for name in ("dose_near_mid", "dose_mid", "dose_mid_far")] == [1.0, 1.0, 1.0]
+    assert (found["ends_lost"].n, (found["ends_lost"].detail or {})["won"]) == (2 * 144, 4 * 144)
     bins, scenarios, curve = found["dose_bins"], found["scenario_reversed"], found["dose_curve"]
     assert isinstance(bins, Parts)
     assert isinstance(scenarios, Parts)
@@ -177,6 +178,21 @@ def test_noise_alone_swaps_no_ends() -> None:
     ruling, _, found = ruled(misread(0.0, 0.5))
     assert ruling.label == "depth"
     assert found["ends_lost"].value < 0.045
+
+
+def test_noise_is_that_of_the_nudged_picture_too() -> None:
+    """Who answers an invisible change from the other end wavers in two of three pairs that are alike."""
+    opposite = {"STOP": "STRAIGHT", "STRAIGHT": "STOP", "SLOW": "SLOW"}
+    _, _, steady = ruled(road(by_lead))
+    _, _, found = ruled(
+        lambda condition, frame, rng: (
+            opposite[one]
+            if condition == "nudged" and (one := road(by_lead)(condition, frame, rng))
+            else road(by_lead)(condition, frame, rng)
+        )
+    )
+    assert (steady["ends_lost"].detail or {})["repeats_apart"] == 0
+    assert (found["ends_lost"].detail or {})["repeats_apart"] > 0
 
 
 def test_braking_without_two_ends_is_not_asked_for_them() -> None:

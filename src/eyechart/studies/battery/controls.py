@@ -371,8 +371,8 @@ class Controls:
         any of the four. The ends are of what it answers to these, so that a rare answer is none. Its noise is that of
         all pictures that show what the true one shows.
         """
-        if len(self._pairs("lane_own", "lane_beside")[0]) < FEWEST_PAIRS:
-            return self._lacking(len(self._pairs("lane_own", "lane_beside")[0]), "lane_own", "lane_beside")
+        if (exchanged := len(self._pairs("lane_own", "lane_beside")[0])) < FEWEST_PAIRS:
+            return self._lacking(exchanged, "lane_own", "lane_beside")
         compared = [self._pairs(*two) for two in product(("lead_near", "lane_own"), ("lead_far", "lane_beside"))]
         nearer, farther = (np.concatenate([both[place] for both in compared]) for place in (0, 1))
         low, high = np.quantile([*nearer, *farther], (END_SHARE, 1 - END_SHARE))
