@@ -38,14 +38,14 @@ FIRST = (
 """Files of few and long tests, the longest first; where several processes share the tests, none is left at the end."""
 
 
-CORE = "not models and not browser"
-_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser)", re.MULTILINE)
+CORE = "not models and not browser and not slow"
+_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|slow)", re.MULTILINE)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out the files that have no test of what is asked for: to import them takes a while, and may need extras."""
     asked = config.option.markexpr
-    if asked not in {"models", "browser", CORE} or not collection_path.name.startswith("test_"):
+    if asked not in {"models", "browser", "slow", CORE} or not collection_path.name.startswith("test_"):
         return None
     if collection_path.suffix != ".py":
         return None

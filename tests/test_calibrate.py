@@ -53,6 +53,8 @@ from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("small_10", "small_24")
 
 

@@ -33,6 +33,8 @@ from eyechart.stats import evalues
 from eyechart.studies.battery.evidence import claims
 from eyechart.studies.battery.stopping import Course
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found() -> Calibration:

@@ -28,6 +28,8 @@ from eyechart.studies.closed_loop.study import score
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import Vetted
 
+pytestmark = pytest.mark.slow
+
 Change = Callable[[Path], None]
 MODEL = "scripted:distance"
 POLICIES = ("constant:SLOW", "oracle", MODEL)

@@ -24,6 +24,8 @@ from eyechart.studies.hierarchy import tables as hierarchy_tables
 from faults import FaultServer, refuse
 from seeing import Endpoint, read, served
 
+pytestmark = pytest.mark.slow
+
 MODEL = "openai:m"
 MORE: Mapping[str, tuple[object, ...]] = {"closed-loop": ("--seeds", 2), "structured": ("--limit", 4)}
 """Options under which a run goes on with further calls."""

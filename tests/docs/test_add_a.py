@@ -10,6 +10,8 @@ import pytest
 import pages
 import test_layers
 
+pytestmark = pytest.mark.slow
+
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (
     "add-a-condition.md",

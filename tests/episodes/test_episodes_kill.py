@@ -16,6 +16,8 @@ from eyechart.episodes import read_episodes
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 
+pytestmark = pytest.mark.slow
+
 KILLS = 4
 MODEL = "python:tiny_worlds:slow_look"
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -70,8 +71,17 @@ def test_latex_escapes_every_special_sign() -> None:
         r" & -0.123 & {[}-0.500, 0.250] & 7 & $<10^{-4}$ \\"
     )
     assert "{[}a] & " in sheet("[a]").latex()  # after a line's end LaTeX would take [a] for its argument
+    assert "-{}-prices FILE --- no &" in sheet("--prices FILE — no").latex()  # no dash of an option
     assert r"\toprule" in sheet("a").latex()
     assert r"\begin{tabular}{@{}lrrrr@{}}" in sheet("a").latex()
+
+
+def test_a_table_of_the_paper_that_is_too_wide_for_a_column_of_text_spans_both() -> None:
+    """Never wider than either, and no smaller than can be read."""
+    for name, kind, width in (("a", "table", r"\columnwidth"), ("a" * 100, "table*", r"\textwidth")):
+        lines = replace(sheet(name), label="t:it").latex().splitlines()
+        assert (lines[1], lines[-1]) == (rf"\begin{{{kind}}}[t]", rf"\end{{{kind}}}")
+        assert rf"\resizebox{{\ifdim\width>{width}{width}\else\width\fi}}{{!}}{{%" in lines
 
 
 def test_cannot_say_is_a_dash_for_people_and_nothing_for_programs() -> None:

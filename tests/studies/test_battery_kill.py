@@ -24,6 +24,8 @@ from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
 from eyechart.verdicts import judge
 
+pytestmark = pytest.mark.slow
+
 KILLS = 10
 CONCURRENCY = 4
 

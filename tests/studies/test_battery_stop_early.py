@@ -33,6 +33,8 @@ from eyechart.studies.battery.stopping import NEEDED, EarlyStop
 from eyechart.verdicts import NOT_JUDGED, judge
 from known import Demo
 
+pytestmark = pytest.mark.slow
+
 STEADY, LOSING, LOCKED = "standin:steady", "standin:losing", "standin:locked"
 EARLY = study.Extent(stop_early=True)
 CLEAR = ("constant", "truncating", "depth", "presence", "depth_lateral", "refuse_blank")

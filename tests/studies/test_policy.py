@@ -27,6 +27,8 @@ from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import judge
 from eyechart.transfer import transfer
 
+pytestmark = pytest.mark.slow
+
 KNOWN = {
     "python:arms:reach": ("object_grounded", "state_used", "instruction_followed"),
     "python:arms:middle": ("ignores_camera", "state_shortcut", "instruction_ignored"),

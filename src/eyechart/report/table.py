@@ -26,6 +26,8 @@ MARK = "!"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _NARROWEST = 16
 """Text is folded to as few characters before a table is printed row by row instead."""
+_COLUMN = 100
+"""A row of more characters would be set smaller than 5 points in a text column of LaTeX."""
 _WORDS = {"text", "word"}
 _FORMULA = re.compile(r"(?:^|[;\t])[\s\u200b\u200c\u200d\ufeff\ufffd\"']*[=+\-@＝＋－＠]")
 """What a spreadsheet takes for a formula, in a cell or in what it would part a cell into."""
@@ -263,13 +265,16 @@ class Table:
         return "\n".join([_markdown(self.caption), "", lines[0], ruler, *lines[1:], *below, ""])
 
     def latex(self) -> str:
-        """Return a LaTeX table that needs the package booktabs."""
+        """Return a LaTeX table that needs the package booktabs; one too wide for a text column spans both."""
         set_as = self.short() if self.label else self
         kinds = "".join("l" if one.kind in _WORDS else "r" for one in set_as.columns)
-        lines = [" & ".join(map(_latex, row)) + r" \\" for row in (set_as.names, *set_as.texts())]
+        cells = (set_as.names, *set_as.texts())
+        lines = [" & ".join(map(_latex, row)) + r" \\" for row in cells]
+        wide = bool(self.label) and sum(max(map(len, column)) for column in zip(*cells, strict=True)) > _COLUMN
+        kind, width = ("table*", r"\textwidth") if wide else ("table", r"\columnwidth")
         top = [
             f"% needs \\usepackage{{booktabs{',graphicx' if self.label else ''}}}",
-            rf"\begin{{table}}{'[t]' if self.label else ''}",
+            rf"\begin{{{kind}}}{'[t]' if self.label else ''}",
             rf"\caption{{{_latex('. '.join(filter(None, (self.caption, self.note))))}}}",
             *([rf"\label{{{self.label}}}"] if self.label else []),
             r"\centering",
@@ -278,8 +283,8 @@ class Table:
         body += [r"\bottomrule", r"\end{tabular}"]
         if self.label:
             top += [r"\scriptsize", r"\setlength{\tabcolsep}{2pt}"]
-            body = [r"\resizebox{\ifdim\width>\columnwidth\columnwidth\else\width\fi}{!}{%", *body[:-1], body[-1] + "}"]
-        return "\n".join([*top, *body, r"\end{table}", ""])
+            body = [rf"\resizebox{{\ifdim\width>{width}{width}\else\width\fi}}{{!}}{{%", *body[:-1], body[-1] + "}"]
+        return "\n".join([*top, *body, rf"\end{{{kind}}}", ""])
 
     def html(self) -> str:
         """Return a table of HTML in which nothing is markup but what stands here."""
@@ -416,7 +421,6 @@ _LATEX = {
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
     '"': r"\textquotedbl{}",
-    "—": "---",
     "·": r"\textperiodcentered{}",
     **{sign: f"\\{sign}" for sign in "&%$#_"},
 }
@@ -426,4 +430,5 @@ def _latex(text: str) -> str:
     if text == "<10⁻⁴":
         return "$<10^{-4}$"
     escaped = "".join(_LATEX.get(sign, sign) for sign in _plain(text))
+    escaped = escaped.replace("--", "-{}-").replace("—", "---")  # two hyphens are an option's, and would be set as one
     return f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped  # or the line above takes it
