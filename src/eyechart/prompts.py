@@ -53,6 +53,11 @@ class Prompt:
         return space if self.space is None else self.space
 
     @property
+    def readers(self) -> tuple[int, ...]:
+        """Return the versions of the rules by which a reply to it can be read here, today's last."""
+        return (self.space or Discrete).readers
+
+    @property
     def key(self) -> str:
         """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import banks
 import stand_ins
-from bundles import repacked
+from bundles import Change, opened_ledger, repacked
 from eyechart.bundle import Validation, validate, validating, write_bundle
 from eyechart.bundle.contents import Derived, derive
 from eyechart.cli.app import app
@@ -27,7 +27,6 @@ from eyechart.manifest import read_manifest, read_run
 from eyechart.prompts import Prompt
 from report_runs import make_run
 
-Change = Callable[[Path], None]
 Try = Callable[[Change], Validation]
 MODEL = "standin:noisy"
 
@@ -87,14 +86,8 @@ def in_ledger(sql: str, rows: int = 1) -> Change:
     """Return a change of some rows of the ledger that leaves its tables and its triggers as they were."""
 
     def change(folder: Path) -> None:
-        with closing(sqlite3.connect(folder / "run" / "ledger.sqlite")) as ledger:
-            triggers = [row[0] for row in ledger.execute("SELECT sql FROM sqlite_master WHERE type = 'trigger'")]
-            for trigger in triggers:
-                ledger.execute(f"DROP TRIGGER {trigger.split()[2]}")
+        with opened_ledger(folder) as ledger:
             assert ledger.execute(sql).rowcount == rows
-            for trigger in triggers:
-                ledger.execute(trigger)
-            ledger.commit()
 
     return change
 

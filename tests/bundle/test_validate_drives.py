@@ -3,11 +3,9 @@
 import json
 import re
 import shutil
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ import pytest
 
 import banks
 import drives
-from bundles import repacked
+from bundles import Change, edited, in_results, opened_ledger, repacked
 from eyechart import episodes
 from eyechart.bundle import Again, Validation, validate, write_bundle
 from eyechart.bundle import drives as checked
@@ -30,7 +28,6 @@ from eyechart.studies.structured.online import Vetted
 
 pytestmark = pytest.mark.slow
 
-Change = Callable[[Path], None]
 MODEL = "scripted:distance"
 POLICIES = ("constant:SLOW", "oracle", MODEL)
 CARTPOLE = """
@@ -173,15 +170,6 @@ def _bound(lines: list[dict[str, Any]]) -> None:
     lines[1]["max_steps"] += 1
 
 
-def _edit(name: str, pattern: str, new: str) -> Change:
-    def change(folder: Path) -> None:
-        text, count = re.subn(pattern, new, (folder / name).read_text(), count=1)
-        assert count == 1
-        (folder / name).write_text(text)
-
-    return change
-
-
 def _manifest(**values: object) -> Change:
     def change(folder: Path) -> None:
         held = read_manifest(folder / "run")
@@ -191,24 +179,9 @@ def _manifest(**values: object) -> Change:
 
 
 def _reply(folder: Path) -> None:
-    with closing(sqlite3.connect(folder / "run" / "ledger.sqlite")) as ledger:
-        triggers = [row[0] for row in ledger.execute("SELECT sql FROM sqlite_master WHERE type = 'trigger'")]
-        for trigger in triggers:
-            ledger.execute(f"DROP TRIGGER {trigger.split()[2]}")
+    with opened_ledger(folder) as ledger:
         changed = ledger.execute("UPDATE replies SET text = 'LEFT', row_sha256 = NULL WHERE rowid = 2").rowcount
         assert changed == 1
-        for trigger in triggers:
-            ledger.execute(trigger)
-        ledger.commit()
-
-
-def _results(change: Callable[[Any], None]) -> Change:
-    def apply(folder: Path) -> None:
-        values = json.loads((folder / "results.json").read_text())
-        change(values)
-        (folder / "results.json").write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
-
-    return apply
 
 
 TEN: dict[str, tuple[Change, str]] = {
@@ -223,16 +196,16 @@ TEN: dict[str, tuple[Change, str]] = {
     "a seed": (_manifest(seed=1), r"^results\.json, runs, run, seed: printed '0', recomputed '1'$"),
     "a world's parameter": (_record(_parameter), r"^episode 'constant:SLOW rover/single/1 real', step 0, truth \w+:"),
     "a score": (
-        _results(lambda raw: raw["score"]["ladder"][0]["statistics"]["reward"].update(value=99.0)),
+        in_results(lambda raw: raw["score"]["ladder"][0]["statistics"]["reward"].update(value=99.0)),
         r"^results\.json, ladder, 0, reward, value: printed '99\.0', recomputed '",
     ),
     "a table cell": (
-        _edit("tables/ladder.csv", r"(?<=,)\d+\.\d+", "98765.4"),
+        edited("tables/ladder.csv", r"(?<=,)\d+\.\d+", "98765.4"),
         r"^tables/ladder\.csv, .*: printed '98765\.4', recomputed '",
     ),
-    "a figure": (_edit("report.html", r'(?<=<path d="M )\d+', "9"), r"^report\.html, .*path d: printed 'M 9"),
+    "a figure": (edited("report.html", r'(?<=<path d="M )\d+', "9"), r"^report\.html, .*path d: printed 'M 9"),
     "a price": (
-        _results(lambda raw: raw["prices"][MODEL].update(input=3.0)),
+        in_results(lambda raw: raw["prices"][MODEL].update(input=3.0)),
         rf"^results\.json, prices, {MODEL}, input: printed '3\.0', recomputed '0\.0'$",
     ),
     "the bound of an episode": (
@@ -244,7 +217,7 @@ TEN: dict[str, tuple[Change, str]] = {
         r"^results\.json, runs, run, max_steps: printed '1000', recomputed '999'$",
     ),
     "the controllers' source": (
-        _edit("source/eyechart/policies/scripted.py", "LEFT", "RIGHT"),
+        edited("source/eyechart/policies/scripted.py", "LEFT", "RIGHT"),
         r"^source/eyechart/policies/scripted\.py: printed 'another text', recomputed 'this eyechart's'$",
     ),
 }
@@ -266,7 +239,7 @@ def test_a_frame_that_is_said_to_pass_is_checked_again(tmp_path: Path) -> None:
         ('"why": null', '"why": "frame 3: dark"', "why: printed 'frame 3: dark', recomputed 'None'"),
         ('"frames": ', '"frames": 1', "frames seen in 'scripted:scene_side_blind rover/offset/0', frames: printed '1"),
     ):
-        found = validate(repacked(tmp_path / "online.zip", tmp_path, _edit("run/seen.json", old, new)))
+        found = validate(repacked(tmp_path / "online.zip", tmp_path, edited("run/seen.json", old, new)))
         assert line in said(found), said(found)
 
 
@@ -280,7 +253,7 @@ def test_of_an_episode_the_first_step_that_differs_is_named_alone(packed: Path, 
 def test_a_changed_action_map_is_another_world(tmp_path: Path) -> None:
     """Of an environment that Gymnasium ships: LEFT pushes to the right."""
     write_bundle(_cart(tmp_path), tmp_path / "cart.zip", resamples=100)
-    change = _edit(f"run/{episodes.ACTION_MAP}", "LEFT = 0, RIGHT = 1", "LEFT = 1, RIGHT = 0")
+    change = edited(f"run/{episodes.ACTION_MAP}", "LEFT = 0, RIGHT = 1", "LEFT = 1, RIGHT = 0")
     found = validate(repacked(tmp_path / "cart.zip", tmp_path, change))
     assert re.search(r"^actions\.toml, digest: printed '\w+', recomputed '\w+'$", said(found), re.MULTILINE)
     assert re.search(

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +21,6 @@ from eyechart.manifest import LEDGER, RunManifest
 from eyechart.records import Plain, build
 from eyechart.report.table import files_of
 from eyechart.spaces.reader import READER, READERS
-from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import Made, Packed, Reading, Tell, study_of
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.tables import decisions_table
@@ -81,14 +80,16 @@ class Recipe(Plain):
         with raising(BundleError, f"{INDEX} does not say how its results were made", of=ValueError):
             return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
 
-    @property
-    def elsewhere(self) -> str | None:
-        """Return in words which other eyechart or reader of replies made the results; None where it was this one."""
-        if self.eyechart == __version__ and self.reader in {*READERS, SCENE_READER}:
+    def elsewhere(self, readers: Sequence[int] = READERS) -> str | None:
+        """Return in words which other eyechart or reader of replies made the results; None where it was this one.
+
+        ``readers`` are the versions by which the replies of its run can be read here, today's last.
+        """
+        if self.eyechart == __version__ and self.reader in readers:
             return None
         return (
             f"made by eyechart {self.eyechart!r} with version {self.reader} of the reader of replies, and this is "
-            f"{__version__} with {READER}, of scenes {SCENE_READER}"
+            f"{__version__} with {readers[-1]}"
         )
 
 

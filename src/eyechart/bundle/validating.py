@@ -158,19 +158,20 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation
     del again
     run = folder / RUN_FOLDER
     manifest, asked, bank = _check_calls(run, recipe, mine := Found([], [], [], {}), tell)
+    made = recipe.elsewhere(manifest.prompt.readers)
     _add(mine, found)
     derived = derive(run, manifest, (asked, bank), recipe, tell)
     pictures = used_pictures(manifest, asked)
     held = {f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER, *(f"{BANK}/{file}" for file in (*BANK_TEXT, *pictures)))}
     found.compared.update(derived.counted, pictures=len(pictures))
-    _compare_derived(folder, names, held, recipe, derived, found)
+    _compare_derived(folder, names, held, recipe, made, derived, found)
 
 
 def _recompute_parts(
     folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again
 ) -> None:
     """Recompute from the runs of a study and compare; drives are driven again, in worlds whose code is ours."""
-    run, held, exact = folder / RUN_FOLDER, set[str](), recipe.elsewhere is None
+    run, held, made = folder / RUN_FOLDER, set[str](), recipe.elsewhere()
     study = study_of(run, "bundle")
     for name, part in study.runs(run).items():
         here, said = (f"{RUN_FOLDER}/{name}" if name else RUN_FOLDER), f"{name}: " if name else ""
@@ -179,7 +180,7 @@ def _recompute_parts(
             if name in PARTS and read_episodes_manifest(part).simulator != PARTS[name].simulator:
                 raise BundleError(f"{here} is no part of the hierarchy: it is not driven in {PARTS[name].simulator}")
             same = _same(recipe, "pillow", "zlib")
-            mine = check_drives(part, exact=exact, same_pictures=same, how=again, tell=tell)
+            mine = check_drives(part, exact=made is None, same_pictures=same, how=again, tell=tell)
             held |= {f"{here}/{file}" for file in OF_DRIVES}
         else:
             mine = Found([], [], [], {})
@@ -189,7 +190,7 @@ def _recompute_parts(
         _add(mine, found, said)
     derived = derive_parts(run, recipe, tell)
     found.compared.update(derived.counted)
-    _compare_derived(folder, names, held, recipe, derived, found)
+    _compare_derived(folder, names, held, recipe, made, derived, found)
 
 
 def _add(mine: Found, found: Validation, said: str = "") -> None:
@@ -207,7 +208,7 @@ def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[R
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt, recipe.reader)
-    if not recipe.elsewhere and (run / RUN).read_bytes() != manifest.as_text().encode():
+    if not recipe.elsewhere(manifest.prompt.readers) and (run / RUN).read_bytes() != manifest.as_text().encode():
         found.differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")
     found.differences.extend(check_bank(manifest, asked))
@@ -230,18 +231,27 @@ def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[R
 
 
 def _compare_derived(
-    folder: Path, names: list[str], held: set[str], recipe: Recipe, derived: Derived, found: Validation
+    folder: Path,
+    names: list[str],
+    held: set[str],
+    recipe: Recipe,
+    made: str | None,
+    derived: Derived,
+    found: Validation,
 ) -> None:
-    """Compare every file that follows from the runs; ``held`` are the files that these are made of."""
+    """Compare every file that follows from the runs; ``held`` are the files that these are made of.
+
+    ``made`` says which other eyechart made it, None where it was this one.
+    """
     held |= {INDEX, *derived.files}
     found.differences.extend(
         Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
         for name in names
-        if name not in held and not (recipe.elsewhere and name.startswith((TABLES, SOURCE)))  # another makes others
+        if name not in held and not (made and name.startswith((TABLES, SOURCE)))  # another makes others
     )
     found.compared["tables"] = sum(name.startswith(TABLES) for name in derived.files)
-    if recipe.elsewhere:
-        _compare_elsewhere(folder, recipe.elsewhere, derived, found)
+    if made:
+        _compare_elsewhere(folder, made, derived, found)
         return
     strict = Strictness(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
     found.differences.extend(_compare(folder, derived, strict))

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import ClassVar
 
 from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import build, picked
@@ -33,6 +34,7 @@ class Discrete:
     SpecError for an unknown, repeated, unreadable or contradictory name.
     """
 
+    readers: ClassVar[tuple[int, ...]] = READERS
     name: str
     actions: tuple[str, ...]
     mirror_pairs: tuple[tuple[str, str], ...]

@@ -163,6 +163,7 @@ class MotionSpace:
     """
 
     reader: ClassVar[int] = MOTION_READER
+    readers: ClassVar[tuple[int, ...]] = (MOTION_READER,)
     actions: ClassVar[tuple[str, ...]] = ()
     name: str
     dimensions: tuple[Dimension, ...]

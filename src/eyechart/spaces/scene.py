@@ -222,6 +222,7 @@ class SceneSpace:
     """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world."""
 
     reader: ClassVar[int] = SCENE_READER
+    readers: ClassVar[tuple[int, ...]] = (SCENE_READER,)
     name: ClassVar[str] = "scene"
     actions: ClassVar[tuple[str, ...]] = ()
     distances: Distances = HIGHWAY
