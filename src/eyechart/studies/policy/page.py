@@ -40,7 +40,7 @@ def _opening(runs: Sequence[Shown]) -> Opening:
         Said(
             spec,
             "no verdict" if one.guards else f"{one.camera.label}; {one.instruction.label}".replace("_", " "),
-            "open" if one.guards else tone(one.camera.label),
+            _tone(one),
             f"{_answer(one)} Next: {_next(one)[0]}",
             "" if one.guards or not one.camera.why_not else f"{one.camera.why_not}.",
         )
@@ -54,7 +54,18 @@ def _opening(runs: Sequence[Shown]) -> Opening:
     return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
-_LOOKS = {"sees": "looks", "partly": "looks in part", "blind": "does not look", "open": "cannot say for"}
+_LOOKS = {
+    "sees": "looks",
+    "partly": "looks in part, or does not listen",
+    "blind": "does not look",
+    "open": "cannot say for",
+}
+
+
+def _tone(one: PolicyVerdict) -> str:
+    """Return what a policy is shown as: by its cameras, and no better than in part where it does not listen."""
+    looks = "open" if one.guards else tone(one.camera.label)
+    return "partly" if looks == "sees" and tone(one.instruction.label) == "blind" else looks
 
 
 def _tables(score: PolicyScore) -> list[Table]:
