@@ -24,7 +24,7 @@ from act_tabletop import EXPECTED, HERE, HORIZON, PRESETS, TOLD, asked, backbone
 RESULT = HERE / "results" / "diffusion.json"
 CACHE = Path(os.environ.get("EYECHART_DIFFUSION", "build/diffusion"))
 STEPS, KEYPOINTS = 12_000, 16
-EPISODES, FRAMES = 36, 3
+EPISODES, FRAMES = 36, 4
 """Of a bank: of 12 episodes some labels stood at their bounds, which no equal labels can be asked of."""
 AXES = ("camera", "cameras", "state", "instruction", "guards")
 """What both ways of asking are to say alike."""
