@@ -83,7 +83,8 @@ def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: s
         "command": f"import eyechart.models\ndef slow(*_):\n  {waits}\neyechart.models.known_models = slow\n"
         "from eyechart.cli import main\nmain()",
     }
-    line = [sys.executable, "-c", inside[where], "list", "models"]
+    heard = "import signal\nsignal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # below nohup it would be ignored
+    line = [sys.executable, "-c", f"{heard}{inside[where]}", "list", "models"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
         assert running.stdout is not None
         assert running.stdout.readline() == b"ready\n"
