@@ -185,7 +185,8 @@ def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
 
 DRAWN = {
     *("depth_interventional", "depth_net", "lane_exchange", "lane_net", "dose_near_mid", "dose_mid", "dose_mid_far"),
-    *("dose_bins", "scenario_reversed", "near_far_lost", "lane_lost", "both_lost", "repeat_over_nudged"),
+    *("dose_bins", "scenario_reversed", "near_far_lost", "lane_lost", "both_lost", "ends_lost"),
+    "repeat_over_nudged",
     *(f"bound_{name}" for name in ("blank", "content_shuffled", "content_recoloured", "scene")),
     *(f"bound_{name}" for name in ("mirrored", "lead_near", "lead_far", "lead_absent", "noise", "text_only")),
 }

@@ -52,6 +52,8 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
+ALIKE = ("real", "real_repeat", "nudged")
+"""The pictures that show what the true one shows: two answers to them that differ are noise."""
 END_SHARE = 0.15
 """The ends of braking are where so many of the answers are less hard, and so many harder."""
 
@@ -376,7 +378,7 @@ class Controls:
         compared = [self._pairs(*two) for two in product(("lead_near", "lane_own"), ("lead_far", "lane_beside"))]
         nearer, farther = (np.concatenate([both[place] for both in compared]) for place in (0, 1))
         low, high = np.quantile([*nearer, *farther], (END_SHARE, 1 - END_SHARE))
-        alike = [self._pairs(*two) for two in combinations(("real", "real_repeat", "nudged"), 2)]
+        alike = [self._pairs(*two) for two in combinations(ALIKE, 2)]
         one, again = (np.concatenate([both[place] for both in alike]) for place in (0, 1))
         if low == high or not len(one):
             return cannot_say("its braking has no two ends, or no picture was asked twice", len(nearer), SWAPPED_ENDS)

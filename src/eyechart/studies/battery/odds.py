@@ -6,9 +6,10 @@ two calls about one picture disagree as often as the noise floor says.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from eyechart.frames import FrameBank
 from eyechart.records import Plain
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.paired import bounded_below, net_effect
-from eyechart.studies.battery.controls import BINS, DISTANCES, FEWEST_PAIRS, MIDS
-from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+from eyechart.studies.battery.controls import ALIKE, BINS, DISTANCES, END_SHARE, FEWEST_PAIRS, MIDS
+from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, ENDS_LOST, MARGIN, NET_ALPHA, SCENARIO_ALPHA
 
 NOISE = 0.11
 """The noise floor that is planned for where none is given: near the median of the paper's hosted models, .125."""
@@ -37,13 +38,14 @@ NO_PICTURES = ("noise", "text_only")
 
 LEFT_OUT = (
     *("unparsed_reference", "unparsed_controls", "dose_lost", "dose_by_frame", "dose_scan", "dose_bins over frames"),
-    "ends_lost",
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
     *("presence", "presence_response", "repeats_together"),
 )
 """The tests that a verdict makes and the power leaves out: each takes a label from such models now and then."""
 
 Codes = NDArray[np.int8]
+Levels = NDArray[np.float64]
+Shown = Mapping[str, Levels]
 Flags = NDArray[np.bool_]
 
 
@@ -218,9 +220,11 @@ class _Drawn:
         holds &= _none_below(parts, SCENARIO_ALPHA)
         one, other = (near < far)[:, both], (own < beside)[:, both]
         holds &= (one & other).mean(axis=1) - one.mean(axis=1) * other.mean(axis=1) <= BOTH_LOST
-        real = self._answer(0)
-        again, nudged = self._answer(0) == real, self._answer(0) == real
+        alike = {name: self._answer(brake) for name in ALIKE}
+        again, nudged = (alike[name] == alike["real"] for name in ("real_repeat", "nudged"))
         noise = (~again).mean(axis=1) / 2
+        ends = {"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}
+        holds &= self._ends(*ends, {name: self._levels[codes] for name, codes in alike.items()}) <= ENDS_LOST
         for lost, which in (((near < far), pairs), ((own < beside), exchange)):
             holds &= lost[:, which].mean(axis=1) - noise <= BOTH_LOST
         holds &= _reversed(nudged.astype(float), again.astype(float), self._shown("nudged")) >= ALPHA
@@ -231,6 +235,27 @@ class _Drawn:
         won, lost = (np.count_nonzero(apart[:, which], axis=1) for apart in (one > other, one < other))
         enough = _each(won, lost, partial(_reaches, int(which.sum())))
         return enough & (_reversed(other, one, which) < ALPHA)
+
+    def _ends(self, nearer: Shown, farther: Shown, alike: Shown) -> NDArray[np.float64]:
+        """Return of each draw how often it goes from end to end the wrong way round, beyond its noise; `swapped_ends`.
+
+        The answers are by condition; those to pictures that are ``alike`` tell the noise. 0 where braking has no ends.
+        """
+        first, second = self._paired(product(nearer.items(), farther.items()))
+        low, high = np.quantile(np.concatenate([first, second], axis=1), (END_SHARE, 1 - END_SHARE), axis=1)[..., None]
+        light, hard = low + (high - low) / 3, high - (high - low) / 3
+        lost, won = ((a <= light) & (b >= hard) for a, b in ((first, second), (second, first)))
+        one, again = self._paired(combinations(alike.items(), 2))
+        apart = (np.minimum(one, again) <= light) & (np.maximum(one, again) >= hard)
+        half = apart.mean(axis=1) / 2
+        explained = np.minimum(half, half * half * first.shape[1] / np.maximum(np.count_nonzero(won, axis=1), 1))
+        return np.where((low == high)[:, 0], 0.0, lost.mean(axis=1) - explained)
+
+    def _paired(self, pairs: Iterable[tuple[tuple[str, Levels], tuple[str, Levels]]]) -> tuple[Levels, Levels]:
+        """Return the answers to the pictures of all pairs of conditions, on the frames that have both, side by side."""
+        both = [(one, other, self._shown(name, against)) for (name, one), (against, other) in pairs]
+        first = np.concatenate([one[:, which] for one, _, which in both], axis=1)
+        return first, np.concatenate([other[:, which] for _, other, which in both], axis=1)
 
     def _bins(self, doses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """Return the p of a reversal of every bin of the mids against both neighbours."""
