@@ -21,7 +21,7 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import pixels_of
-from eyechart.models.python_callable import LEFT_AT_MOST, import_callable, in_thread
+from eyechart.models.python_callable import import_callable, in_thread
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
 
@@ -58,20 +58,12 @@ class PolicyCallable:
         try:
             async with asyncio.timeout(self.timeout_s) as limit:
                 call = partial(self._call, query)
-                motion = call() if not self.guest else await self._in_thread(call)
+                motion = call() if not self.guest else await in_thread(call, self.left)
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")
             return Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:500])
         return Reply(text=motion.text, finish_reason="stop")
-
-    async def _in_thread(self, call: Callable[[], Motion]) -> Motion:
-        self.left -= {thread for thread in self.left if not thread.is_alive()}
-        if len(self.left) >= LEFT_AT_MOST:
-            raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
-        made = await in_thread(call, self.left.add)
-        assert isinstance(made, Motion)
-        return made
 
     def _call(self, query: Query) -> Motion:
         """Return what it answers; copies, so that no call changes what another is shown, or what it has answered."""

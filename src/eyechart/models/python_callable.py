@@ -17,6 +17,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -30,6 +31,7 @@ from eyechart.modes import RequestMode, without_secrets
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
 
 Ask = Callable[..., object]
+T = TypeVar("T")
 
 _DEPTH = 4
 """How deep collections are looked into for what a callable holds."""
@@ -86,45 +88,44 @@ class PythonCallable:
     async def _ask(self, *given: object) -> object:
         if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
             return await self.ask(*given)  # type: ignore[misc]
-        self.left -= {thread for thread in self.left if not thread.is_alive()}
-        if len(self.left) >= LEFT_AT_MOST:
-            raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
-        return await in_thread(partial(self.ask, *given), self.left.add)
+        return await in_thread(partial(self.ask, *given), self.left)
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""
 
 
-async def in_thread(ask: Callable[[], object], leave: Callable[[threading.Thread], None]) -> object:
+async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
     """Call in a thread that nobody waits for at the end of the program, should it never return.
 
-    ``leave`` is told the thread where the call is given up.
+    Of a call that is given up the thread is among those ``left``; RuntimeError while too many of these have not ended.
     """
+    left -= {thread for thread in left if not thread.is_alive()}
+    if len(left) >= LEFT_AT_MOST:
+        raise RuntimeError(f"not called: {len(left)} earlier calls have not returned")
     loop = asyncio.get_running_loop()
-    done: asyncio.Future[object] = loop.create_future()
+    done: asyncio.Future[T] = loop.create_future()
 
-    def settle(value: object, error: BaseException | None) -> None:
+    def settle(ending: Callable[[], None]) -> None:
         if not done.done():
-            done.set_exception(error) if error is not None else done.set_result(value)
+            ending()
 
     def work() -> None:
-        value: object = None
-        error: Exception | None = None
         try:
-            value = ask()
+            ending = partial(done.set_result, ask())
         except StopIteration as stop:  # a Future cannot carry it
-            error = RuntimeError(f"StopIteration: {stop}")
+            ending = partial(done.set_exception, RuntimeError(f"StopIteration: {stop}"))
         except BaseException as raised:  # noqa: BLE001 - it must reach the caller, or he waits for ever
             error = raised if isinstance(raised, Exception) else RuntimeError(f"{type(raised).__name__}: {raised}")
+            ending = partial(done.set_exception, error)
         if not loop.is_closed():
-            loop.call_soon_threadsafe(settle, value, error)
+            loop.call_soon_threadsafe(settle, ending)
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
         return await done
     except asyncio.CancelledError:
-        leave(thread)
+        left.add(thread)
         raise
 
 
