@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
-from eyechart.errors import LedgerError, SpecError, why
+from eyechart.errors import LedgerError, SpecError, raising, why
 from eyechart.frames import BankManifest, FrameBank, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
@@ -362,10 +362,8 @@ def alone_in(out: Path) -> Iterator[None]:
     Of a link, what it leads to is made. Raises LedgerError where another process holds it, where it cannot be made, or
     its ledger cannot be written.
     """
-    try:
+    with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LedgerError(f"{out} cannot be made: {why(error)}; choose another --out") from error
     try:
         with FileLock(out / ".lock", timeout=0):
             yield

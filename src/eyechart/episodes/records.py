@@ -196,10 +196,9 @@ def recorded(run: Path) -> Mapping[str, int]:
     """
     folder, _, spec = str(run).partition(",")
     path = Path(folder)
-    try:
+    unlike = (OSError, ValueError, LookupError, TypeError)
+    with raising(LedgerError, f"{path / RUN} is no manifest of a run", of=unlike):
         driven = json.loads((path / RUN).read_text(encoding="utf-8"))["format"] == EpisodesManifest.FORMAT
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise LedgerError(f"{path / RUN} is no manifest of a run: {error}") from error
     by_spec = _of_episodes(path) if driven else _of_battery(path)
     if spec and spec not in by_spec:
         raise SpecError(f"{folder} holds no decisions of '{spec}'; it holds {', '.join(by_spec) or 'none'}")

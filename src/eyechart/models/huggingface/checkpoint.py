@@ -29,6 +29,7 @@ _LACKS = re.compile(r"requires the (\w+) library but it was not found|Missing op
 _IMAGE_TOKENS = ("image_token", "boi_token")
 """Where Transformers' processors keep the token that a template writes for a picture."""
 _PRINTED = re.compile(r"""['"]type['"]\s*:\s*['"]image['"]""")
+_UNREADABLE = (OSError, ValueError, ImportError, KeyError)
 _ABOUT = frozenset({".md", ".lock"})
 """Files of these kinds say something about a checkpoint, and are no part of it."""
 
@@ -208,10 +209,9 @@ def _pin(name: str, revision: str) -> tuple[str, Weights | None]:
 def _open_config(place: str, commit: str | None, *, trust: bool) -> dict[str, Any]:
     from transformers import AutoConfig  # noqa: PLC0415  (an extra)
 
-    try:
+    what = f"the configuration of '{place}' cannot be opened"
+    with raising(SpecError, what, of=_UNREADABLE, words=loading.first_line):
         config = AutoConfig.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
-    except (OSError, ValueError, ImportError, KeyError) as error:
-        raise SpecError(f"the configuration of '{place}' cannot be opened: {first_line(error)}") from error
     found: dict[str, Any] = config.to_dict()
     return found
 
@@ -221,20 +221,14 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
 
     try:
         return AutoProcessor.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
-    except (OSError, ValueError, ImportError, KeyError) as error:
-        line = first_line(error)
+    except _UNREADABLE as error:
+        line = loading.first_line(error)
         if "trust_remote_code" in str(error):
             line = "it needs code from its repository: read that code, then give the option trust_remote_code=true"
         elif lacks := _LACKS.search(str(error)):
             package = (lacks[1] or lacks[2]).lower()
             line = f"it needs {package}: pip install {package}"
         raise SpecError(f"the processor of '{place}' cannot be opened: {line}") from error
-
-
-def first_line(error: BaseException) -> str:
-    """Return an error's kind and the first line of what it says, at most 300 characters."""
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]
 
 
 def conversation(system: str, user: str, *, pictures: int) -> list[dict[str, object]]:
@@ -253,7 +247,7 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
     template = getattr(processor, "chat_template", None)
     if not template:
         raise SpecError(f"'{spec}' has no chat template, so it cannot be asked; take a checkpoint that has one")
-    with raising(SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=first_line):
+    with raising(SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=loading.first_line):
         seen, unseen = (
             processor.apply_chat_template(
                 conversation("", "?", pictures=picture), add_generation_prompt=True, tokenize=False

@@ -11,7 +11,8 @@ from PIL import Image
 
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
-from eyechart.models.huggingface.checkpoint import SMALLER, Checkpoint, conversation, first_line
+from eyechart.models.huggingface.checkpoint import SMALLER, Checkpoint, conversation
+from eyechart.models.huggingface.loading import first_line
 from eyechart.modes import RequestMode
 
 Tensor = Any

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, meant, raising
 from eyechart.models import memory_here_gb
 from eyechart.modes import RequestMode
 
@@ -209,13 +209,15 @@ def _choose_device(wanted: str, spec: str) -> str:
         if torch.cuda.is_available():
             return "cuda"
         return "mps" if torch.backends.mps.is_available() else "cpu"
-    try:
+    with raising(SpecError, f"'{spec}': device '{wanted}' is not to be had here", of=Exception, words=first_line):
         torch.empty(0, device=wanted)
-    except Exception as error:
-        lines = str(error).strip().splitlines()
-        line = f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]
-        raise SpecError(f"'{spec}': device '{wanted}' is not to be had here: {line}") from error
     return wanted
+
+
+def first_line(error: BaseException) -> str:
+    """Return an error's kind and the first line of what it says, at most 300 characters."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]
 
 
 def _choose_dtype(wanted: str, device: str, config: Mapping[str, Any], spec: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from eyechart.errors import DriveError, SpecError
+from eyechart.errors import DriveError, SpecError, raising
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import StepResult
 from eyechart.simulators.gym.action_map import ActionMap
@@ -149,12 +149,10 @@ class GymnasiumDrive:
             self._env.close()
 
     def _ask(self, when: str, ask: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the environment gives)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                return ask()
-        except Exception as error:  # an environment's own code may raise anything
-            raise DriveError(f"environment '{self._id}' raised in {when}: {_words(error)}") from error
+        what = f"environment '{self._id}' raised in {when}"  # its own code may raise anything
+        with raising(DriveError, what, of=Exception, words=_words), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ask()
 
     def _render(self) -> RGB:
         drawn = np.asarray(self._ask(f"render after step {self._steps}", self._env.render))

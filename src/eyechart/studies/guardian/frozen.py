@@ -254,10 +254,9 @@ def read_frozen(path: Path) -> Frozen:
             f"{path} was edited after it was frozen: its digest does not match; choose a guardian anew with "
             "'eyechart guardian fit'"
         )
-    try:
+    unlike = (ValueError, KeyError, TypeError, AttributeError, RecursionError, EyechartError)
+    with raising(GuardianError, f"{path} is no guardian that this eyechart can read", of=unlike, words=_in_words):
         frozen = _frozen(raw)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, EyechartError) as error:
-        raise GuardianError(f"{path} is no guardian that this eyechart can read: {_in_words(error)}") from error
     if frozen.digest != said:
         raise GuardianError(f"{path}: {_unlike(frozen, raw)}; choose a guardian anew with 'eyechart guardian fit'")
     return frozen

@@ -15,7 +15,7 @@ import numpy as np
 from eyechart.calls import CallKey, Reply
 from eyechart.conditions import flip
 from eyechart.episodes import Episode, EpisodesManifest, Step
-from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError, raising
 from eyechart.frames import RGB, Frame, Scalar, alone, encode
 from eyechart.models.scripted import see
 from eyechart.perception.forward import distances_of
@@ -172,10 +172,9 @@ def read_seen(out: Path) -> tuple[Seen, ...]:
     file = out / SEEN
     if not file.is_file():
         return ()
-    try:
+    again = "; run the same command again"
+    with raising(LedgerError, f"{file} is no record of checked frames", again, of=(ValueError, RecursionError)):
         return build(tuple[Seen, ...], json.loads(file.read_text(encoding="utf-8")))
-    except (ValueError, RecursionError) as error:
-        raise LedgerError(f"{file} is no record of checked frames: {error}; run the same command again") from error
 
 
 def figures(
