@@ -57,8 +57,7 @@ def report(
             say(f"{len(write_figures(made.page.drawings, figures))} files of figures in {figures}")
     if tables is not None:
         say(f"{len(write_tables(made.tables, tables))} tables in {tables}")
-    for line in made.lines:
-        say(line)
+    say(*made.lines)
     say(f"wrote {out}, {len(made.page.html) / 1e6:.1f} MB")
 
 

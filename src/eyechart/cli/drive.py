@@ -260,8 +260,7 @@ def online(
     drives, left = planned.episodes, len(planned.episodes.left())
     say(f"view: {drives.manifest.view}")
     say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
-    for line in bound(list(drives.manifest.modes.values())):
-        say(line)
+    say(*bound(list(drives.manifest.modes.values())))
     say_expected(drives, allowed, concurrency)
     if dry_run:
         return

@@ -128,8 +128,7 @@ def import_(
         else:
             bank = import_table(folder, table, out, choices, reads=move, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
-    for line in (*taken(bank), *costs(bank)):
-        say(line)
+    say(*taken(bank), *costs(bank))
 
 
 @app.command(epilog="Example: eyechart frames check bank")
@@ -158,10 +157,8 @@ def check(
     else:
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
         whole = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
-        for line in [f"eyechart: {one}" for one in problems] or [*whole, *lacking]:
-            say(line)
-        for line in () if both is None else _shared_words(both):
-            say(line)
+        say(*([f"eyechart: {one}" for one in problems] or [*whole, *lacking]))
+        say(*(() if both is None else _shared_words(both)))
     if problems or unlike:
         raise typer.Exit(1)
 

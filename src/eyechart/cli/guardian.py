@@ -195,7 +195,7 @@ def score(
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
     found = replace(study.score(frozen, table), bound=bounded)
-    _say_left(words)
+    say(*words)
     members = members_of(frozen.committee, table, votes, reread=how.reread)
     found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
     if html is not None:
@@ -205,8 +205,7 @@ def score(
         write_page(guardian_page(found, bank), html)
         say(f"wrote {html}, {html.stat().st_size / 1e6:.1f} MB")
     if json:
-        told = {"left_out": left} if unseen else {}
-        print_json({**found.as_dict(), **told, "members": [one.as_dict() for one in members]})
+        print_json({**found.as_dict(), **left, "members": [one.as_dict() for one in members]})
         return
     named = f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"
     sound = (one.words for one in members if not one.doubtful)
@@ -268,9 +267,9 @@ def modular(
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
-    _say_left(words)
+    say(*words)
     if json:
-        print_json({**found.as_dict(), **({"left_out": left} if unseen else {})})
+        print_json({**found.as_dict(), **left})
         return
     print_each(replay_lines(found))
     for line in found.warnings:
@@ -380,13 +379,13 @@ def _ids_of(path: Path) -> list[str]:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
 
 
-def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, int], str]":
-    """Return what of a table a guardian is scored on, how many frames were left out by the reason, and that in words.
+def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, object], list[str]]":
+    """Return what of a table a guardian is scored on, and how many frames were left out by the reason, also in words.
 
-    With ``unseen`` those that chose the guardian are left out.
+    With ``unseen`` those that chose the guardian are left out; without it nothing is, nor is anything said of it.
     """
     if not unseen:
-        return table, {}, ""
+        return table, {}, []
     kept, left = frozen.unseen(table), frozen.left_out(table)
     if table.frames and not kept.frames:
         raise GuardianError(
@@ -394,7 +393,8 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
             "on other frames, as 'eyechart run structured' asks for"
         )
     why = ", ".join(f"{count} {words}" for words, count in left.items())
-    return kept, left, f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
+    words = f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
+    return kept, {"left_out": left}, [words]
 
 
 def _parted(
@@ -408,12 +408,6 @@ def _parted(
         return _part(table.without(fresh.frames), "score"), fresh
     bound = table.part("bound") if table.split is not None and "bound" in table.split else None
     return _part(table, "score"), bound
-
-
-def _say_left(words: str) -> None:
-    """Say what was left out, where anything may have been."""
-    if words:
-        say(words)
 
 
 def _part(table: "VoteTable", name: str) -> "VoteTable":

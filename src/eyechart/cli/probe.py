@@ -226,8 +226,7 @@ def plan_probed(
             found = _probe_one(mode, given, sample, allowed.prices, seed=_draw(None), max_cost=most)
         except ProbeError as error:
             return error
-        for line in _lines(found):
-            say(line)
+        say(*_lines(found))
         if found.sight.outcome == "blind":
             say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
         return found

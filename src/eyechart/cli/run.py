@@ -167,11 +167,11 @@ def prompts(
         f"{len(planned.cells)} cells × {len(asked.modes) - len(failed)} models: {calls} calls, {finished} finished, "
         f"{unknown} sent with unknown outcome, {calls - finished} to make{up_to}"
     )
-    for line in planned.expected(allowed.prices, concurrency=concurrency):
-        say(line)
     first = next(iter(planned.cells.values()))
-    for line in in_turns(first.manifest, first.plan.models, (), allowed.sequential):
-        say(line)
+    say(
+        *planned.expected(allowed.prices, concurrency=concurrency),
+        *in_turns(first.manifest, first.plan.models, (), allowed.sequential),
+    )
     if dry_run:
         return
     with watched_progress("calls", "calls", out, allowed) as move:
@@ -333,8 +333,7 @@ def _make_calls(
     early = planned.manifest.stop_early
     expected = study.expected(planned, allowed.prices, concurrency=concurrency)
     turns = in_turns(planned.manifest, planned.plan.models, expected, allowed.sequential)
-    for line in (*lines(planned), *(one.words for one in expected), *turns, *(_before(planned) if early else ())):
-        say(line)
+    say(*lines(planned), *(one.words for one in expected), *turns, *(_before(planned) if early else ()))
     if allowed.dry_run:
         return
     limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
@@ -347,8 +346,7 @@ def _make_calls(
             again=again,
             sequential=allowed.sequential,
         )
-    for line in _after(planned) if early else ():
-        say(line)
+    say(*(_after(planned) if early else ()))
     _tell(outcome, failed, planned.left())
     tell_empty([out])
     say(f"done: {done.format(out)}")

@@ -31,9 +31,10 @@ def print_line(text: str) -> None:
     sys.stdout.write(_harmless(text) + "\n")
 
 
-def say(text: str) -> None:
-    """Print a line for people on standard error, where it does not disturb ``--json``."""
-    sys.stderr.write(_harmless(text) + "\n")
+def say(*lines: str) -> None:
+    """Print lines for people on standard error, where they do not disturb ``--json``."""
+    for line in lines:
+        sys.stderr.write(_harmless(line) + "\n")
 
 
 def _harmless(text: str) -> str:
