@@ -115,9 +115,7 @@ def closed_loop(
         return
     bounds = study.Bounds(processes=processes or processors(), concurrency=concurrency, sequential=spending.sequential)
     outcome = drive(planned, bounds, allowed, engine=engine)
-    keys = set(planned.keys)
-    driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
-    _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
+    _show(study.summarise(planned.driven()), planned, json=json)
     tell_left({"": planned}, outcome, failed)
     tell_errors({"": planned})
     tell_empty([planned.out])
@@ -505,13 +503,7 @@ def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> 
 
     ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
     """
-    from eyechart.episodes import read_episodes
-
-    found = []
-    for name, planned in parts.items():
-        keys = set(planned.keys)
-        over = {one.key: one for one in read_episodes(planned.out) if one.key in keys}
-        found += [(name, over[key]) for key in planned.keys if key in over and over[key].ended == "error"]
+    found = [(name, one) for name, planned in parts.items() for one in planned.driven() if one.ended == "error"]
     if not found:
         return
     failed, part = [one for _, one in found], found[0][0]

@@ -51,7 +51,7 @@ from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
-from eyechart.spaces.discrete import DRIVING, Discrete, read_toml
+from eyechart.spaces.discrete import DRIVING, read_toml
 from eyechart.spaces.scene import SceneSpace
 
 ENGINES = ("local", "ray")
@@ -76,6 +76,11 @@ class Episodes:
     def counting(self, probes: Mapping[str, Spent]) -> "Episodes":
         """Return the plan with what was spent on probing models for it."""
         return replace(self, manifest=self.manifest.counting(probes))
+
+    def driven(self) -> list[Episode]:
+        """Return the records that there are of the episodes, in their order."""
+        over = {one.key: one for one in read_episodes(self.out)}
+        return [over[key] for key in self.keys if key in over]
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that have no record yet, of whatever end."""
@@ -108,16 +113,15 @@ def plan(
     setup = simulator if isinstance(simulator, Setup) else Setup(simulator)
     setup = replace(setup, actions=setup.actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None))
     opened = open_simulator(setup.simulator, actions=setup.actions)
-    world = replace(opened.declared, action_space=_as_begun(out, opened.declared.action_space))
+    held = read_episodes_manifest(out) if is_episodes_run(out) else None
+    space = opened.declared.action_space  # by which the replies of a run that is resumed are read as at its beginning
+    world = replace(opened.declared, action_space=space if held is None else space.by(held.reader))
     chosen = tuple(dict.fromkeys(scenarios or world.scenarios))
-    _require_worlds(world, setup, chosen, seeds)
-    for condition in conditions:
-        require_shown(condition, alone(world.mirror_axis))
+    _require_worlds(world, setup, chosen, seeds, conditions)
     modes = _modes(specs)
     names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
     if not names:
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
-    held = read_episodes_manifest(out) if is_episodes_run(out) else None
     beside = _marginals(names, conditions, held)
     drivers = _drivers(
         world,
@@ -151,11 +155,6 @@ def plan(
     )
     planned = Episodes(every_episode(manifest), replace(drivers, view=view), manifest, setup, out)
     return replace(planned, manifest=_resumed(planned))
-
-
-def _as_begun(out: Path, space: Discrete) -> Discrete:
-    """Return the space of a world; of a run that is resumed its replies are read as when it was begun."""
-    return space.by(read_episodes_manifest(out).reader) if is_episodes_run(out) else space
 
 
 def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str, ...]:
@@ -213,7 +212,9 @@ def _drivers(
     )
 
 
-def _require_worlds(world: Declaration, setup: Setup, scenarios: Sequence[str], seeds: Sequence[int]) -> None:
+def _require_worlds(
+    world: Declaration, setup: Setup, scenarios: Sequence[str], seeds: Sequence[int], conditions: Sequence[str]
+) -> None:
     if setup.silence not in SILENCES:
         raise SpecError(f"unknown silence '{setup.silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     for scenario in scenarios:
@@ -223,6 +224,8 @@ def _require_worlds(world: Declaration, setup: Setup, scenarios: Sequence[str], 
         raise SpecError(f"episodes need seeds from 0 on, got {list(seeds)}")
     if setup.max_steps < 1:
         raise SpecError(f"an episode needs at least 1 step, got --max-steps {setup.max_steps}")
+    for condition in conditions:
+        require_shown(condition, alone(world.mirror_axis))
 
 
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
