@@ -1,5 +1,6 @@
 """What the page of batteries says first: one sentence, a verdict a model, and one moment with three answers."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -101,7 +102,7 @@ def _shot(name: str, uris: Sequence[str], at: int, answers: Sequence[tuple[str, 
 
 def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence[str]]) -> int:
     """Return the place of those seen where the most answers are those given most often on the frames that are far."""
-    usual = [_usual([column[at] for at in far]) for column in columns]
+    usual = [Counter(column[at] for at in far).most_common(1)[0][0] for column in columns]
     return max(seen, key=lambda at: sum(column[at] == most for column, most in zip(columns, usual, strict=True)))
 
 
@@ -124,9 +125,3 @@ def _answers(who: Subject, condition: str) -> list[str]:
     """Return in a word what a model answered on each frame; nothing where it was not asked."""
     given = who.model.answers.decisions.get(condition) or (None,) * len(who.run.frames)
     return ["" if one is None else f"({one.missing})" if one.action is None else one.action for one in given]
-
-
-def _usual(said: Sequence[str]) -> str:
-    """Return the answer given most often, the first of equals."""
-    counts = {word: said.count(word) for word in said}
-    return max(counts, key=lambda word: counts[word])
