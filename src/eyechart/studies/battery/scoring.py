@@ -85,6 +85,10 @@ class CallsScore(ABC, Generic[M]):
         """Return the conditions that any model was asked."""
         return self.manifest.conditions
 
+    def marks(self, spec: str) -> list[str]:
+        """Return in words which guards of a model fail."""
+        return [f"guard '{one.name}' fails: {one.because}" for one in self.guards[spec] if one.holds is False]
+
     @abstractmethod
     def evidence(self) -> dict[str, Evidence]:
         """Return what there is to judge of every model, or to hold it to."""

@@ -25,7 +25,6 @@ from eyechart.studies.structured.tables import (
     clauses_words,
     controller_table,
     figures_table,
-    marks,
     scored_of,
 )
 from eyechart.studies.structured.told import Told, faults, gap_error_m, weight
@@ -185,7 +184,7 @@ def _card(who: Estimator) -> dict[str, Any]:
         "state": state,
         "words": words,
         "why": f"{why} It is {state}." if state else why,
-        "marks": marks(who.run.score.guards[who.spec]),
+        "marks": who.run.score.marks(who.spec),
         "clauses": next(clauses_table([(who.label, score, ())]).split(), None),
         "reasons": list(told.reasons.items()),
         "repairs": list(told.repairs.items()),

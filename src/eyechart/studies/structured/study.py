@@ -42,19 +42,16 @@ class Structured(OfFrames[StructuredScore]):
         for spec, one in score.models.items():
             left = one.planned - one.answered
             state = f"unfinished: {one.answered} of {one.planned} calls" if left > 0 else ""
-            marks = [
-                f"guard '{guard.name}' fails: {guard.because}" for guard in score.guards[spec] if guard.holds is False
-            ]
-            found[spec] = _finding(one.clauses, state, marks)
+            found[spec] = _finding(one.clauses, state, score.marks(spec))
         return found
 
     def printed(self, score: StructuredScore) -> "Iterator[Table | str]":
         from eyechart.report.table import marked
         from eyechart.studies.structured import tables
 
-        everyone = [(spec, one, tables.marks(score.guards[spec])) for spec, one in score.models.items()]
+        everyone = [(spec, one, score.marks(spec)) for spec, one in score.models.items()]
         yield tables.controller_table(everyone)
-        yield from (line for spec in score.models for line in marked(spec, tables.marks(score.guards[spec])))
+        yield from (line for spec in score.models for line in marked(spec, score.marks(spec)))
         for table in tables.clauses_table(everyone).split():
             yield table
             yield from tables.reading_words(score.models[table.caption])

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from eyechart.integrity import Guard
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
 from eyechart.studies.battery.subjects import OfModel, RunEvidence
 from eyechart.studies.structured import EstimatorScore
@@ -36,17 +35,12 @@ Scored = tuple[str, EstimatorScore, Sequence[str]]
 
 def scored_of(everyone: Sequence[Estimator]) -> list[Scored]:
     """Return the models of a report's evidence."""
-    return [(who.label, who.model, marks(who.run.score.guards[who.spec])) for who in everyone]
+    return [(who.label, who.model, who.run.score.marks(who.spec)) for who in everyone]
 
 
 def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
     """Return every table of models that told scenes."""
     return controller_table(everyone), clauses_table(everyone), figures_table(everyone)
-
-
-def marks(guards: Sequence[Guard]) -> list[str]:
-    """Return in words which guards a model's calls fail; a mark behind its admission stands for them."""
-    return [f"guard '{one.name}' fails: {one.because}" for one in guards if one.holds is False]
 
 
 def controller_table(everyone: Sequence[Scored]) -> Table:
