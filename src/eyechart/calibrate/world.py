@@ -214,12 +214,13 @@ def _controls(
             shown[name].append(_moved(one, distance) if isinstance(distance, float) else None)
         shown["lead_absent"].append(_moved(one, None) if there else None)
         shown["nudged"].append(one)
-    return {
-        name: tuple(
-            None if one is None else Shown(Sight("road", one), time) for one, time in zip(column, passed, strict=True)
-        )
-        for name, column in shown.items()
-    }
+    return {name: _on_road(column, passed) for name, column in shown.items()}
+
+
+def _on_road(readings: Sequence[Reading | None], passed: Sequence[float]) -> tuple[Shown | None, ...]:
+    """Return pictures of roads, None where there is none, each with the share of the episode that has passed."""
+    pairs = zip(readings, passed, strict=True)
+    return tuple(None if one is None else Shown(Sight("road", one), time) for one, time in pairs)
 
 
 def _gaps(episode: Episode, rng: np.random.Generator, *, ordered: bool) -> NDArray[np.float64]:
@@ -257,10 +258,6 @@ def _shown(
         for frame, one, time in zip(frames, readings, passed, strict=True)
     ]
 
-    def changed(other: Sequence[Reading | None]) -> tuple[Shown | None, ...]:
-        pairs = zip(other, passed, strict=True)
-        return tuple(None if one is None else Shown(Sight("road", one), time) for one, time in pairs)
-
     def all_of(sight: Sight) -> tuple[Shown, ...]:
         return (Shown(sight, None),) * len(roads)
 
@@ -271,11 +268,11 @@ def _shown(
         "blank": all_of(UNIFORM),
         "noise": all_of(NOISE),
         "text_only": all_of(NO_PICTURE),
-        "mirrored": changed([one.mirrored() for one in readings]),
+        "mirrored": _on_road([one.mirrored() for one in readings], passed),
         "shuffled": tuple(roads[place] for place in _partners(scenarios, rng, same=True)),
-        "lead_near": changed([_moved(one, rng.uniform(*NEAR_M)) for one in readings]),
-        "lead_far": changed([_moved(one, rng.uniform(*FAR_M)) for one in readings]),
-        "recoloured": changed([replace(one, ego_colour="red") for one in readings]),
+        "lead_near": _on_road([_moved(one, rng.uniform(*NEAR_M)) for one in readings], passed),
+        "lead_far": _on_road([_moved(one, rng.uniform(*FAR_M)) for one in readings], passed),
+        "recoloured": _on_road([replace(one, ego_colour="red") for one in readings], passed),
     }
     if len(set(scenarios.tolist())) > 1:
         shown["cross_scenario"] = tuple(roads[place] for place in _partners(scenarios, rng, same=False))
