@@ -176,9 +176,11 @@ def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) ->
     if apart:
         found.uncompared.append(f"{repeats.episodes} episodes, driven with other versions")
         found.notes.append(f"not comparable: driven with {apart}")
-        same = "decisions and truth to 3 decimals are the same at every step"
+        first = min(repeats.mismatches, key=lambda one: (one.step or 0, one.key), default=None)
         found.notes.append(
-            f"with other versions the first step that differs: {_first(repeats)}" if repeats.mismatches else same
+            "decisions and truth to 3 decimals are the same at every step"
+            if first is None
+            else f"with other versions the first step that differs: {_difference(first)}"
         )
         return
     found.differences += [_difference(one) for one in repeats.mismatches]
@@ -206,11 +208,6 @@ def _hold_states(repeats: Repeats, found: Found) -> None:
         return
     for key, recorded, driven in unlike:
         found.differences.append(_difference(Mismatch(key, None, "state at the end (SHA-256)", recorded, driven)))
-
-
-def _first(repeats: Repeats) -> str:
-    one = min(repeats.mismatches, key=lambda one: (one.step or 0, one.key))
-    return str(_difference(one))
 
 
 def _difference(one: Mismatch) -> Difference:

@@ -196,10 +196,6 @@ class Controls:
             tested = {}
         return worst_part(tested, [1.0 if p is None else p for p in holm(made)], powers if tested else [])
 
-    def _distances(self, condition: str) -> Floats:
-        """Return at which distance each frame's picture of a condition shows the lead, NaN where nobody says."""
-        return self._numbers(DISTANCES[condition])
-
     def _numbers(self, column: str) -> Floats:
         """Return each frame's number in a column of ground truth, NaN where there is none."""
         found = [frame.truth.get(column) for frame in self.answers.frames]
@@ -212,8 +208,8 @@ class Controls:
         The distances of each of the two mids are parted into bins of equal ratio; without distances it is one bin.
         """
         found: list[Range] = []
-        for condition in DISTANCES:
-            asked, distance = ~np.isnan(self._level(condition)), self._distances(condition)
+        for condition, column in DISTANCES.items():
+            asked, distance = ~np.isnan(self._level(condition)), self._numbers(column)
             known = distance[~np.isnan(distance)]
             if not len(known):
                 found.append((condition, None, asked))
@@ -318,7 +314,8 @@ class Controls:
 
     def _scan(self) -> Statistic:
         """Test whether braking rises with distance anywhere along the two mids."""
-        places, levels = (np.concatenate([of(name) for name in MIDS]) for of in (self._distances, self._level))
+        levels = np.concatenate([self._level(name) for name in MIDS])
+        places = np.concatenate([self._numbers(DISTANCES[name]) for name in MIDS])
         have = ~np.isnan(places + levels)
         seed = key_seed("dose_scan", *(frame.id for frame in self.answers.frames))
         found = falls_everywhere(places[have], levels[have], seed=seed)

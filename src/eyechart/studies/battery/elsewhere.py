@@ -236,7 +236,7 @@ class _Check:
         elif one.repeat:
             self.brought.repeats += 1
         else:
-            return self._new(one, key, _cleaned(one.reply))
+            return self._new(one, key, cleaned(bounded(one.reply)))  # as `eyechart.models.ask` keeps them
         return None
 
     def _call(self, one: Answered) -> CallKey:
@@ -289,11 +289,6 @@ def _digest(reply: Reply) -> str:
     """Return the digest of all that a row tells of a reply."""
     told = (reply.text, reply.error, reply.error_detail, *(getattr(reply, name) for name in TOLD))
     return hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
-
-
-def _cleaned(reply: Reply) -> Reply:
-    """Return a reply without numbers that nobody can have measured, and without the values of this machine's keys."""
-    return cleaned(bounded(reply))
 
 
 def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
