@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, picked
-from eyechart.spaces.space import Answer, Decision, unanswered
+from eyechart.spaces.space import Answer, Decision, unanswered, unparsed
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
 """What the numbers of a step are: a change to make, a place to be at, a speed, or a place to pass."""
@@ -229,11 +229,11 @@ class MotionSpace:
         try:
             motion = Motion.read(reply.text)
         except ValueError as error:
-            return Decision(None, "unparsed", str(error))
+            return unparsed(str(error))
         if motion.shape != self.shape:
-            return Decision(None, "unparsed", "wrong_shape")
+            return unparsed("wrong_shape")
         if not (np.abs(motion.array) <= LARGEST).all():
-            return Decision(None, "unparsed", "not_finite")
+            return unparsed("not_finite")
         return Decision(motion)
 
     def relative(self, numbers: Floats, states: Floats | None) -> Floats:

@@ -47,6 +47,11 @@ class Decision(Generic[A]):
         return self.missing if self.why is None else f"{self.missing}: {self.why}"
 
 
+def unparsed(why: str) -> Decision[Any]:
+    """Return that no action can be read from a reply, and why."""
+    return Decision(None, "unparsed", why)
+
+
 class Answer(Protocol):
     """What came back of a call, as far as it is read: the text, why it ended, and what failed."""
 

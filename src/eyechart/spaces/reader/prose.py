@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Literal
 
 from eyechart.spaces.reader.names import Mention, Names
-from eyechart.spaces.space import Decision
+from eyechart.spaces.space import Decision, unparsed
 
 Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
 """Why a reply of words could not be read: it names no action, states one that the space lacks, chooses several that
@@ -529,14 +529,14 @@ def read_prose(text: str, names: Names) -> Decision[str]:
     chosen = [one for one in judged if one.status in {"chosen", "half"}]
     if all(one.status == "half" for one in chosen):
         alone = _alone(text, judged)
-        return Decision(None, "unparsed", _why(judged)) if alone is None else Decision(alone)
+        return unparsed(_why(judged)) if alone is None else Decision(alone)
     last = chosen[-1]
     if _TAKEN_BACK.search(marked, last.place) or _goes_on(marked, last, judged):
-        return Decision(None, "unparsed", "not_chosen")
+        return unparsed("not_chosen")
     other = [one for one in chosen if one.mention.action != last.mention.action]
     if other and not _RETRACTED.search(marked[other[-1].place : last.place]):
-        return Decision(None, "unparsed", "several_actions")
-    return Decision(last.mention.action) if last.status == "chosen" else Decision(None, "unparsed", "not_chosen")
+        return unparsed("several_actions")
+    return Decision(last.mention.action) if last.status == "chosen" else unparsed("not_chosen")
 
 
 def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:

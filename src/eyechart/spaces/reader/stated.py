@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.reader.prose import read_prose, takes_back
-from eyechart.spaces.space import Decision, json_objects, refuses
+from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
 _THOUGHT = re.compile(
@@ -162,20 +162,20 @@ def _phrase(value: str, names: Names) -> Decision[str]:
     if (bare := names.whole(folded)) is not None:
         return Decision(bare)
     found = read_prose(_TEX.sub(" ", folded), names)
-    return found if found.action or found.why != "no_action" else Decision(None, "unparsed", "unknown_action")
+    return found if found.action or found.why != "no_action" else unparsed("unknown_action")
 
 
 def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]:
     """Return the decision of what is stated, where the words around it do not deny it or take it back."""
     known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
     if not known:
-        return Decision(None, "unparsed", stated[0].why or "unknown_action")
+        return unparsed(stated[0].why or "unknown_action")
     if takes_back(fold(_TAG.sub(" ", text[known[-1].end :])), str(known[-1].action), names):
-        return Decision(None, "unparsed", "several_actions")
+        return unparsed("several_actions")
     actions = {one.action for one in known if not _is_denied(text, one, names)}
     if len(actions) == 1:
         return Decision(actions.pop())
-    return Decision(None, "unparsed", "several_actions" if actions else "negated")
+    return unparsed("several_actions" if actions else "negated")
 
 
 def _is_denied(text: str, one: _Stated, names: Names) -> bool:
@@ -286,12 +286,8 @@ def _values(value: object, names: Names) -> Iterator[tuple[str | None, str | Non
     if not isinstance(value, list):
         value = [value]
     for inner in value or [None]:
-        found = _phrase(inner, names) if isinstance(inner, str) else _unknown()
+        found = _phrase(inner, names) if isinstance(inner, str) else unparsed("unknown_action")
         yield found.action, found.why
-
-
-def _unknown() -> Decision[str]:
-    return Decision(None, "unparsed", "unknown_action")
 
 
 def _flagged(value: _Pairs, names: Names) -> str | None:
@@ -324,7 +320,7 @@ def _without_objects(text: str) -> str:
 
 def _tags(text: str, names: Names) -> Iterator[_Stated]:
     for match in _ANSWER_TAG.finditer(text):
-        found = _phrase(match.group(2), names) if match.group(2).strip() else Decision(None, "unparsed", "no_action")
+        found = _phrase(match.group(2), names) if match.group(2).strip() else unparsed("no_action")
         yield _Stated(match.start(), match.end(), found.action, found.why)
 
 
@@ -347,17 +343,13 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
         return None
     label, start, end, last = said[-1]
     if last.action is None:
-        return last if last.why == "unknown_action" or len(said) == 1 else _unsettled()
+        return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
     if takes_back(text[end:], last.action, names):
-        return _unsettled()
+        return unparsed("several_actions")
     differ = (one for one in said[:-1] if one[3].action not in {None, last.action})
     if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
-        return _unsettled()
+        return unparsed("several_actions")
     return last
-
-
-def _unsettled() -> Decision[str]:
-    return Decision(None, "unparsed", "several_actions")
 
 
 _MARKERS_AT_MOST = 20
@@ -374,7 +366,7 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
     """Return where the rest of a line ends, or the next line that says something, and the decision of its words."""
     found = _SAYS.search(text, start)
     if found is None:
-        return len(text), Decision(None, "unparsed", "no_action")
+        return len(text), unparsed("no_action")
     value = found.group()[:_LINE_AT_MOST]
     if (listed := _ITEMS.match(text, found.start())) is not None:
         return listed.end(), read_prose(listed.group()[:_LINE_AT_MOST], names)
@@ -382,4 +374,4 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
         return found.end(), Decision(bare)
     read = read_prose(value, names)
     short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
-    return found.end(), _unknown() if short else read
+    return found.end(), unparsed("unknown_action") if short else read

@@ -7,7 +7,7 @@ the decision, whatever is said of it.
 import re
 from collections.abc import Iterator, Mapping
 
-from eyechart.spaces.space import Decision, json_objects, refuses
+from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
 _NEGATION = re.compile(
     r"(\b(not|cannot|never|avoid|avoiding|no|nor|neither|without|than|instead\s+of|unable\s+to)|n't)\s+(\w+\s+)?"
@@ -44,9 +44,9 @@ def _find(text: str, actions: tuple[str, ...], *, any_case: bool) -> Decision[st
         return Decision(by_name[bare])
     if stated := {_bare(action) for action in _json_actions(text)}:
         if len(stated) > 1:
-            return _unparsed("several_actions")
+            return unparsed("several_actions")
         found = by_name.get(stated.pop())
-        return _unparsed("unknown_action") if found is None else Decision(found)
+        return unparsed("unknown_action") if found is None else Decision(found)
     # Not \b: neither "non-stop" nor "right-hand" names an action.
     name = rf"(?<!\w)(?<!\w-)({'|'.join(re.escape(one) for one in sorted(by_name, key=len, reverse=True))})(?!-?\w)"
     if marked := list(re.finditer(_MARKER + name, text, re.IGNORECASE)):
@@ -56,11 +56,7 @@ def _find(text: str, actions: tuple[str, ...], *, any_case: bool) -> Decision[st
     for flags in (0, re.IGNORECASE) if any_case else (0,):
         if named := list(re.finditer(name, text, flags)):
             return _only_one(named, by_name)
-    return _unparsed("no_action")
-
-
-def _unparsed(why: str) -> Decision[str]:
-    return Decision(None, "unparsed", why)
+    return unparsed("no_action")
 
 
 def _bare(text: str) -> str:
@@ -69,14 +65,14 @@ def _bare(text: str) -> str:
 
 def _only_one(found: list[re.Match[str]], by_name: Mapping[str, str]) -> Decision[str]:
     if len({match.group(1).upper() for match in found}) != 1:
-        return _unparsed("several_actions")
+        return unparsed("several_actions")
     for match in found:
         text, start = match.string, match.start(1)
         if _NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)):
-            return _unparsed("negated")
+            return unparsed("negated")
     # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
     action = by_name.get(found[0].group(1).upper())
-    return _unparsed("no_action") if action is None else Decision(action)
+    return unparsed("no_action") if action is None else Decision(action)
 
 
 def _json_actions(text: str) -> Iterator[str]:
