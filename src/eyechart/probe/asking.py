@@ -1,12 +1,12 @@
 """Asks a model a bounded number of questions, one after the other, and keeps what came and what it took."""
 
 import asyncio
-import contextlib
 import re
 import time
 from collections.abc import Callable, Collection
 from dataclasses import KW_ONLY, dataclass, field, replace
 
+from eyechart.attempts import close
 from eyechart.calls import REFUSED, TRANSIENT, Query, Reply
 from eyechart.errors import EyechartError
 from eyechart.limits import NOTHING, Spent, pause_s
@@ -17,7 +17,6 @@ from eyechart.modes import RequestMode, TokenField
 Tell = Callable[[int, int], None]
 """Called with (calls made, calls at most) after each call."""
 
-_CLOSING_S = 10.0
 _REFUSES = re.compile(
     r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
     re.IGNORECASE,
@@ -91,9 +90,7 @@ class Asker:
         """Let the model go."""
         model, self._model = self._model, None
         if model is not None:
-            with contextlib.suppress(Exception):  # one that does not let itself be closed cannot undo what was asked
-                async with asyncio.timeout(_CLOSING_S):
-                    await model.close()
+            await close(model)
 
     async def _once(self, query: Query, mode: RequestMode) -> Reply:
         self._require_room()

@@ -4,13 +4,14 @@ The right answers of one kind are dealt without repetition from a seed, so that 
 most once. Half of the questions come in the same words each time, the others in words of their own.
 """
 
-import io
 import random
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 from PIL import Image, ImageDraw
 
+from eyechart.frames import encode
 from eyechart.seeds import key_seed
 
 Kind = Literal["colour", "side", "count"]
@@ -89,7 +90,7 @@ def draw(kind: Kind, answer: str, dice: random.Random) -> bytes:
         for cell in dice.sample(range(9), COUNTS.index(answer) + 1):
             x, y = ((0.5 + one) * _SIZE / 3 + dice.uniform(-14, 14) for one in divmod(cell, 3))
             pen.rectangle(_around(x, y, 32), fill=COLOURS["BLACK"])
-    return _png(image)
+    return encode(np.asarray(image))
 
 
 def road(seed: int) -> bytes:
@@ -103,14 +104,8 @@ def road(seed: int) -> bytes:
     for lane in range(3):
         x = dice.uniform(180, 560)
         pen.rectangle((x, 50 * lane + 15, x + 30, 50 * lane + 35), fill=(100, 200, 255))
-    return _png(image)
+    return encode(np.asarray(image))
 
 
 def _around(x: float, y: float, half: float) -> tuple[float, float, float, float]:
     return x - half, y - half, x + half, y + half
-
-
-def _png(image: Image.Image) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG", compress_level=1)
-    return buffer.getvalue()
