@@ -94,6 +94,11 @@ def printable(text: str) -> str:
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
+def encodable(text: str) -> str:
+    """Return a text, such as a model's error, with half a surrogate pair, which no file can hold, as its escape."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def meant(name: str, known: Iterable[str]) -> str:
     """Return " did you mean 'depth'?" where a mistyped name is near one that is known, else nothing."""
     import difflib  # noqa: PLC0415 - nobody needs it before a mistake

@@ -18,9 +18,9 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from eyechart.calls import Reply, misfit
-from eyechart.errors import BankError, GuardianError
+from eyechart.errors import BankError, GuardianError, encodable
 from eyechart.frames import encode, require_plain
-from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, encodable, interface_of
+from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.seeds import key_seed

@@ -109,8 +109,3 @@ def interface_of(frozen: Frozen) -> Interface:
         return found.hazard, "" if found.hazard is not None else f"no vote: {found}"
 
     return Interface(about.view, prompt.key, SCENE_READER, views, query, read)
-
-
-def encodable(words: str) -> str:
-    """Return words that UTF-8 can encode: a model's error may hold half a surrogate pair, which is written out."""
-    return words.encode("utf-8", "backslashreplace").decode()

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from msgspec import msgpack
 
 from eyechart.calls import MOST, CallKey, Reply
+from eyechart.errors import encodable
 
 UNKNOWN = "unknown"
 """The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
@@ -86,18 +87,13 @@ def _moment(second: int) -> str:
     return dt.datetime.fromtimestamp(second, dt.UTC).isoformat()[:19]
 
 
-def _storable(text: str) -> str:
-    """Return the text with a lone surrogate, which is no Unicode and no file can hold, written as its escape."""
-    return text.encode("utf-8", "backslashreplace").decode()
-
-
 def _real(number: float) -> float | None:
     """Return a number as SQLite gives it back: no sign of zero, and None for what is none."""
     return None if number != number else float(number) + 0.0  # noqa: PLR0124 - only NaN differs from itself
 
 
 _PUT: tuple[Callable[[Any], object], ...] = tuple(
-    _real if one.type == float | None else int if one.type == int | None else _storable for one in fields(Reply)
+    _real if one.type == float | None else int if one.type == int | None else encodable for one in fields(Reply)
 )
 """What makes of each field of a Reply the value that SQLite keeps, and gives back as it is."""
 _pack = msgpack.Encoder(enc_hook=str).encode  # a text of a kind of its own is kept as text

@@ -15,9 +15,9 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from eyechart import __version__
-from eyechart.errors import BankError
+from eyechart.errors import BankError, encodable
 from eyechart.frames import size_of
-from eyechart.guardian import Assessment, Guardian, Pictures, encodable
+from eyechart.guardian import Assessment, Guardian, Pictures
 from eyechart.records import picked
 from eyechart.serve.described import TYPES, openapi
 from eyechart.serve.limits import ServerLimits
