@@ -181,20 +181,19 @@ def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
 
 def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool) -> None:
     """Add the first step that differs, with all that differs there, and the exact states where none does."""
-    key, error = recorded.key, recorded.ended == "error"
+    key = recorded.key
     for before, now in zip(recorded.steps, driven.steps, strict=False):
         differs = list(_step(before, now, exact=exact))
         if differs:
             found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
             return
-    if error:
-        if len(driven.steps) < len(recorded.steps):
-            found.mismatches.append(_shorter(recorded, driven))
-        elif driven.ended != "error":
-            found.lost.append(key)
+    if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it came less far
+        told = driven.detail or f"ended in {driven.ended}"
+        found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
         return
-    if len(driven.steps) < len(recorded.steps) and driven.ended == "error":
-        found.mismatches.append(_shorter(recorded, driven))
+    if recorded.ended == "error":
+        if driven.ended != "error":
+            found.lost.append(key)
         return
     whole = (
         ("number of steps", str(len(recorded.steps)), str(len(driven.steps))),
@@ -204,13 +203,6 @@ def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool)
     found.mismatches += [Mismatch(key, None, *one) for one in differs]
     if exact and not differs:
         found.states.append((key, recorded.state_sha256, driven.state_sha256))
-
-
-def _shorter(recorded: Episode, driven: Episode) -> Mismatch:
-    """Return that a drive does not come as far as its record, and why."""
-    return Mismatch(
-        recorded.key, len(driven.steps), "the step", "recorded", driven.detail or f"ended in {driven.ended}"
-    )
 
 
 def _step(before: Step, now: Step, *, exact: bool) -> Iterator[tuple[str, str, str]]:
