@@ -50,7 +50,7 @@ class Aviary:
     """A drone at its eye's height, flown by velocity commands; ``touched`` says whether it ever touched anything."""
 
     def __init__(self, cylinders: Iterable[Cylinder], view: ForwardView, verge: Colour, *, y: float) -> None:
-        self._bullet, environment = _import()
+        self._bullet, environment = require()
         self._view, self._height = view, view.eye_m
         with (
             contextlib.redirect_stdout(io.StringIO()),
@@ -155,13 +155,8 @@ class Aviary:
         bullet.createMultiBody(0, solid, visual, where, physicsClientId=client)
 
 
-def require() -> None:
-    """Raise SpecError where gym-pybullet-drones is not installed."""
-    _import()
-
-
-def _import() -> tuple[Any, Any]:
-    """Return PyBullet and the VelocityAviary."""
+def require() -> tuple[Any, Any]:
+    """Return PyBullet and the VelocityAviary; raises SpecError where gym-pybullet-drones is not installed."""
     try:
         with warnings.catch_warnings(), _muted():
             warnings.simplefilter("ignore")  # pkg_resources, which it imports, is deprecated
