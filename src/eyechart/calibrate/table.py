@@ -12,6 +12,7 @@ from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, PAPER_LABELS
+from eyechart.verdicts.ruling import number
 
 Cells = Sequence[Sequence[str]]
 
@@ -48,10 +49,6 @@ def _table(title: str, head: Sequence[str], rows: Cells) -> str:
     return "\n".join([f"### {title}", "", line(head), rule, *map(line, rows)])
 
 
-def _share(one: Statistic) -> str:
-    return "—" if one.value is None else f"{one.value:.3f}"
-
-
 def _with_interval(one: Statistic) -> str:
     return "—" if one.value is None or one.ci is None else f"{one.value:.4f} [{one.ci[0]:.4f}, {one.ci[1]:.4f}]"
 
@@ -68,8 +65,8 @@ def _confusion(
 
 
 def _right(found: Calibration, variant: str) -> str:
-    rows = [(name, *(_share(found.right(setting, variant, name)) for setting in found.settings)) for name in KNOWN]
-    undecided = ("undecided, of all", *(_share(found.undecided(setting, variant)) for setting in found.settings))
+    rows = [(name, *(number(found.right(setting, variant, name)) for setting in found.settings)) for name in KNOWN]
+    undecided = ("undecided, of all", *(number(found.undecided(setting, variant)) for setting in found.settings))
     return _table(f"Share of right labels, {variant}", ("controller", *found.settings), [*rows, undecided])
 
 
@@ -104,7 +101,7 @@ def _type_one(found: Calibration) -> str:
                 f"{alpha:g}",
                 "—" if first is None else f"{_with_interval(first)} of {first.n}",
                 f"{_with_interval(over_all)} of {over_all.n}",
-                f"{worst} {_share(made[worst])} of {made[worst].n}" if worst else "—",
+                f"{worst} {number(made[worst])} of {made[worst].n}" if worst else "—",
             )
         )
     title = "Type-I error of each test: share of rejections where its null is true, with Wilson's 95 % interval"
@@ -119,7 +116,7 @@ def _power(found: Calibration) -> str:
     head = [f"{one.scenarios * one.episodes * one.frames} frames" for one in map(SETTINGS.__getitem__, sizes)]
 
     def cell(name: str) -> Callable[[str], str]:
-        return lambda setting: " / ".join(_share(found.right(setting, variant, name)) for variant in VARIANTS)
+        return lambda setting: " / ".join(number(found.right(setting, variant, name)) for variant in VARIANTS)
 
     rows = [(name, *map(cell(name), sizes)) for name in KNOWN]
     return _table("Power: share of right labels against n, with / without counterfactuals", ("controller", *head), rows)

@@ -25,6 +25,7 @@ from eyechart.stats.paired import (
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.controls import DEPTH_TESTS, LEVEL, NO_BRAKE, Controls
+from eyechart.studies.battery.evidence import ALONE
 from eyechart.studies.battery.published import Resampling, Statistics
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
 
@@ -33,9 +34,6 @@ SAME = ("real", "real_repeat", "mirrored", "recoloured")
 
 LIKE_CONTENT = ("shuffled", "recoloured", "lead_absent")
 """Pictures that differ in what they show: that one changes the answer more than a repeat does is ``content``."""
-
-ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only", "lead_absent")
-"""What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
 
 COUNTERFACTUAL_TESTS = (
     *DEPTH_TESTS,
