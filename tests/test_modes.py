@@ -131,6 +131,8 @@ def test_a_mode_refuses_to_hold_a_secret_and_does_not_quote_it(
         ({"body": {"note": {"api_key": SECRET}, "top_k": 5}}, {"body": {"top_k": 5}}),
         ({"options": {"note": SECRET}}, {}),
         ({"base_url": f"https://example.org/{SECRET}"}, {"base_url": "https://example.org"}),
+        ({"headers": {"sk-abcdef1234567890abcd": "x", "x-title": "robot"}}, {"headers": {"x-title": "robot"}}),
+        ({"key_env": "sk_live_abcdef1234567890abcd"}, {}),
     ],
 )
 def test_a_run_that_recorded_a_secret_is_read_without_it(
@@ -191,6 +193,11 @@ def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -
         {"base_url": "https://sk-abcdef1234567890abcd.gate.example/v1"},
         {"base_url": "https://name:hunter22@gate.example:port/v1"},
         {"base_url": "hunter22@gate.example"},
+        {"headers": {"sk-abcdef1234567890abcd": "x"}},
+        {"key_env": "sk_live_abcdef1234567890abcd"},
+        {"key_env": "sk-abcdef1234567890abcd"},
+        {"key_env": "no-such-abcdefgh12345678"},
+        {"system": "sk-abcdef1234567890abcd"},
     ],
 )
 def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, object]) -> None:
@@ -209,6 +216,7 @@ def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, obj
         {"base_url": "https://gateway.example/v1/0123456789abcdef0123456789abcdef/sk-test/openai"},
         {"body": {"served": "Qwen2.5-VL-72B-Instruct-AWQ-int4"}},
         {"body": {"stop_token": "<end>", "max_completion_tokens": 5, "keys": ["a"], "monkey": "x"}},
+        {"key_env": "HF_ACCESS_TOKEN_2026"},
     ],
 )
 def test_what_is_no_secret_is_not_refused(given: dict[str, object]) -> None:

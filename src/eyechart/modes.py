@@ -203,6 +203,9 @@ class RequestMode:
             parts = urlsplit(str(raw["base_url"]))
             raw["base_url"] = f"{parts.scheme}://{parts.hostname}"
             left.append("base_url")
+        if cls._holds_secret(key_env=raw.get("key_env", "")):
+            del raw["key_env"]
+            left.append("key_env")
         if left:
             raw["about"] = {
                 **cast("dict[str, str]", raw.get("about", {})),
@@ -330,7 +333,8 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
     for name, (holds, words) in checks.items():
         given = getattr(value, name)
         if not holds(given):
-            said = f"{str(given)[:8]!r}…" if name == "base_url" else repr(str(given)[:80])  # it may hold a password
+            secret = name in {"base_url", "key_env"} or _SECRET_VALUE.search(str(given))  # or may hold one
+            said = f"{str(given)[:8]!r}…" if secret else repr(str(given)[:80])
             raise SpecError(f"{where}: {name} must be {words}; got {said}")
 
 
@@ -406,8 +410,12 @@ def _names(value: object) -> list[str]:
 
 
 def _refuse_secret_fields(mode: RequestMode) -> None:
-    """Raise SecretError where a header or a field of the body holds what by its name or its looks is a secret."""
+    """Raise SecretError where a header, a field of the body or a variable's name is a secret, by its name or looks."""
+    if not mode.key_env.isupper() and _SECRET_VALUE.search(mode.key_env):
+        raise SecretError("key_env is what looks like a secret: give the name of the variable that holds it")
     for name, value in mode.headers.items():
+        if _SECRET_VALUE.search(name):
+            raise SecretError("a header's name is what looks like a secret: give 'NAME: $VARIABLE'")
         if _SECRET.search(name) and not _VARIABLE.search(value):
             raise SecretError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
         if _SECRET_VALUE.search(value):

@@ -238,7 +238,7 @@ def _pairs(
     for text in given or ():
         name, found, value = text.partition(sign)
         if not found or not name.strip():
-            raise SpecError(f"this is given as {form}; got '{name[:40]}'")
+            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")  # it may be a secret
         pairs[name.strip()] = read(value.strip())
     return pairs or None
 
