@@ -108,6 +108,7 @@ def test_a_mode_file_names_its_model_and_is_asked_as_it_says(run: Run, tmp_path:
         (("--model", "openai:m", "--body", "nonsense"), "--body KEY=JSON"),
         (("--model", "openai:m", "--header", KEY), "--header 'NAME: VALUE'"),
         (("--model", "openai:m", "--body", KEY), "--body KEY=JSON"),
+        (("--model", "openai:m", "--body", "messages=[]"), "hold the prompt and the picture"),
         (("--model", "openai:m", "--temperature", "hot"), "temperature must be"),
         (("--model", "openai:m", "--header", f"Authorization: Bearer {KEY}"), "looks like a secret"),
         (("--model", "openai:m", "--option", "device=cuda"), "has no option 'device'"),

@@ -194,7 +194,14 @@ def find_mode(given: Path) -> RequestMode:
 
 
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
-    """Raise SpecError where a mode has an option that its adapter does not know; ``known`` says each in words."""
+    """Raise SpecError where a mode has an option that its adapter does not know, or a body in place of the picture.
+
+    ``known`` says each option in words.
+    """
+    if "messages" in mode.body:
+        raise SpecError(
+            f"the body of '{mode.spec}' names messages, which hold the prompt and the picture: leave them out"
+        )
     for name in mode.options:
         if name not in known:
             there = "; ".join(f"{option}: {says}" for option, says in known.items()) or "none"
