@@ -72,6 +72,7 @@ def test_latex_escapes_every_special_sign() -> None:
     )
     assert "{[}a] & " in sheet("[a]").latex()  # after a line's end LaTeX would take [a] for its argument
     assert "-{}-prices FILE --- no &" in sheet("--prices FILE — no").latex()  # no dash of an option
+    assert "a-{}-{}-b &" in sheet("a---b").latex()  # nor of a name
     assert r"\toprule" in sheet("a").latex()
     assert r"\begin{tabular}{@{}lrrrr@{}}" in sheet("a").latex()
 

@@ -424,11 +424,12 @@ _LATEX = {
     "·": r"\textperiodcentered{}",
     **{sign: f"\\{sign}" for sign in "&%$#_"},
 }
+_HYPHENS = re.compile("-(?=-)")
 
 
 def _latex(text: str) -> str:
     if text == "<10⁻⁴":
         return "$<10^{-4}$"
     escaped = "".join(_LATEX.get(sign, sign) for sign in _plain(text))
-    escaped = escaped.replace("--", "-{}-").replace("—", "---")  # two hyphens are an option's, and would be set as one
+    escaped = _HYPHENS.sub("-{}", escaped).replace("—", "---")  # hyphens in a row, as an option's, would be set as one
     return f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped  # or the line above takes it
