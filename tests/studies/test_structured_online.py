@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import short_worlds
+from drives import always, drive, make_run
 from eyechart import cli, simulators
 from eyechart.cli.app import app
 from eyechart.episodes import Setup, read_episodes
@@ -18,7 +19,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
-from eyechart.studies import Reading, open_study
+from eyechart.studies import Reading, open_study, study_of
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import Vetted, vet
 from eyechart.studies.structured.seen import SEEN, check
@@ -212,3 +213,13 @@ def test_the_page_says_first_who_is_admitted_on_what_it_met_and_who_crashes(driv
     assert page.index('id="first"') < page.index('id="ladder"')
     assert 'id="blind"' not in page
     assert "--condition" not in page
+
+
+def test_a_report_with_other_drives_beside_is_one_of_drives_whichever_is_named_first(
+    driven: Path, tmp_path: Path
+) -> None:
+    """It was refused where the online run came first: the other was said to hold none."""
+    other = make_run(tmp_path / "other", drive("constant:SLOW", always("SLOW"), seeds=[0]))
+    for runs in ([driven, other], [other, driven]):
+        made = study_of(runs[0], "report").report(runs, [], Reading(driven=False), lambda _: None)
+        assert "Who drives well, and who by sight?" in made.page.html.decode()

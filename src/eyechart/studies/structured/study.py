@@ -138,9 +138,11 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
         return online.score(folder), self.report([folder], [], reading, tell)
 
-    def first(self, runs: Sequence[Path]) -> "First":
+    def first(self, runs: Sequence[Path]) -> "First | None":
         from eyechart.studies.structured.online_page import first_of
 
+        if not all(map(self.holds, runs)):
+            return None
         return first_of({run.resolve().name: online.score(run) for run in runs})
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
