@@ -31,6 +31,7 @@ class Chunks:
     """The next eight commands at once, each of three numbers; the first of them is exchanged by a reflection."""
 
     reader: ClassVar[int] = 1
+    readers: ClassVar[tuple[int, ...]] = (1,)
     name: ClassVar[str] = "chunks"
     actions: ClassVar[tuple[str, ...]] = ()
 

@@ -79,6 +79,10 @@ class Space(Protocol[A]):
         """The version of the rules of reading, which a run records."""
 
     @property
+    def readers(self) -> tuple[int, ...]:
+        """The versions of these rules by which a reply can be read here, today's last."""
+
+    @property
     def actions(self) -> tuple[str, ...]:
         """The names that an answer may give."""
 
