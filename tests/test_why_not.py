@@ -21,7 +21,7 @@ from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import LABELS, Evidence, Verdict, judge_one
 from eyechart.verdicts.calibrated import frames_to_bound, turns_to_tell
-from eyechart.verdicts.why_not import ANY
+from eyechart.verdicts.why_not import ANY, NOTHING
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
 WORLD = simulated.frames()
@@ -305,7 +305,7 @@ def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
     verdict = verdict_on(wrong)
     assert (verdict.calibrated.label, verdict.lateral.label) == ("depth", "swaps")
     assert verdict.trust.endswith("Beware: its turns go to the blocked side.")
-    assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_clear")
+    assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_against")
     assert any(note.startswith("it turns to the blocked side") for note in verdict.notes)
     assert "follow the side" not in verdict.text()
 
@@ -326,6 +326,36 @@ def test_whoever_turns_to_the_blocked_side_now_and_then_is_told_so_on_the_card()
     assert 0.2 < wrong / turns < 0.4
     assert verdict.trust.endswith("turns with one clear side go to the blocked side.")
     assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_against")
+
+
+def test_turns_that_are_shown_wrong_are_not_mended_by_more_frames() -> None:
+    """Somewhat more than half go to the clear side: more frames would show that, and the others remain."""
+
+    def mostly_right(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        action = graded(condition, frame, rng)
+        wrong = float(str(frame.truth["phase"])) < 0.3
+        left = ((frame.truth["left_clear"] is True) != (condition == "mirrored")) != wrong
+        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
+
+    given = evidence_on(simulated.answers(mostly_right, WORLD))
+    assert given.statistics["turns_clear"].value > 0.5
+    assert given.statistics["turns_clear"].p > 0.01
+    why = judge_one(given).why_not
+    assert (why.label, why.decided_by, why.frames) == ("depth_lateral", "turns_against", None)
+    assert why.settle == NOTHING
+
+
+def test_whoever_knows_real_pictures_and_not_moved_leads_is_told_of_the_moved_leads() -> None:
+    """Its braking goes with the gaps of true pictures; what keeps depth from it is no cache that was never seen."""
+
+    def remembered(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return "SLOW" if condition in simulated.COUNTERFACTUALS else graded(condition, frame, rng)
+
+    given = evidence_on(simulated.answers(remembered, WORLD))
+    assert given.statistics["depth_observational"].p < 0.01
+    why = judge_one(given).why_not
+    assert (why.label, why.decided_by, why.needs) == ("depth", "depth_interventional", "p below 0.01")
+    assert "cache" not in why.settle
 
 
 def test_turns_where_no_side_is_clear_are_counted_and_said() -> None:

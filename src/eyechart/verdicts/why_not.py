@@ -143,7 +143,10 @@ def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
 
 
 def _not_clear(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
-    """Say which test does not hold of turns that are exchanged."""
+    """Say which test does not hold of turns that are exchanged; more turns mend none where others are shown wrong."""
+    against = WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
+    if lateral.decided_by == "turns_against":
+        return against
     for name in ("turns_clear", "turns_clear_within"):
         one = found[name]
         if below(one.p):
@@ -154,7 +157,7 @@ def _not_clear(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
         if name == "turns_clear_within":
             settle, frames = "turns on lanes of which either side may be clear", None
         return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
-    return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
+    return against
 
 
 def _turns_needed(swap: Statistic) -> str:
@@ -215,7 +218,8 @@ def _not_associated(evidence: Evidence) -> WhyNot:
             settle, frames = _frames(tested)
             corrected = tested if failed.p is None else replace(tested, p=failed.p)
             return WhyNot("depth", failed.statistic, corrected, failed.needs, settle, frames)
-    if below(interventional.p) or below(observational.p):
+    first = observational if interventional.p is None else interventional
+    if below(first.p):
         settle = "an answer to each picture of its own: no cache, and no memory of files"
         return WhyNot("depth", "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
     if interventional.p is not None:
