@@ -138,6 +138,25 @@ def test_what_a_verdict_says_beside_its_labels() -> None:
     assert "next to nothing" in verdict(swap=share(0.021, 0.099)).remarks[0]
 
 
+def test_calls_that_are_left_out_are_counted_beside_the_labels() -> None:
+    """They may be those of one kind of moment, so that whoever reads the labels must know of them."""
+    found = verdict(motions=Statistic(0.92, 200))
+    assert found.guards == {}
+    (remark,) = found.remarks
+    assert remark.startswith("16 of 200 calls hold no motion (9 unparsed: not_finite, 4 refused, 2 timeout): they")
+    assert found.as_dict()["remarks"] == [remark]
+
+
+def test_a_remark_says_no_more_of_the_cameras_than_their_label() -> None:
+    """That its pictures are ignored is a remark where that is the label, and not where they may never have arrived."""
+    unfit = {"misfit": Statistic(1.5, 72, detail={"offset": 0.1, "spread": 1.1})}
+    ignored = verdict(swap=IGNORED, matched=IGNORED, blank=IGNORED, **unfit)
+    assert any(one.startswith("It ignores its cameras") for one in ignored.remarks)
+    unread = verdict(swap=NOT_ONE_BIT, matched=NOT_ONE_BIT, blank=NOT_ONE_BIT, **unfit)
+    assert unread.camera.label == "undecided"
+    assert not any(one.startswith("It ignores its cameras") for one in unread.remarks)
+
+
 @pytest.mark.parametrize(
     ("reads", "label", "words"),
     [

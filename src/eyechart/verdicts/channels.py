@@ -219,8 +219,9 @@ def judge_policy(
     }
     state = reached(judge_state(statistics, camera.label, there="state" in channels), "state", "state")
     instruction = reached(judge_instruction(statistics), "instruction", "instruction")
-    remarks = (*_unfinished(left), *_remarks(statistics))
-    return PolicyVerdict(model, camera, cameras, state, instruction, failed, shares, scope, remarks)
+    remarks = [*_unfinished(left), *_left_out(statistics["motions"], missing or {})]
+    remarks += _remarks(statistics, camera.label)
+    return PolicyVerdict(model, camera, cameras, state, instruction, failed, shares, scope, tuple(remarks))
 
 
 def _reached(found: Judged, swap: Statistic | None, channel: str, what: str, reads: Sequence[str]) -> Judged:
@@ -253,8 +254,8 @@ def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[st
     motions, misfit, varies, noise = (statistics[name] for name in ("motions", "misfit", "variation", "noise"))
     without = 1 - motions.value if motions.value is not None else 1.0
     if without > UNSCORABLE:
-        reasons = ", ".join(f"{count} {why}" for why, count in sorted(missing.items(), key=lambda one: -one[1])[:3])
-        return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion ({reasons or 'none came back'})"}
+        reasons = _reasons(missing, "none came back")
+        return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion{reasons}"}
     if misfit.value is not None and misfit.value >= MISFIT and (unlike := _unlike(misfit)):
         words = "is its normalisation skipped, or its action space another?"
         found["misfit"] = f"its error is {misfit.value:.2g} of the log's variance, and {unlike}: {words}"
@@ -452,8 +453,21 @@ def _unfinished(left: int) -> tuple[str, ...]:
     return (f"{left} calls are unfinished: what is said of part of a run may change",) if left else ()
 
 
-def _remarks(statistics: Statistics) -> Iterator[str]:
-    """Yield what whoever acts on a verdict should know beside it."""
+def _left_out(motions: Statistic, missing: Mapping[str, int]) -> Iterator[str]:
+    """Say how many calls hold no motion, of a policy of which few enough do not."""
+    if motions.value is not None and (without := round((1 - motions.value) * motions.n)):
+        words = f"{without} of {motions.n} calls hold no motion{_reasons(missing)}"
+        yield f"{words}: they are left out, and what it would have done there is not known"
+
+
+def _reasons(missing: Mapping[str, int], otherwise: str = "") -> str:
+    """Return in brackets why most calls hold no motion that do not, or ``otherwise`` where nobody says."""
+    said = ", ".join(f"{count} {why}" for why, count in sorted(missing.items(), key=lambda one: -one[1])[:3])
+    return f" ({said or otherwise})" if said or otherwise else ""
+
+
+def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
+    """Yield what whoever acts on a verdict should know beside it; ``camera`` is the label of all cameras."""
     yield from _held_still(statistics)
     misfit = statistics.get("misfit")
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
@@ -461,7 +475,7 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
             f"Its error is {misfit.value:.2g} of the log's variance: it does something else than was logged, so that "
             "what it uses may be put to no good use"
         )
-        if ignored(statistics.get("T.swapped@cameras")) and ignored(statistics.get("T.blank")):
+        if camera == "ignores_camera":
             yield (
                 "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
                 "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
