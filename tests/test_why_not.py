@@ -358,6 +358,51 @@ def test_whoever_knows_real_pictures_and_not_moved_leads_is_told_of_the_moved_le
     assert "cache" not in why.settle
 
 
+def test_an_effect_that_more_frames_would_show_is_not_asked_for_where_a_reversal_is_shown() -> None:
+    """It grades on too few frames, and brakes less for true leads that are nearer: frames would not mend that."""
+    some = {frame.id for frame in WORLD[::7]}
+
+    def rarely(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del rng
+        if condition in {"lead_near", "lead_far"}:
+            return "STOP" if condition == "lead_near" and frame.id in some else "STRAIGHT"
+        return "STRAIGHT" if simulated.blind(condition) or simulated.gap(frame) < 30 else "STOP"
+
+    given = evidence_on(simulated.answers(rarely, WORLD, controls=False))
+    verdict = judge_one(given)
+    assert (verdict.calibrated.label, verdict.calibrated.decided_by) == ("content", "depth_net")
+    why = verdict.why_not
+    assert (why.decided_by, why.frames) == ("depth_net", None)
+    besides = "besides, it brakes less hard the nearer on more frames than its noise explains"
+    assert besides in why.settle
+    assert "dose_lost = " in why.settle
+    held = hold(Run(given), ["depth"]).checks[0]
+    assert (held.holds, besides in held.because) == (False, True)
+
+
+def test_a_gate_that_fails_for_a_bound_says_which() -> None:
+    """Who follows the next vehicle alone changes with the picture, and never with the lead."""
+
+    def beside(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        truth = {**frame.truth, "lead_gap_m": frame.truth["beside_m"]}
+        return graded(condition, replace(frame, truth=truth), rng)
+
+    held = hold(Run(evidence_on(simulated.answers(beside, WORLD))), ["depth"]).checks[0]
+    assert held.holds is False
+    assert "it brakes harder for the near lead in 0 of 144 pairs, at most 0.03" in held.because
+
+
+def test_pictures_that_hold_no_decision_are_not_said_to_be_missing() -> None:
+    """The bank shows the lead near and far, and was asked: neither more episodes nor other pictures would help."""
+
+    def silent(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        del condition, frame, rng
+
+    text = verdict_on(silent).text()
+    assert "decisions on real, lead_near, lead_far would test it" in text
+    assert "counterfactual pictures" not in text
+
+
 def test_turns_where_no_side_is_clear_are_counted_and_said() -> None:
     """They are in no test of the clear side, so that a reader of the verdict must be told of them."""
     world = tuple(
@@ -393,11 +438,11 @@ def test_effects_stand_in_text_card_and_json() -> None:
     assert "effect:" not in verdict_on(constant).text()
 
 
-class Scored:
+class Run:
     """A scored run of one model."""
 
-    def __init__(self, answered: Answers) -> None:
-        self._evidence = evidence_on(answered)
+    def __init__(self, evidence: Evidence) -> None:
+        self._evidence = evidence
 
     def evidence(self) -> dict[str, Evidence]:
         """Return what there is to judge."""
@@ -415,7 +460,7 @@ class Scored:
 def test_a_gate_is_met_by_controls_with_power_alone(steps: int, controls: bool, holds: bool | None, says: str) -> None:  # noqa: FBT001
     """At 36 frames a bin is too small to exclude a hole: depth is the label, and the gate cannot say."""
     answered = simulated.answers(graded, simulated.frames(steps=steps), controls=controls)
-    check = hold(Scored(answered), ["depth"]).checks[0]
+    check = hold(Run(evidence_on(answered)), ["depth"]).checks[0]
     assert (check.holds, says in check.because) == (holds, True), check.because
 
 
@@ -433,7 +478,7 @@ def test_exchange_alone_does_not_meet_turns_to_the_clear_side() -> None:
         for one in whole.frames
     )
     for answered, found in ((whole, [True, True, True]), (replace(whole, frames=bare), [True, None, True])):
-        checks = hold(Scored(answered), ["swaps", "turns_clear", "depth_lateral"]).checks
+        checks = hold(Run(evidence_on(answered)), ["swaps", "turns_clear", "depth_lateral"]).checks
         assert [one.holds for one in checks] == found
 
 
@@ -480,4 +525,4 @@ def test_a_gate_fails_where_a_control_says_no_and_cannot_say_where_none_does() -
     """A reversal, or an effect of the exchange that is bounded, is an answer; an effect that is not shown is none."""
     for rule, wanted in ((layout, False), (zigzag, False), (few, None), (graded, True)):
         answered = simulated.answers(rule, WORLD)
-        assert hold(Scored(answered), ["depth"]).checks[0].holds is wanted
+        assert hold(Run(evidence_on(answered)), ["depth"]).checks[0].holds is wanted

@@ -18,6 +18,7 @@ from eyechart.verdicts import (
     Label,
     Scored,
     Verdict,
+    besides,
     judge_one,
     refuted,
 )
@@ -308,18 +309,23 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
     if "depth" in label.meets and unknown:
         return None, sideways
-    if label.otherwise == "fails if bounded" and not (refuted(found) or _bounded(found["depth_interventional"])):
-        shown = f"that its braking does not follow distance is not shown either (no bound below {MARGIN})"
-        return None, f"{because}; {shown}"
+    if label.otherwise == "fails if bounded":
+        shown, words = _refuted(verdict, found)
+        return False if shown else None, f"{because}{words}"
     return False, because
 
 
-def _bounded(interventional: Statistic) -> bool:
-    """Return whether the share of pairs in which it brakes harder near than far is bounded below the margin."""
-    if not isinstance(interventional, SignTest):
-        return False
-    wins, pairs = interventional.wins, interventional.wins + interventional.losses + interventional.ties
-    return pairs > 0 and clopper_pearson(wins, pairs, 1 - 2 * ALPHA)[1] < MARGIN
+def _refuted(verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool, str]:
+    """Return whether it is shown that its braking does not follow distance, and what to add to the reason."""
+    if refuted(found):
+        also = besides(found, verdict.calibrated.decided_by)
+        return True, f"; {also}" if also else ""
+    near_far = found["depth_interventional"]
+    if isinstance(near_far, SignTest) and (pairs := near_far.wins + near_far.losses + near_far.ties):
+        most = clopper_pearson(near_far.wins, pairs, 1 - 2 * ALPHA)[1]
+        if most < MARGIN:
+            return True, f"; it brakes harder for the near lead in {near_far.wins} of {pairs} pairs, at most {most:.3f}"
+    return False, f"; that its braking does not follow distance is not shown either (no bound below {MARGIN})"
 
 
 def _unparsed(one: Evidence, most: float, reason: str) -> Check:

@@ -6,7 +6,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
-from eyechart.verdicts.controls import refuted
+from eyechart.verdicts.controls import besides, refuted
 from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import (
@@ -61,6 +61,7 @@ __all__ = [
     "Scored",
     "Stopped",
     "Verdict",
+    "besides",
     "calibrated_rules",
     "controls_wanted",
     "earns_lateral",

@@ -19,6 +19,7 @@ from eyechart.verdicts.labels import (
     UNPARSED_CUT,
     VETO_POWER,
 )
+from eyechart.verdicts.ruling import measured
 
 EXCHANGE = ("lane_own", "lane_beside")
 """Who is near, the lead or a neighbour, exchanged at equal distance."""
@@ -131,6 +132,17 @@ def refuted(found: Mapping[str, Statistic]) -> bool:
     beside = found["lane_net"].ci
     bounded = beside is not None and beside[1] < MARGIN
     return bounded or any(one.statistic not in OPEN for one in failures(found))
+
+
+def besides(found: Mapping[str, Statistic], decided_by: str) -> str:
+    """Return in words what is shown not to hold beside a condition whose effect is only not shown; empty if nothing is.
+
+    More frames may show that effect, and do not take away the other.
+    """
+    vetoed = next((one for one in failures(found) if one.statistic not in OPEN), None)
+    if decided_by not in OPEN or vetoed is None:
+        return ""
+    return f"besides, it brakes {vetoed.says}: {measured(vetoed.statistic, found[vetoed.statistic])}"
 
 
 def lacking(found: Mapping[str, Statistic]) -> Iterator[Lacking]:

@@ -16,11 +16,11 @@ from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, earns_later
 from eyechart.verdicts.controls import below
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
-from eyechart.verdicts.evidence import Evidence, Scored
+from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ALPHA, LABELS, LATERAL
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
-from eyechart.verdicts.why_not import WhyNot, why_not
+from eyechart.verdicts.why_not import MOVED, WhyNot, why_not
 
 _ASKED = {
     "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
@@ -309,7 +309,11 @@ def _untested(evidence: Evidence) -> list[str]:
     found, said = evidence.statistics, list[str]()
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
-        if evidence.gap:
+        asked = {name: evidence.replies[name] for name in ("real", *MOVED) if evidence.replies.get(name)}
+        silent = [name for name, replies in asked.items() if not replies.get(DECIDED)]
+        if silent and any(name in asked for name in MOVED):
+            said.append(f"decisions on {', '.join(silent)} would test it")
+        elif evidence.gap:
             need = episodes_needed(evidence.scenarios, alpha=ALPHA)
             said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     clear = found["turns_clear"]

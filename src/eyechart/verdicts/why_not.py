@@ -10,7 +10,7 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import Discordant, SignTest, net_effect
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import STRICT, frames_to_bound, turns_to_tell
-from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, failures, lacking
+from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, besides, failures, lacking
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
@@ -216,6 +216,8 @@ def _not_associated(evidence: Evidence) -> WhyNot:
         if failed is not None:
             tested = found[failed.statistic]
             settle, frames = _frames(tested)
+            if also := besides(found, failed.statistic):
+                settle, frames = f"nothing on frames like these: {also}", None
             corrected = tested if failed.p is None else replace(tested, p=failed.p)
             return WhyNot("depth", failed.statistic, corrected, failed.needs, settle, frames)
     first = observational if interventional.p is None else interventional
