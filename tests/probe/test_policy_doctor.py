@@ -1,6 +1,7 @@
 """The doctor of policies: each fault is named in words, and a sound policy is found sound."""
 
 import json
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -8,8 +9,9 @@ from typer.testing import CliRunner
 from eyechart.cli.app import app
 from eyechart.errors import BankError
 from eyechart.frames import FrameBank
-from eyechart.probe.policies import MOST_CALLS, examine_policy
+from eyechart.probe.policies import MOST_CALLS, _Asked, examine_policy
 from eyechart.simulators import open_bank_simulator
+from eyechart.spaces.motion import MotionSpace
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +90,21 @@ def test_a_policy_that_hears_nothing_is_not_told_that_its_colours_are_exchanged(
     """Red and blue exchanged bring its answer to the log where blue is named, and away from it where red is."""
     (one,) = (one for one in examine_policy("python:arms:deaf", bank).findings if one.name == "pictures")
     assert one.fine is None
+
+
+@pytest.mark.parametrize("steps", [4, 6])
+def test_numbers_are_held_against_moments_of_all_parts_of_an_episode(tmp_path: Path, steps: int) -> None:
+    """Were they all of one step, on which the log hardly moves, any other answer would be of another unit."""
+    bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=steps)
+    assert len({frame.step for frame in _Asked(bank, _motion(bank)).further}) == 4
+    said = {one.name: one for one in examine_policy("python:arms:deaf", bank).findings}
+    assert said["unit"].fine, said["unit"].says
+    assert {one.name: one for one in examine_policy("python:arms:raw", bank).findings}["unit"].fine is False
+
+
+def _motion(bank: FrameBank) -> MotionSpace:
+    assert bank.manifest.motion is not None
+    return bank.manifest.motion
 
 
 def test_a_sound_policy_has_nothing_amiss(bank: FrameBank) -> None:

@@ -1,7 +1,7 @@
 """The doctor of policies: in at most twenty calls, whether what they are given reaches them, and what they answer."""
 
 import asyncio
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
 from eyechart.models import Model, ask, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, policy_prompt
-from eyechart.spaces.motion import Motion, MotionSpace
+from eyechart.spaces.motion import Floats, Motion, MotionSpace
 from eyechart.spaces.space import Decision
 
 MOST_CALLS = 20
@@ -72,6 +72,19 @@ def examine_policy(spec: str, bank: FrameBank, *, timeout_s: float | None = None
     return asyncio.run(_examine(spec, model, _Asked(bank, space)))
 
 
+def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Return a few frames, of episodes far apart, each from another part of its own; fewer where there are fewer."""
+    drives: dict[object, list[Frame]] = {}
+    for frame in frames:
+        drives.setdefault(frame.drive, []).append(frame)
+    episodes = list(drives.values())
+    found = []
+    for number in range(_FEW):
+        episode = episodes[len(episodes) * (2 * number + 1) // (2 * _FEW)]
+        found.append(episode[len(episode) * (2 * number + 1) // (2 * _FEW)])
+    return tuple({one.id: one for one in found}.values())
+
+
 class _Asked:
     """The frames that are asked about, and what is asked: a moment, and one of another episode that differs."""
 
@@ -84,8 +97,7 @@ class _Asked:
             raise BankError(f"the bank {bank.root} has one episode, and a policy is shown what another has")
         told = [frame for frame in others if frame.fields != self.first.fields]
         self.other = (told or others)[len(told or others) // 2]
-        step = max(1, len(bank) // _FEW)
-        self.further = tuple(bank.frames[step // 2 :: step][:_FEW])
+        self.further = _spread(bank.frames)
 
     def of(self, frame: Frame) -> Stimulus:
         """Return all that a frame is."""
@@ -114,14 +126,18 @@ class _Asked:
             if len(names) > 1 or what != "the cameras exchanged"
         }
 
+    def logged(self, frames: Sequence[Frame], answers: Floats | None = None) -> Floats:
+        """Return the logged motions of frames, or ``answers`` in their place, relative to their states."""
+        states = np.array([flat_state(frame.state) for frame in frames])
+        numbers = np.array([frame.motion for frame in frames]) if answers is None else answers
+        return self.space.relative(numbers, states if states.size else None)
+
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the squared error to the logged motion, over the variance of all logged ones."""
-        logged = [one for one in self.bank if one.motion]
-        states = np.array([flat_state(one.state) for one in logged])
-        given = states if states.size else None
-        every = self.space.relative(np.array([one.motion for one in logged]), given)
+        every = self.logged([one for one in self.bank if one.motion])
         spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
-        own = None if given is None else np.array(flat_state(frame.state))
+        given = flat_state(frame.state)
+        own = np.array(given) if len(given) else None
         found, wanted = (self.space.relative(one, own) for one in (answer.array, np.array(frame.motion)))
         return float((((found - wanted) / spread) ** 2).mean())
 
@@ -296,20 +312,23 @@ def _varies(order: list[Decision[Motion]]) -> Finding:
 
 
 def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
-    """Say whether the numbers are of the log's size: a skipped normalisation, or another unit, is not."""
+    """Say whether the numbers are of the log's size: a skipped normalisation, or another unit, is not.
+
+    They are held against the log of these frames and of the whole bank: a few moments may call for next to no motion.
+    """
     pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.motion]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]
     if len(kept) < 2:
         return Finding("unit", None, "too few logged motions to hold the answers against")
-    states = np.array([flat_state(frame.state) for frame, _ in kept])
-    given = states if states.size else None
-    logged = asked.space.relative(np.array([frame.motion for frame, _ in kept]), given)
-    answers = asked.space.relative(np.stack([numbers for _, numbers in kept]), given)
-    spread = np.maximum(logged.std(axis=(0, 1)), 1e-9)
-    sizes = np.sqrt((answers**2).mean(axis=(0, 1))) / np.maximum(np.sqrt((logged**2).mean(axis=(0, 1))), 1e-9)
-    away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / spread
+    frames = [frame for frame, _ in kept]
+    answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
+    logged, every = asked.logged(frames), asked.logged([frame for frame in asked.bank if frame.motion])
+    here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))
+    most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
+    sizes = np.where(most > 1, most, np.minimum(least, 1.0))
+    away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / np.maximum(every.std(axis=(0, 1)), 1e-9)
     for number, one in enumerate(asked.space.dimensions):
-        if logged[..., number].std() < 1e-9:
+        if every[..., number].std() < 1e-9:
             continue
         if not _SMALL <= sizes[number] <= _LARGE or away[number] > _AWAY:
             said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
