@@ -86,6 +86,20 @@ def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path
         course_of(scores[:1])
 
 
+@pytest.mark.usefixtures("_here")
+def test_a_replication_of_several_policies_compares_each_with_itself(bank: FrameBank, tmp_path: Path) -> None:
+    """Not with whoever was asked after it: those two may well differ, and say nothing of the replication."""
+    specs = [f"{HERE}:{one}" for one in ("stepless", "sightless")]
+    for name, order in {"one": specs, "two": specs[::-1]}.items():
+        policy.run(policy.plan(bank.root, order, tmp_path / name, conditions=FEW))
+    found = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
+    assert found.exit_code == 0, found.output
+    said = json.loads(found.stdout)
+    assert [(one["before"], one["after"]) for one in said["changes"]] == [(one, one) for one in specs]
+    assert said["replicated"]
+    assert CliRunner().invoke(app, ["compare", str(tmp_path / "one")]).exit_code == 1
+
+
 class Named:
     """A checkpoint that says in its version how far its training had come."""
 
@@ -99,6 +113,9 @@ class Named:
 
 
 first, last, nameless = Named("act-step_010000.pt", 1.0), Named("ckpt 30k", 0.0), Named("of June", 0.5)
+
+
+stepless, sightless = Named("of May", 1.0), Named("of July", 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -70,9 +70,10 @@ class Change(Plain):
 
 @dataclass(frozen=True)
 class Course:
-    """Checkpoints in their order, and what changed from each to the next."""
+    """Checkpoints in their order, which of them are compared, and what changed from each of these to the next."""
 
     checkpoints: tuple[Checkpoint, ...]
+    compared: tuple[tuple[Checkpoint, Checkpoint], ...]
     changes: tuple[Change, ...]
 
     @property
@@ -86,10 +87,10 @@ class Course:
             labels = (f"{axis} {old}, then {new}" for axis, (old, new) in one.labels.items())
             shares = f"differs in {', '.join(one.changed)}" if one.changed else "no share differs (Holm)"
             yield f"{one.before} → {one.after}: {'; '.join([*labels, shares])}"
-        ignores = [one.verdict.camera.label == "ignores_camera" for one in self.checkpoints]
-        for (before, after), point in zip(pairwise(ignores), self.checkpoints[1:], strict=True):
+        for pair in self.compared:
+            before, after = (one.verdict.camera.label == "ignores_camera" for one in pair)
             if before != after:
-                yield f"from {point.name} on it {'ignores its cameras' if after else 'no longer ignores its cameras'}"
+                yield f"from {pair[1].name} on it {'ignores its cameras' if after else 'no longer ignores its cameras'}"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -141,6 +142,7 @@ class Course:
 def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = None) -> Course:
     """Return the policies of runs on one bank in the order of their steps; as they were asked where one has none.
 
+    Of runs that all ask the same policies, such as one and its replication, each is then compared with itself.
     A step is ``given`` by SPEC, else declared (``step``), else read from the version that a policy declares of itself
     ("step 20000", "checkpoint-020000", "ckpt_20k"). Raises SpecError where there are fewer than two policies, they were
     not asked about the same frames, or a step is given to a policy that is none of them.
@@ -157,9 +159,15 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
             raise SpecError(f"{found[0].policy.model} and {one.policy.model} were not asked about the same frames")
-    if all(one.step is not None for one in found):
+    specs = [list(score.models) for score in scores]
+    again = len(scores) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
+    if stepped := all(one.step is not None for one in found):
         found.sort(key=lambda one: one.step or 0)
-    return Course(tuple(found), tuple(_change(*two) for two in pairwise(found)))
+    elif again:
+        found.sort(key=lambda one: specs[0].index(one.policy.model))
+    same = again and not stepped
+    pairs = tuple(two for two in pairwise(found) if not same or two[0].policy.model == two[1].policy.model)
+    return Course(tuple(found), pairs, tuple(_change(*two) for two in pairs))
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
