@@ -37,3 +37,6 @@ def blind(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | N
     """Go to the middle of the table, whatever is seen or said."""
     del images, instruction
     return reach(state, MIDDLE)
+
+
+blind.channels = ("state",)  # type: ignore[attr-defined]
