@@ -117,7 +117,8 @@ def test_what_fails_is_missing_and_missing_is_never_clear(
         "misfit": "no reply: its text is a NoneType",
         "replaced": "another model answered: another, not itself",
     }
-    assert words[failing] in found.missing[f"voter:{failing}/original"]
+    said = found.missing[f"voter:{failing}/original"]
+    assert words[failing] in said or (failing == "late" and "by the deadline" in said)  # on a machine as slow as it
     missing = sum(vote is None for votes in found.votes.values() for vote in votes)  # a slow machine is late too
     assert f"{missing} missing, which never count as clear" in found.why
     assert missing == 2 or failing == "late"

@@ -153,21 +153,32 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
         raise SpecError(f"--step names '{unknown[0]}', and these runs asked {', '.join(sorted(asked))}")
     if len(found) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
+    _require_same_frames(found)
+    compared = tuple(_compared(found, [list(score.models) for score in scores]))
+    return Course(tuple(found), compared, tuple(_change(*two) for two in compared))
+
+
+def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[tuple[Checkpoint, Checkpoint]]:
+    """Put policies in their order, and yield which of them are compared; ``specs`` are those of each run."""
+    again = len(specs) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
+    if all(one.step is not None for one in found):
+        found.sort(key=lambda one: one.step or 0)
+        again = False
+    elif again:
+        found.sort(key=lambda one: specs[0].index(one.policy.model))
+    for one, other in pairwise(found):
+        if not again or one.policy.model == other.policy.model:
+            yield one, other
+
+
+def _require_same_frames(found: Sequence[Checkpoint]) -> None:
+    """Raise SpecError where policies were not asked about the same frames."""
     first = found[0].policy.motions.plan
     for one in found[1:]:
         plan = one.policy.motions.plan
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
             raise SpecError(f"{found[0].policy.model} and {one.policy.model} were not asked about the same frames")
-    specs = [list(score.models) for score in scores]
-    again = len(scores) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
-    if stepped := all(one.step is not None for one in found):
-        found.sort(key=lambda one: one.step or 0)
-    elif again:
-        found.sort(key=lambda one: specs[0].index(one.policy.model))
-    same = again and not stepped
-    pairs = tuple(two for two in pairwise(found) if not same or two[0].policy.model == two[1].policy.model)
-    return Course(tuple(found), pairs, tuple(_change(*two) for two in pairs))
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
