@@ -59,12 +59,13 @@ def test_a_refusal_that_proves_nothing_of_the_request_may_pass(name: str) -> Non
     assert kind_of_status(*PASSING[name]) == "gateway"
 
 
+@pytest.mark.parametrize("waited_s", [0.0, 0.03])
 @pytest.mark.parametrize("name", [name for name in ROADS if name not in {"nothing for long", "a drip"}])
-def test_after_every_fault_of_the_road_the_next_request_gets_its_own_answer(name: str) -> None:
+def test_after_every_fault_of_the_road_the_next_request_gets_its_own_answer(name: str, waited_s: float) -> None:
     """No fault ends its call, none is taken for an answer, and what came too much is not read as the next reply."""
     with BrokenRoad(roads=[name]) as server:
         model = open_model("openai:m", RequestMode("openai:m", base_url=server.base_url, timeout_s=10))
-        first, second = asyncio.run(_after(model, server))
+        first, second = asyncio.run(_after(model, server, waited_s))
     assert first.error in TRANSIENT
     assert (first.text, first.error_detail != "") == ("", True)
     assert second.error in {None, *TRANSIENT}
@@ -72,9 +73,9 @@ def test_after_every_fault_of_the_road_the_next_request_gets_its_own_answer(name
     assert (second.error is None) == (second.text == "SLOW")
 
 
-async def _after(model: Model, server: BrokenRoad) -> tuple[Reply, Reply]:
+async def _after(model: Model, server: BrokenRoad, waited_s: float) -> tuple[Reply, Reply]:
     first = await ask(model, QUERY)
-    await asyncio.sleep(0.03)
+    await asyncio.sleep(waited_s)
     server.share = 0.0
     second = await ask(model, QUERY)
     await model.close()

@@ -15,6 +15,7 @@ import ssl
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -23,6 +24,7 @@ from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
 import orjson
+from aiohttp.client_proto import ResponseHandler
 from aiohttp.connector import Connection
 
 from eyechart import __version__
@@ -70,6 +72,7 @@ class Response:
     payload: bytes = field(default=b"", repr=False)
     content_type: str = ""
     arrived: list[tuple[int, float]] = field(default_factory=list, repr=False)
+    came_over: ResponseHandler | None = field(default=None, repr=False)
 
     def reply(self, reply: Reply) -> Reply:
         """Return a reply with this response's status and times, and the size and digest of what was sent."""
@@ -84,7 +87,13 @@ class Response:
         )
 
     def failure(self, error: ErrorKind | None = None, detail: str = "") -> Reply:
-        """Return the reply of a failure: this response's own, or the one that its body turned out to be."""
+        """Return the reply of a failure: this response's own, or the one that its body turned out to be.
+
+        What came over a connection once may be followed by more, which would be read as the next call's reply: it is
+        closed, and a call that was sent over it meanwhile fails and is made again.
+        """
+        if self.came_over is not None and self.came_over.transport is not None:
+            self.came_over.transport.close()
         words = self.scrub(detail or self.detail)  # before it is cut: half a key is known as one no more
         return self.reply(Reply(error=error or self.error, error_detail=printable(words)))
 
@@ -106,7 +115,12 @@ class _Connector(aiohttp.TCPConnector):
         while found.protocol is not None and found.protocol.should_close:
             found.close()
             found = await super().connect(req, traces, timeout)
+        _USED.set(found.protocol)
         return found
+
+
+_USED: ContextVar[ResponseHandler | None] = ContextVar("used", default=None)
+"""The connection over which the request of a task was sent."""
 
 
 @dataclass(slots=True)
@@ -126,8 +140,10 @@ class Endpoint:
     async def post(self, path: str, payload: bytes) -> Response:
         """Send one request and read its whole body; every failure is a Response with its kind."""
         start, seen = time.perf_counter(), Response(scrub=self.scrub, payload=payload)
+        _USED.set(None)
         try:
             async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
+                seen.came_over = _USED.get()
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
                 seen.content_type = came.content_type
                 async for chunk in came.content.iter_any():
