@@ -13,6 +13,8 @@ from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
 
+pytestmark = pytest.mark.slow
+
 DOSES_M = (7.5, 8.5, 9.5, 10.5, 11.5, 13.0, 15.5, 18.0, 19.5, 21.5, 24.0, 27.0, 31.0, 36.0, 41.0, 46.0, 52.0, 58.0)
 DRAWS = 24
 

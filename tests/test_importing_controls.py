@@ -14,6 +14,8 @@ from eyechart.simulators.rover import Rover
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
+pytestmark = pytest.mark.slow
+
 PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
 DRAWN = (*COUNTERFACTUALS, *(name for name in CONTROLS if name != "nudged"))

@@ -23,6 +23,8 @@ from eyechart.models import scripted
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery
 
+pytestmark = pytest.mark.slow
+
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
 
 

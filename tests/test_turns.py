@@ -22,6 +22,8 @@ from eyechart.modes import RequestMode
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 
+pytestmark = pytest.mark.slow
+
 IN_TURN = ["open depth", "close depth", "open presence", "close presence", "open random", "close random"]
 SCENES = ("hf:scene_constant", "hf:scene_side_blind")
 MODELS = ("hf:depth", "hf:presence", "hf:random")

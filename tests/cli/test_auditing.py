@@ -18,6 +18,8 @@ from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 from eyechart.studies.closed_loop.ladder import plan_ladder
 
+pytestmark = pytest.mark.slow
+
 LOOK = "python:tiny_worlds:look"
 
 

@@ -22,6 +22,8 @@ from eyechart.studies.closed_loop import score
 from eyechart.studies.closed_loop.page import make_drives_page
 from faults import FaultServer
 
+pytestmark = pytest.mark.slow
+
 LOOK = "python:tiny_worlds:look"
 FAILING = "python:tiny_worlds:failing"
 

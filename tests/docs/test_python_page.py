@@ -17,6 +17,8 @@ from eyechart.frames import FrameBank, open_bank
 from eyechart.simulators.highway import Highway
 from known import Demo
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 

@@ -20,6 +20,8 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Limits
 from eyechart.manifest import LEDGER
 
+pytestmark = pytest.mark.slow
+
 LOOK = "python:tiny_worlds:look"
 
 

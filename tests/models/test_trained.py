@@ -19,6 +19,8 @@ from eyechart.models.trained import TRAINED
 from eyechart.spaces.motion import Motion
 from eyechart.verdicts.channels import CAMERA_LABELS, INSTRUCTION_LABELS, STATE_LABELS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder() -> Path:

@@ -10,6 +10,8 @@ from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
 
+pytestmark = pytest.mark.slow
+
 PHOTOGRAPHED = [name for name in SIMULATORS if find_simulator(name).declared.presets]
 """Those that make banks; the others can only be driven."""
 

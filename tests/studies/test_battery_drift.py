@@ -23,6 +23,8 @@ from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.stages import asked_of_model, supplied
 from eyechart.verdicts import calibrated_rules
 
+pytestmark = pytest.mark.slow
+
 ORDERS = 100
 HARDER = ("STRAIGHT", "SLOW", "STOP")
 

@@ -35,6 +35,8 @@ from eyechart.studies.battery.elsewhere import Brought
 from eyechart.verdicts import judge
 from known import Demo
 
+pytestmark = pytest.mark.slow
+
 Row = dict[str, Any]
 KEYS = ("call", "frame", "condition", "repeat")
 NOISY = "standin:noisy"

@@ -29,6 +29,8 @@ from eyechart.studies.battery.planning import plan_of
 from eyechart.transfer import transfer
 from eyechart.verdicts import judge
 
+pytestmark = pytest.mark.slow
+
 BLIND, READER, PAINT = "standin:blind", "standin:reader", "standin:paint"
 LANES = ("lane_own", "lane_beside")
 REST = ("lead_mid_near", "lead_mid_far", "nudged")

@@ -27,6 +27,8 @@ from eyechart.studies.hierarchy.tables import TITLES, against_table, completion_
 from eyechart.studies.probed import spent_on
 from faults import FaultServer
 
+pytestmark = pytest.mark.slow
+
 MPC_ONLY = "constant:STRAIGHT"
 SEEING = "scripted:clear_side"
 SMALL: Mapping[str, Part] = {

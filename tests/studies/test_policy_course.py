@@ -20,6 +20,8 @@ from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.course import course_of, step_of
 
+pytestmark = pytest.mark.slow
+
 FEW = ("real", "real_repeat", "swapped@cameras", "blank")
 
 

@@ -16,6 +16,8 @@ from eyechart.studies import policy
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import PolicyScore, judge
 
+pytestmark = pytest.mark.slow
+
 FEW = ("real", "real_repeat", "swapped@cameras", "blank")
 WIRES = (
     *("real", "real_repeat", "swapped@cameras", "swapped@camera:top", "swapped@camera:wrist", "swapped@instruction"),
