@@ -310,17 +310,18 @@ def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
     assert "follow the side" not in verdict.text()
 
 
+def _often_right(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Turn to the clear side, and on three frames of ten to the other."""
+    action = graded(condition, frame, rng)
+    wrong = float(str(frame.truth["phase"])) < 0.3
+    left = ((frame.truth["left_clear"] is True) != (condition == "mirrored")) != wrong
+    return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
+
+
 def test_whoever_turns_to_the_blocked_side_now_and_then_is_told_so_on_the_card() -> None:
     """On three frames of ten: most turns go to the clear side, and the first sentences warn of the others."""
-
-    def often_right(condition: str, frame: Frame, rng: np.random.Generator) -> str:
-        action = graded(condition, frame, rng)
-        wrong = float(str(frame.truth["phase"])) < 0.3
-        left = ((frame.truth["left_clear"] is True) != (condition == "mirrored")) != wrong
-        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
-
     world = simulated.frames(steps=48)
-    verdict = verdict_on(often_right, world)
+    verdict = verdict_on(_often_right, world)
     assert (verdict.lateral.label, verdict.lateral.decided_by) == ("swaps", "turns_against")
     wrong, turns = (int(number) for number in re.findall(r"\d+", verdict.trust.partition("Beware: ")[2]))
     assert 0.2 < wrong / turns < 0.4
@@ -330,14 +331,7 @@ def test_whoever_turns_to_the_blocked_side_now_and_then_is_told_so_on_the_card()
 
 def test_turns_that_are_shown_wrong_are_not_mended_by_more_frames() -> None:
     """Somewhat more than half go to the clear side: more frames would show that, and the others remain."""
-
-    def mostly_right(condition: str, frame: Frame, rng: np.random.Generator) -> str:
-        action = graded(condition, frame, rng)
-        wrong = float(str(frame.truth["phase"])) < 0.3
-        left = ((frame.truth["left_clear"] is True) != (condition == "mirrored")) != wrong
-        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
-
-    given = evidence_on(simulated.answers(mostly_right, WORLD))
+    given = evidence_on(simulated.answers(_often_right, WORLD))
     assert given.statistics["turns_clear"].value > 0.5
     assert given.statistics["turns_clear"].p > 0.01
     why = judge_one(given).why_not

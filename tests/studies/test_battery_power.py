@@ -5,8 +5,10 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import banks
@@ -15,10 +17,12 @@ from eyechart import cli
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
+from eyechart.stats.order import swapped_ends
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.odds import LEFT_OUT, odds_of
+from eyechart.studies.battery.controls import ALIKE, END_SHARE
+from eyechart.studies.battery.odds import LEFT_OUT, _Drawn, odds_of
 from eyechart.studies.battery.power import power_of
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import calibrated_rules
@@ -225,3 +229,26 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
     left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
     assert left <= named
     assert named - DRAWN <= {*found}
+
+
+def test_ends_are_drawn_as_a_verdict_counts_them(tmp_path: Path) -> None:
+    """Of every draw the same number as the statistic of its answers, with rare and with frequent noise."""
+    bank = banks.build_bank(tmp_path / "bank", episodes=3, steps=4, controls=True)
+    for slips in (0.05, 0.3):
+        drawn = _Drawn(bank, bank.manifest.action_space, slips, 20, np.random.default_rng(3))
+        go, brake, hard = drawn._by_level
+        near, own, far, beside = (
+            drawn._levels[drawn._answer(np.full((20, len(bank)), code, dtype=np.int8))] for code in (hard, hard, go, go)
+        )
+        alike = {name: drawn._levels[drawn._answer(brake)] for name in ALIKE}
+        ends = drawn._ends({"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}, alike)
+        for draw in range(20):
+            first = np.concatenate([near[draw], near[draw], own[draw], own[draw]])
+            second = np.concatenate([far[draw], beside[draw], far[draw], beside[draw]])
+            one, again = (
+                np.concatenate([alike[two[place]][draw] for two in combinations(ALIKE, 2)]) for place in (0, 1)
+            )
+            low, high = np.quantile(np.concatenate([first, second]), (END_SHARE, 1 - END_SHARE))
+            light, heavy = low + (high - low) / 3, high - (high - low) / 3
+            counted = swapped_ends((first, second), (one, again), light=light, hard=heavy, often=2)
+            assert ends[draw] == pytest.approx(counted.value, abs=1e-6)
