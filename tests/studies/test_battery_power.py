@@ -5,7 +5,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -240,15 +240,18 @@ def test_ends_are_drawn_as_a_verdict_counts_them(tmp_path: Path) -> None:
         near, own, far, beside = (
             drawn._levels[drawn._answer(np.full((20, len(bank)), code, dtype=np.int8))] for code in (hard, hard, go, go)
         )
+        nearer, farther = {"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}
         alike = {name: drawn._levels[drawn._answer(brake)] for name in ALIKE}
-        ends = drawn._ends({"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}, alike)
+        ends = drawn._ends(nearer, farther, alike)
+        pairs, same = list(product(nearer, farther)), list(combinations(ALIKE, 2))
         for draw in range(20):
-            first = np.concatenate([near[draw], near[draw], own[draw], own[draw]])
-            second = np.concatenate([far[draw], beside[draw], far[draw], beside[draw]])
-            one, again = (
-                np.concatenate([alike[two[place]][draw] for two in combinations(ALIKE, 2)]) for place in (0, 1)
+            said = {name: levels[draw] for name, levels in (nearer | farther | alike).items()}
+            first, second, one, again = (
+                np.concatenate([said[two[place]][drawn._shown(*two)] for two in compared])
+                for compared in (pairs, same)
+                for place in (0, 1)
             )
             low, high = np.quantile(np.concatenate([first, second]), (END_SHARE, 1 - END_SHARE))
             light, heavy = low + (high - low) / 3, high - (high - low) / 3
             counted = swapped_ends((first, second), (one, again), light=light, hard=heavy, often=2)
-            assert ends[draw] == pytest.approx(counted.value, abs=1e-6)
+            assert ends[draw] == pytest.approx(counted.value)
