@@ -39,18 +39,19 @@ FIRST = (
 
 
 CORE = "not models and not browser and not slow"
+SLOW = "slow and not models and not browser"
 _WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|slow)", re.MULTILINE)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out the files that have no test of what is asked for: to import them takes a while, and may need extras."""
     asked = config.option.markexpr
-    if asked not in {"models", "browser", "slow", CORE} or not collection_path.name.startswith("test_"):
+    if asked not in {"models", "browser", SLOW, CORE} or not collection_path.name.startswith("test_"):
         return None
     if collection_path.suffix != ".py":
         return None
     text = collection_path.read_text(encoding="utf-8")
-    without = _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked}" not in text
+    without = _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked.split()[0]}" not in text
     return True if without else None
 
 
