@@ -260,15 +260,17 @@ def compare(old: tuple[str, Path], new: tuple[str, Path]) -> int:
     compared: Counter[str] = Counter()
     on_purpose: Counter[str] = Counter()
     unexpected: list[str] = []
+    unseen = set(listed)
     for name, *both in pairs(old[1], new[1]):
         first, second = (unversioned(one, side[0]) for one, side in zip(both, (old, new), strict=True))
         kind = name.split("/")[0] if name.startswith("answers") else Path(name).suffix
         compared[kind] += 1
         compared["rows of ledgers"] += len(first) if name.endswith("ledger.sqlite") and isinstance(first, dict) else 0
         for one in by_key.differences(first, second):
-            reasons = [entry.reason for entry in listed if entry.covers(name, one)]
-            if reasons:
-                on_purpose[reasons[0]] += 1
+            covering = [entry for entry in listed if entry.covers(name, one)]
+            if covering:
+                on_purpose[covering[0].reason] += 1
+                unseen.difference_update(covering)
             else:
                 unexpected.append(f"{name}: {one}")
     found = {
@@ -282,6 +284,7 @@ def compare(old: tuple[str, Path], new: tuple[str, Path]) -> int:
         "compared": dict(sorted(compared.items())),
         "left out": {"keys": sorted(CLOCKS), "columns": sorted(TIMES), "in words": "the version itself"},
         "on purpose": dict(sorted(on_purpose.items())),
+        "listed, and not seen": sorted(f"{one.answer}: {' > '.join(one.key)}" for one in unseen),
         "unexpected": unexpected,
     }
     RESULT.parent.mkdir(exist_ok=True)

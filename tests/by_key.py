@@ -26,6 +26,21 @@ class Difference:
 
 
 KINDS = ("added", "removed", "changed")
+NAMES = (
+    "simulator",
+    "policy",
+    "condition",
+    "run",
+    "first",
+    "second",
+    "asks",
+    "baseline",
+    "model",
+    "statistic",
+    "controller",
+    "key",
+)
+"""Fields that name the members of a list, so that a list to which some were added is compared member by member."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +65,12 @@ class Expected:
 def differences(old: object, new: object, key: Key = (), *, within: float = 0.0) -> Iterator[Difference]:
     """Yield where two JSON values differ. Numbers are of one kind and equal to the last bit; NaN equals NaN.
 
-    ``within`` is how far apart floats may be, as a share of the larger and at most so much beside 0: another processor
-    adds in another order.
+    Lists are compared place by place, and name by name where one is longer and its members have names (`NAMES`; a text
+    names itself). ``within`` is how far apart floats may be, as a share of the larger and at most so much beside 0:
+    another processor adds in another order.
     """
+    if isinstance(old, list) and isinstance(new, list) and len(old) != len(new):
+        old, new = _by_name(old, new)
     if isinstance(old, dict) and isinstance(new, dict):
         for name in [*old, *(name for name in new if name not in old)]:
             if name not in new:
@@ -72,11 +90,15 @@ def differences(old: object, new: object, key: Key = (), *, within: float = 0.0)
 
 def read_expected(path: Path) -> list[Expected]:
     """Read the list of what differs on purpose; raises ValueError where an entry lacks something or is of no kind."""
-    listed = tomllib.loads(path.read_text(encoding="utf-8")).get("difference", [])
-    found = [Expected(one["answer"], tuple(one["key"]), one["kind"], one["reason"].strip()) for one in listed]
-    for one in found:
-        if one.kind not in KINDS or not one.reason:
-            raise ValueError(f"{path}: {one} needs a kind of {', '.join(KINDS)} and a reason")
+    found = []
+    for group in tomllib.loads(path.read_text(encoding="utf-8")).get("difference", []):
+        kinds = {kind: lines for kind, lines in group.items() if kind in KINDS}
+        if set(group) != {"reason", *kinds} or not kinds or not group["reason"].strip():
+            raise ValueError(f"{path}: {group} needs a reason, and lines of what is {', '.join(KINDS)}")
+        for kind, lines in kinds.items():
+            for line in lines:
+                answer, _, key = line.partition(": ")
+                found.append(Expected(answer, tuple(key.split(" > ")), kind, group["reason"]))
     return found
 
 
@@ -84,6 +106,23 @@ def unexpected(answer: str, found: Iterable[Difference], expected: Iterable[Expe
     """Return the differences of an answer that no entry of the list covers, a line each."""
     listed = list(expected)
     return [str(one) for one in found if not any(entry.covers(answer, one) for entry in listed)]
+
+
+def _by_name(old: list[object], new: list[object]) -> tuple[object, object]:
+    """Return both lists by the names of their members; as they are, where a member has none, or two have the same."""
+    named = [name for name in NAMES if all(isinstance(one, dict) and name in one for one in (*old, *new))]
+    found = []
+    for side in (old, new):
+        if all(isinstance(one, str) for one in side):
+            names = side
+        elif named:
+            names = [" ".join(str(one[name]) for name in named) for one in side]
+        else:
+            return old, new
+        if len(set(names)) < len(names):
+            return old, new
+        found.append(dict(zip(names, side, strict=True)))
+    return found[0], found[1]
 
 
 def _short(value: object) -> str:

@@ -22,11 +22,23 @@ def test_equal_values_have_no_differences() -> None:
         ({}, {"a": 3}, "a: added, None → 3"),
         ([1, 2], [1, 3], "1: changed, 2 → 3"),
         ([1, 2], [1], "all: changed, [1, 2] → [1]"),
+        (["a", "b"], ["a", "c", "b"], "c: added, None → 'c'"),
+        (
+            [{"policy": "x", "condition": "real", "n": 1}],
+            [{"policy": "x", "condition": "blank", "n": 5}, {"policy": "x", "condition": "real", "n": 2}],
+            "x real > n: changed, 1 → 2",
+        ),
+        (
+            [{"policy": "x"}],
+            [{"policy": "x"}, {"policy": "x"}],
+            "all: changed, [{'policy': 'x'}] → [{'policy': 'x'}, {'policy': 'x'}]",
+        ),
     ],
 )
 def test_a_difference_is_named_by_its_key(old: object, new: object, line: str) -> None:
     """The last bit of a number counts, and so does its kind."""
-    assert [str(one) for one in differences(old, new)] == [line]
+    assert line in [str(one) for one in differences(old, new)]
+    assert len(list(differences(old, new))) == 1 + line.startswith("x real")
 
 
 def test_floats_may_be_held_equal_within_a_share() -> None:
@@ -49,10 +61,22 @@ def test_a_listed_difference_is_expected_at_its_key_and_of_its_kind_only() -> No
     assert unexpected("score-battery", [Difference(level.key, "changed", 0.9, 0.95)], listed)
 
 
-def test_a_difference_without_a_reason_is_refused(tmp_path: Path) -> None:
-    """So is one of an unknown kind."""
+def test_a_group_is_read_line_by_line(tmp_path: Path) -> None:
+    """A line is the answer's name and the key, of the kind under which it stands."""
     path = tmp_path / "differences.toml"
-    for kind, reason in (("changed", " "), ("other", "why")):
-        path.write_text(f'[[difference]]\nanswer = "a"\nkey = ["b"]\nkind = "{kind}"\nreason = "{reason}"\n')
-        with pytest.raises(ValueError, match="needs a kind of added, removed, changed and a reason"):
-            read_expected(path)
+    path.write_text('[[difference]]\nreason = "why"\nadded = ["score-*: models > * > level"]\nchanged = ["a: b"]\n')
+    assert read_expected(path) == [
+        Expected("score-*", ("models", "*", "level"), "added", "why"),
+        Expected("a", ("b",), "changed", "why"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "words", ['reason = " "\nadded = ["a: b"]', 'reason = "why"', 'reason = "why"\nother = ["a: b"]']
+)
+def test_a_difference_without_a_reason_is_refused(tmp_path: Path, words: str) -> None:
+    """So is one of an unknown kind, and a reason for nothing."""
+    path = tmp_path / "differences.toml"
+    path.write_text(f"[[difference]]\n{words}\n")
+    with pytest.raises(ValueError, match="needs a reason, and lines of what is added, removed, changed"):
+        read_expected(path)
