@@ -242,7 +242,7 @@ def main() -> int:
         options.error("--old is needed: the Python in which the older eyechart is installed")
     steps = hashlib.sha256(json.dumps(lines()[1]).encode()).hexdigest()[:12]
     sides = []
-    for python in (given.old, Path(sys.executable)):
+    for python in (given.old.absolute(), Path(sys.executable)):
         version, place = said(python, "import eyechart as e; print(e.__version__, e.__path__[0])").split(" ", 1)
         folder = given.out.resolve() / f"{version}-{digest_of(Path(place))}-{steps}"
         sides.append((version, folder))
