@@ -79,6 +79,7 @@ def report(demo: Demo) -> Report:
     return read_report(demo.run, resamples=500)
 
 
+@pytest.mark.slow
 def test_it_says_what_the_steps_say(report: Report, demo: Demo) -> None:
     """One call is the steps in their order: score, then judge."""
     steps = judge(battery.score(demo.run, resamples=500))

@@ -165,6 +165,7 @@ def stop(prompt: str, image: bytes | None) -> str:
     return "STOP"
 
 
+@pytest.mark.slow
 def test_a_failure_fits_on_one_screen(demo: Demo, bank: FrameBank, tmp_path: Path) -> None:
     """Sixteen models and every requirement, long names too: what fails first, the rest counted, 24 lines of 80."""
     for require in (("depth",), tuple(REQUIREMENTS)):

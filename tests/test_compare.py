@@ -116,6 +116,7 @@ def test_a_table_of_scores_that_is_no_text_is_refused(tmp_path: Path) -> None:
             read_scores(path)
 
 
+@pytest.mark.slow
 def test_the_commands_answer_in_words_in_json_and_by_exit_code(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,7 @@ import banks
 FILE = Path(__file__).parents[1] / "benchmarks" / "broken_roads_run.py"
 
 
+@pytest.mark.slow
 def test_a_run_through_broken_roads_loses_nothing_and_comes_to_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

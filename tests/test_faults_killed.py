@@ -7,6 +7,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 import banks
 import killed
 from eyechart.ledger import UNKNOWN, Ledger
@@ -18,6 +20,7 @@ from faults import FaultServer, _seeded, seeded_action
 KILLS = 20
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_twenty_moments_repeats_only_what_was_under_way(tmp_path: Path) -> None:
     """The server's own count says so: every call once, and once more for each attempt whose outcome was lost."""
     bank, out = banks.build_bank(tmp_path / "bank", steps=4), tmp_path / "run"

@@ -69,6 +69,7 @@ def eyechart(monkeypatch: pytest.MonkeyPatch, *words: object) -> object:
     return left.value.code
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("episodes", [True, False])
 def test_from_a_folder_of_photographs_to_the_verdict_depth(
     *, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], episodes: bool
@@ -307,6 +308,7 @@ LESS: dict[str, tuple[Sequence[str], dict[str, object], str, str, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", LESS)
 def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs(
     imported: Import, tmp_path: Path, missing: str
@@ -371,6 +373,7 @@ def test_padded_numbers_are_numbers_where_a_number_is_asked_for(imported: Import
     assert [frame.truth["tag"] for frame in bank][:2] == ["000", "001"]
 
 
+@pytest.mark.slow
 def test_a_table_of_a_million_rows_is_streamed_every_so_many(tmp_path: Path) -> None:
     """Rows that become no frames are not kept, and progress is told meanwhile."""
     table, read = long_table(tmp_path / "long.csv", 1_000_000), []

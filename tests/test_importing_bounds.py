@@ -87,6 +87,7 @@ def vast(folder: Path) -> Iterator[tuple[Path, str]]:
     yield written("vast.jpg", head + b"\xff\xda\x00\x0c\x03\x01\x00\x02\x00\x03\x00\x00\x3f\x00"), "megapixels"
 
 
+@pytest.mark.slow
 def test_what_claims_to_be_vast_is_refused_within_200_mb(tmp_path: Path) -> None:
     """A cell, a line and a row of 60 MB, a picture of 169 to 4000 megapixels: one line each, 200 MB more in use."""
     expected = list(vast(tmp_path))

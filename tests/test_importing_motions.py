@@ -114,6 +114,7 @@ def test_no_motion_goes_over_a_step_that_is_missing(tmp_path: Path) -> None:
     assert without == [2, 3, 7, 8]
 
 
+@pytest.mark.slow
 def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that reads the front picture and its task, and neither the side camera nor the state beyond its place."""
     bank = imported(tmp_path, rows(tmp_path))

@@ -67,6 +67,7 @@ def test_a_repeat_is_asked_anew_and_never_answered_from_the_first_call(scored: B
     assert scored.models["scripted:depth"].statistics["noise_floor"].value == 0
 
 
+@pytest.mark.slow
 def test_a_finished_demo_makes_no_further_calls(demo: Demo) -> None:
     """A second demo in the same folder finds every call finished and prints the same."""
     before = (demo.run / "ledger.sqlite").read_bytes()

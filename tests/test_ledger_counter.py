@@ -236,6 +236,7 @@ def test_a_damaged_counter_is_named(path: Path, text: bytes | None) -> None:
             Ledger(path, create=create)
 
 
+@pytest.mark.slow
 def test_commands_say_how_many_calls_are_missing(tmp_path: Path) -> None:
     """`score` and `costs` say so on one line beside their numbers; `run` refuses, and goes on with --accept-loss."""
     bank, out = build_bank(tmp_path / "bank").root, tmp_path / "run"

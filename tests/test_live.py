@@ -34,6 +34,7 @@ def _get(url: str, **headers: str) -> str:
         return str(answer.read().decode())
 
 
+@pytest.mark.slow
 def test_a_run_is_watched_without_a_further_request_and_the_page_closes_with_it(tmp_path: Path) -> None:
     """First answers are in sight while it goes on; that all are the same is said; other hosts are refused."""
     (tmp_path / "slow_model.py").write_text(SLOW)

@@ -157,6 +157,7 @@ def test_a_model_that_is_set_aside_is_told_with_its_reason(run: Run) -> None:
     assert "set aside: openai:m: auth: HTTP 401: no such key" in result.output
 
 
+@pytest.mark.slow
 def test_a_key_stands_in_no_file_and_no_output(bank: FrameBank, tmp_path: Path) -> None:
     """Searched byte by byte: answers, errors and upstream names that send it back, a failed run, and a traceback."""
 

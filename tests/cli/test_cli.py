@@ -168,6 +168,7 @@ def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_pat
     assert STEADY in eyechart("score", tmp_path / "run").out
 
 
+@pytest.mark.slow
 def test_a_report_is_written_with_its_figures_and_tables(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
     """One page; what it lacks is said on standard error, and exit 2 is for folders that are no run."""
     run, out = tmp_path / "run", tmp_path / "out"

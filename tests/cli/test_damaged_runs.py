@@ -116,6 +116,7 @@ def test_a_foreign_trigger_is_refused_by_every_command(run: Path, say: Callable[
     assert "run/ledger.sqlite is no plain ledger: loud of its schema differ" in str(said.exception)
 
 
+@pytest.mark.slow
 def test_no_command_falls_over_a_number_that_nobody_can_have_measured(run: Path, say: Callable[[str], Result]) -> None:
     """What an older eyechart kept of a server that said so is shown as not reported, and a bundle of it validates."""
     with closing(sqlite3.connect(run / "ledger.sqlite")) as sql:

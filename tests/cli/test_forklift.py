@@ -84,6 +84,7 @@ def warehouse(folder: Path) -> None:
         writer.writerows(rows)
 
 
+@pytest.mark.slow
 def test_a_forklift_goes_from_its_pictures_to_its_bundle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,6 +44,7 @@ def asked(bank: Path, out: Path, *more: str) -> tuple[object, ...]:
     return ("run", "battery", "--frames", bank, "--out", out, *words, *more)
 
 
+@pytest.mark.slow
 def test_a_run_has_controls_of_its_own_and_all_else_of_the_banks(bank: FrameBank, tmp_path: Path, say: Say) -> None:
     """Its folder holds the pictures; another run has others; the same command resumes; a report finds them."""
     seeds = set()
@@ -93,6 +94,7 @@ def test_an_older_bank_without_controls_gets_them(bank: FrameBank, tmp_path: Pat
     assert code == 0, said
 
 
+@pytest.mark.slow
 def test_a_bank_that_cannot_be_drawn_again_is_refused_and_nothing_stays(
     bank: FrameBank, tmp_path: Path, say: Say
 ) -> None:

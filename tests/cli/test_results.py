@@ -33,6 +33,7 @@ def told(*words: str) -> str:
     return " ".join(result.stdout.split())
 
 
+@pytest.mark.slow
 def test_a_label_of_an_unfinished_run_is_marked_wherever_it_stands(half: Path) -> None:
     """In both commands, in the page, and beside every model; the whole run is marked no more."""
     counts = {spec: one.answered for spec, one in battery.score(half, resamples=99).models.items()}
@@ -48,6 +49,7 @@ def test_a_label_of_an_unfinished_run_is_marked_wherever_it_stands(half: Path) -
     assert "unfinished" not in told("verdict", str(half)) + told("score", str(half))
 
 
+@pytest.mark.slow
 def test_what_is_noted_of_every_model_is_printed_once(half: Path) -> None:
     """With the names of those of whom it is said, below the verdicts; in the page likewise."""
     page, verdict = make_page(read_evidence([half])).html.decode(), told("verdict", str(half))

@@ -27,6 +27,7 @@ def run(*words: str, **environ: str) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run([*PROGRAM, *words], capture_output=True, env=os.environ | environ, check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
 def test_a_terminal_that_cannot_print_a_sign_gets_another(encoding: str) -> None:
     """Whatever standard output can print, a list and an error line come without a traceback."""
@@ -47,6 +48,7 @@ def test_an_error_line_is_printable_whatever_a_name_holds() -> None:
     assert wrong.stderr.count(b"\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_stream_that_is_closed_is_no_fault(closed: str, tmp_path: Path) -> None:
@@ -70,6 +72,7 @@ def test_a_full_disk_is_called_a_full_disk() -> None:
 ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "again"), [(signal.SIGINT, 3), *((number, 1) for number in ENDS)])
 @pytest.mark.parametrize("where", ["import", "options", "command"])
 def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: signal.Signals, again: int) -> None:

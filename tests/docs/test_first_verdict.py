@@ -14,6 +14,7 @@ from known import Demo
 PAGE = (pages.ROOT / "docs" / "first-verdict.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_its_commands_run_as_they_stand(demo: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the demo's folder on; what it shows of a verdict is what is printed, and the gate holds."""
     lines = [line for step in pages.steps(PAGE) if step.kind == "commands" for line in step.text.splitlines()]

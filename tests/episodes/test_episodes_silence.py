@@ -221,6 +221,7 @@ def test_an_outage_costs_so_many_stops_and_then_the_model_is_set_aside(tmp_path:
     assert len(silent) == Limits().patience
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("silence", "error", "left"),
     [

@@ -38,6 +38,7 @@ def decisions(out: Path, policy: str) -> Counter[str]:
     return Counter(one.action or f"no decision: {one.missing}" for one in taken)
 
 
+@pytest.mark.slow
 def test_who_is_constant_is_its_own_marginal_and_who_sees_is_not(tmp_path: Path) -> None:
     """Known answers: every drive of the constant model is the same; of who passes blocks its marginal crashes."""
     study.run(planned(tmp_path / "run", LOOK, ONWARD, SILENT, seeds=10, conditions=("real", "blank")))
@@ -54,6 +55,7 @@ def test_who_is_constant_is_its_own_marginal_and_who_sees_is_not(tmp_path: Path)
     assert driven == {"real"}, "it looks at no picture, so that other pictures change nothing"
 
 
+@pytest.mark.slow
 def test_it_waits_for_its_driver_and_keeps_the_counts_that_it_began_with(tmp_path: Path) -> None:
     """While the driver is cut it does not drive; more worlds later change nothing of what it draws by."""
     run, own = tmp_path / "run", f"marginal:{LOOK}"
@@ -71,6 +73,7 @@ def test_it_waits_for_its_driver_and_keeps_the_counts_that_it_began_with(tmp_pat
     assert planned(run, LOOK, seeds=4).left() == ()
 
 
+@pytest.mark.slow
 def test_a_run_without_it_goes_on_so_and_it_may_be_left_out(tmp_path: Path) -> None:
     """An older run is not widened; asked for by name it drives beside whoever drove already."""
     run = tmp_path / "run"

@@ -55,6 +55,7 @@ def absent(verdict: Verdict, *begin: str) -> bool:
     return not [one for one in verdict.notes if one.startswith(begin)]
 
 
+@pytest.mark.slow
 def test_a_server_that_declines_grey_pictures_shows_a_refusal_effect(ask: Ask) -> None:
     """54 of 144 blank and 1 of 144 real replies hold no action: V = .46, p < 1e-4; over decisions V = 0, p = 1."""
     found, verdict = ask(behaving.declines_grey, 37)
@@ -75,6 +76,7 @@ def test_a_server_that_declines_grey_pictures_shows_a_refusal_effect(ask: Ask) -
     assert absent(verdict, "noise floor", "truncated", "image token")
 
 
+@pytest.mark.slow
 def test_a_server_that_tosses_a_coin_is_told_by_its_noise_floor_alone(ask: Ask) -> None:
     """With s = .79 and IDI = .77, IDI_adj is -.021, although V has p < 1e-4 and I(A;g) p < .05: self-inconsistent."""
     found, verdict = ask(behaving.tosses, 14252)
@@ -92,6 +94,7 @@ def test_a_server_that_tosses_a_coin_is_told_by_its_noise_floor_alone(ask: Ask) 
     assert verdict.failed == ()
 
 
+@pytest.mark.slow
 def test_a_server_that_thinks_past_its_budget_is_not_scored(ask: Ask) -> None:
     """28 % of the calls are cut at 4096 tokens, and 64 % of them at 1024: the budget decides, and is named."""
     for budget, cut, share in ((4096, 325, "28.2%"), (1024, 737, "64.0%")):
@@ -106,6 +109,7 @@ def test_a_server_that_thinks_past_its_budget_is_not_scored(ask: Ask) -> None:
         assert absent(verdict, "refusal effect", "image token")
 
 
+@pytest.mark.slow
 def test_a_server_that_minds_whether_there_is_a_picture_and_hardly_which(ask: Ask) -> None:
     """agree(blank) = .903 with agree(text_only) = .097: the presence of an image matters more than its content.
 

@@ -93,6 +93,7 @@ def test_a_way_runs_through_the_recorded_places_and_near_the_driven_ones(study: 
     np.testing.assert_allclose(way.places[-1, :2], drive.driven[-1], atol=0.001)
 
 
+@pytest.mark.slow
 def test_an_end_that_was_not_recorded_is_driven_again_and_checked(copied: Path, study: Path) -> None:
     """It is the same; where the drive ends in another state its way is left out, and the page says so."""
     file = copied / "primary" / "episodes.jsonl"
@@ -175,6 +176,7 @@ def test_a_film_draws_the_plan_over_the_picture_and_leaves_the_picture_as_it_is(
     assert (steps[-1]["plan"], steps[-1]["lines"]) == ("", None)
 
 
+@pytest.mark.slow
 def test_the_commands_know_a_study_by_its_folder(study: Path, tmp_path: Path) -> None:
     """The report and the score of all of it; a report is about one study."""
     run = CliRunner()

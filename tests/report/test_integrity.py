@@ -183,6 +183,7 @@ def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> 
     assert "planned calls are not finished" not in html
 
 
+@pytest.mark.slow
 def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_path: Path) -> None:
     """On the card, in the table at a glance, among the guards, and in the tables for other programs."""
     models = dict.fromkeys(("a", "b", "c", "d", "e"), stand_ins.stop)

@@ -109,6 +109,7 @@ def test_data_inside_a_script_cannot_end_it() -> None:
     assert json.loads(text) == {"a": "</script><!--&\u2028\u2029"}
 
 
+@pytest.mark.slow
 def test_a_model_whose_name_is_markup_is_shown_as_text(bank: Path, tmp_path: Path) -> None:
     """In cards, tables and figures alike."""
     name = "<img src=x onerror=alert(1)>$x^2$&\"'{{1}}"
@@ -117,6 +118,7 @@ def test_a_model_whose_name_is_markup_is_shown_as_text(bank: Path, tmp_path: Pat
     assert "&lt;img src=x onerror=alert(1)&gt;$x^2$&amp;" in made
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_bytes(hostile: Reported) -> None:
     """Figures, pictures and data included."""
     again = make_page(read_evidence([hostile.run], [hostile.bank]))
@@ -170,6 +172,7 @@ def test_a_missing_bank_leaves_a_page_without_pictures(bank: Path, tmp_path: Pat
     assert found_again.made.html == with_pictures.made.html
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["geometry", "pixels", "damage"])
 def test_pictures_that_the_run_did_not_see_are_not_shown(bank: Path, tmp_path: Path, how: str) -> None:
     """Another fingerprint, other pictures of the same geometry, and a changed file are each said."""
@@ -249,6 +252,7 @@ def test_counterfactual_pairs_stand_side_by_side_with_their_decisions(bank: Path
     assert re.search(r"0 of \d+ pairs are braked harder near", made)
 
 
+@pytest.mark.slow
 def test_several_runs_stand_on_one_page(bank: Path, tmp_path: Path) -> None:
     """Each model is named with its run, and runs of one name are numbered."""
     one = make_run(bank, tmp_path / "a" / "run", {"noisy": noisy})

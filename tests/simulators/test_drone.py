@@ -200,6 +200,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     return Drone().build(tmp_path_factory.mktemp("drone") / "bank", seeds=(0, 1, 2), steps=6)
 
 
+@pytest.mark.slow
 def test_a_bank_demands_what_its_pictures_show(bank: FrameBank) -> None:
     """The reader finds the demanded action in every picture, and moved leads where they were put.
 
@@ -224,6 +225,7 @@ def test_a_bank_demands_what_its_pictures_show(bank: FrameBank) -> None:
     assert abs(demanded.count("LEFT") - demanded.count("RIGHT")) <= 3
 
 
+@pytest.mark.slow
 def test_a_controller_gets_its_declared_labels_on_a_drone_bank(bank: FrameBank, tmp_path: Path) -> None:
     """The one that depends on gap and sides, with the horizontal flip; all sixteen were run once for the docs."""
     verdict = run_battery(bank, "scripted:depth_lateral", tmp_path / "run")["scripted:depth_lateral"]

@@ -349,6 +349,7 @@ def test_counterfactuals_move_the_lead_or_repaint_the_hood_and_nothing_else(bank
         assert read(bank, frame.id, "recoloured").ego_colour == "red"
 
 
+@pytest.mark.slow
 def test_a_bank_is_whole_declares_its_distances_and_is_the_same_in_every_process(
     bank: FrameBank, tmp_path: Path
 ) -> None:
@@ -387,6 +388,7 @@ def require_declared(bank: FrameBank, known: Mapping[str, Controller], out: Path
         assert found == (declared.paper, declared.calibrated, declared.lateral), name
 
 
+@pytest.mark.slow
 def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: FrameBank, tmp_path: Path) -> None:
     """With the horizontal flip as the mirror; so do the hierarchy's planners that see less than both sides."""
     known = {name: CONTROLLERS[name] for name in ON_EVERY_RUN}

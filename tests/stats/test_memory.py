@@ -13,6 +13,7 @@ def _drawn(rng: np.random.Generator, weight: float, n: int = 400) -> tuple[np.nd
     return (answers - answers.mean(axis=1, keepdims=True)).reshape(n, 3), before
 
 
+@pytest.mark.slow
 def test_noise_alone_is_said_to_go_with_the_call_before_as_rarely_as_p_says() -> None:
     """Of 300 policies that draw, 1 % have a p of .01 or less, up to three standard errors."""
     rng = np.random.default_rng(1)

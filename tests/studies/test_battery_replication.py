@@ -79,6 +79,7 @@ def test_another_constant_answer_is_a_change() -> None:
     assert {one.p for name, one in found.items() if name not in {"answer_shift", "across_runs"}} <= {1, None}
 
 
+@pytest.mark.slow
 def test_chance_is_not_taken_for_change() -> None:
     """Two runs of a coin toss: the test rejects at its level (P of more than 7 in 40 at .05 is .0007)."""
     rejected = 0

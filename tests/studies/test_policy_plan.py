@@ -12,6 +12,7 @@ from eyechart.cli.app import app
 from eyechart.simulators import open_bank_simulator
 
 
+@pytest.mark.slow
 def test_more_episodes_settle_more_and_too_few_settle_nothing() -> None:
     """By the share that the camera carries; what draws its answers is settled less often."""
     few, some, many = (power(count, 6 * count, 1, {}, draws=12).said for count in (4, 12, 36))
@@ -21,6 +22,7 @@ def test_more_episodes_settle_more_and_too_few_settle_nothing() -> None:
     assert many["same"]["0.05"][0] > some["same"]["0.05"][0]
 
 
+@pytest.mark.slow
 def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In calls, channels and shares, and as JSON."""
     monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=6))

@@ -319,6 +319,7 @@ def test_a_mode_without_a_schema_is_read_strictly_and_with_one_binds_it(bank: Fr
     assert query.schema["required"] == ["lead_gap_m", "close", "left_clear", "right_clear", "confidence"]
 
 
+@pytest.mark.slow
 def test_forward_cameras_are_asked_through_their_own_view_with_their_own_distances(tmp_path: Path) -> None:
     """On a rover's pictures, 8 m is close; each estimator fails the clauses there that it fails on a highway."""
     rover = build_bank(tmp_path / "rover", simulator="rover", seeds=(0,), steps=6)

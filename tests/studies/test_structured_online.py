@@ -36,6 +36,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(simulators.SIMULATORS, name, place)
 
 
+@pytest.mark.slow
 def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,6 +192,7 @@ def test_every_frame_that_an_estimator_saw_is_checked_in_the_world_again(driven:
     )
 
 
+@pytest.mark.slow
 def test_reflections_may_be_left_out_and_a_run_goes_on_as_it_was_begun(tmp_path: Path) -> None:
     """Then equivariance cannot be said, and half of the calls are made; what is resumed asks as before."""
     out = tmp_path / "run"
