@@ -166,3 +166,36 @@ def test_repeats_that_never_differ_at_a_temperature_alone_convict_nobody_of_a_ca
         assert guard("cache", sent_with(), replace(MODE, temperature=temperature)).holds is holds
     thinks = sent_with(lambda at, name: replace(fine(at, name), reasoning=name))
     assert guard("cache", thinks, replace(MODE, temperature=0.7)).holds is True
+
+
+def test_another_model_than_the_probe_saw_is_no_evidence_of_it() -> None:
+    """However steady it is; and that the probe's pictures arrived says nothing of this one's."""
+
+    def named(served: str, provider: str | None = None) -> Say:
+        return lambda at, name: replace(fine(at, name), served=served, provider=provider, prompt_tokens=None)
+
+    def found(say: Say, **facts: str) -> dict[str, Guard]:
+        mode = replace(MODE, measured=Measured(sees_image=True, facts=facts))
+        return {one.name: one for one in guards(sent_with(say), keys(), mode)}
+
+    same = found(named("m-2026 fp_2"), served="m-2026 fp_1", picture="14 of 14")
+    assert same["served"].holds is True
+    assert same["picture"].holds is True
+    other = found(named("m-2027"), served="m-2026 fp_1", picture="14 of 14")
+    assert other["served"].holds is False
+    assert "the probe saw m-2026 fp_1, and m-2027 answered" in other["served"].because
+    assert other["picture"].holds is None
+    longer = found(named("m-2026-mini"), served="m-2026")
+    assert longer["served"].holds is False
+    elsewhere = found(named("m", "cheap"), served="m", provider="good")
+    assert elsewhere["served"].holds is False
+    assert "the probe saw good, and cheap answered" in elsewhere["served"].because
+    assert found(named("m", "cheap"), served="m")["served"].holds is True
+
+
+def test_an_end_that_is_not_known_is_said() -> None:
+    """Whether the reply was cut off cannot be said; of ends that are known nothing is said."""
+    sent = sent_with(lambda at, name: replace(fine(at, name), finish_reason="pause" if at < 2 else "eos"))
+    found = {one.name: one for one in guards(sent, keys(), MODE)}
+    assert found["truncation"].holds is None
+    assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', a word that is not known")

@@ -4,13 +4,14 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import ending
 
 ErrorKind = Literal[
     "exception",
@@ -177,12 +178,14 @@ class Reply:
     payload_sha256: str | None = None
 
 
-LENGTH, FILTERED = "length", "content_filter"
+def is_cut(reply: Reply) -> bool:
+    """Return whether a reply came, and was cut off."""
+    return reply.error is None and ending(reply.finish_reason) == "cut"
 
 
 def is_empty(reply: Reply) -> bool:
     """Return whether a reply came whole and says nothing."""
-    return reply.error is None and not reply.text.strip() and reply.finish_reason != "length"
+    return reply.error is None and not reply.text.strip() and not is_cut(reply)
 
 
 def concluded(reply: Reply) -> Reply:
@@ -190,7 +193,7 @@ def concluded(reply: Reply) -> Reply:
 
     What was cut off or filtered is no end.
     """
-    if not is_empty(reply) or reply.finish_reason not in {None, "stop"}:
+    if not is_empty(reply) or not (reply.finish_reason is None or ending(reply.finish_reason) == "normal"):
         return reply
     thought = re.sub(r"\s*```\s*$", "", reply.reasoning.rpartition("</think>")[2].strip())
     lines = thought.splitlines()
@@ -201,11 +204,16 @@ def concluded(reply: Reply) -> Reply:
 
 @dataclass(frozen=True, slots=True)
 class Emptiness:
-    """How many replies came, how many of them say nothing, and how many of those hold words in their reasoning."""
+    """How many replies came, how many of them say nothing, and how many of those hold words in their reasoning.
+
+    ``cut`` of those that came were cut off before their first word, ``cut_thought`` of these while they reasoned.
+    """
 
     came: int = 0
     empty: int = 0
     thought: int = 0
+    cut: int = 0
+    cut_thought: int = 0
 
     @classmethod
     def of(cls, replies: Iterable[Reply]) -> "Emptiness":
@@ -214,21 +222,27 @@ class Emptiness:
 
     def plus(self, reply: Reply) -> "Emptiness":
         """Return these counts with one more reply; a failure is none."""
-        silent = is_empty(reply)
-        thought = silent and bool(reply.reasoning.strip())
-        return Emptiness(self.came + (reply.error is None), self.empty + silent, self.thought + thought)
+        silent, cut = is_empty(reply), is_cut(reply) and not reply.text.strip()
+        thought = bool(reply.reasoning.strip())
+        return self + Emptiness(reply.error is None, silent, silent and thought, cut, cut and thought)
 
     def __add__(self, other: "Emptiness") -> "Emptiness":
-        return Emptiness(self.came + other.came, self.empty + other.empty, self.thought + other.thought)
+        return Emptiness(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
 
     @property
     def whole(self) -> bool:
-        """Return whether there are replies and all say nothing."""
-        return 0 < self.came == self.empty
+        """Return whether there are replies and all say nothing, cut off or not."""
+        return 0 < self.came == self.empty + self.cut
 
     @property
     def words(self) -> str:
         """Return in words how many are empty, and the likely cause; nothing where none is."""
+        if self.cut and self.whole:
+            reasoned = f", {self.cut_thought} of them while the model reasoned" if self.cut_thought else ""
+            return (
+                f"all {self.came} replies are empty: {self.cut} were cut off before their first word{reasoned}; raise "
+                "--max-tokens, or switch thinking off"
+            )
         if not self.empty:
             return ""
         counted = (

@@ -15,7 +15,7 @@ from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, Sent
 from eyechart.modes import FEWEST_TOKENS, RequestMode, made_elsewhere
-from eyechart.spaces.space import AnySpace
+from eyechart.spaces.space import AnySpace, ending
 
 FEWEST = 8
 """Fewer pairs than this are no ground for a suspicion."""
@@ -83,9 +83,13 @@ class ServedGuard(Guard):
 
 
 class ServedChecks:
-    """Looks at what names itself in replies, attempt by attempt in the order of sending."""
+    """Looks at what names itself in replies, attempt by attempt in the order of sending.
 
-    def __init__(self) -> None:
+    A ``mode`` that was probed holds what answered then: another model is another, however steady it is.
+    """
+
+    def __init__(self, mode: RequestMode | None = None) -> None:
+        self._probed: Mapping[str, str] = {} if mode is None or mode.measured is None else mode.measured.facts
         self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
 
     def add(self, one: Sent) -> None:
@@ -102,19 +106,36 @@ class ServedChecks:
         count, since, _ = self._found.get(named, (0, one.sent_at, ""))
         self._found[named] = (count + 1, since, one.sent_at)
 
+    def unlike(self) -> dict[str, str]:
+        """Return what answered that is not what the probe saw, in words by ``model`` and ``provider``.
+
+        Of what the probe did not see named it says nothing.
+        """
+        found = {}
+        for name, fact in (("model", "served"), ("provider", "provider")):
+            seen = self._probed.get(fact, "").split(", ")
+            now = sorted({one for named in self._found if (one := named[name == "provider"]) not in {None, _OTHERS}})
+            others = [one for one in now if not any(f"{known} ".startswith(f"{one} ") for known in seen)]
+            if self._probed.get(fact) and others:
+                before, after = (_shown(printable(one)) for one in (self._probed[fact], others[0]))
+                found[name] = f"the probe saw {before}, and {after} answered"
+        return found
+
     def guards(self) -> tuple[ServedGuard, ...]:
         """Return the guard, or none where no reply names what answered."""
         answered = tuple(Served(*named, *counted) for named, counted in self._found.items())
         if not answered:
             return ()
         several = {name: {getattr(one, name) for one in answered} - {None} for name in _DIFFERS}
-        differs = tuple(name for name, found in several.items() if len(found) > 1)
+        unlike = self.unlike()
+        differs = tuple(name for name, found in several.items() if len(found) > 1 or name in unlike)
         shown = "; ".join(one.words for one in answered[:_SHOWN])
         more = f"; and {len(answered) - _SHOWN} more" if len(answered) > _SHOWN else ""
         if not differs:
             return (ServedGuard("served", True, f"one model answered: {shown}{more}", answered),)
-        counted = " and ".join(f"{len(several[name])} {_DIFFERS[name]}" for name in differs)
-        return (ServedGuard("served", False, f"{counted} answered: {shown}{more}", answered, differs),)
+        counted = " and ".join(f"{len(several[name])} {_DIFFERS[name]}" for name in differs if len(several[name]) > 1)
+        parts = [*unlike.values(), f"{counted or 'one model'} answered: {shown}{more}"]
+        return (ServedGuard("served", False, "; ".join(parts), answered, differs),)
 
 
 def _shown(name: str) -> str:
@@ -149,8 +170,8 @@ class GuardChecks:
         self._repeats = _Repeats()
         self._texts: set[str] = set()
         self._empty = Emptiness()
-        self._unsaid = 0
-        self._served = ServedChecks()
+        self._ends = _Ends()
+        self._served = ServedChecks(mode)
         self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
 
     def add(self, one: Sent) -> None:
@@ -161,7 +182,7 @@ class GuardChecks:
         if reply is None or reply.error is not None:
             return
         self._empty = self._empty.plus(reply)
-        self._unsaid += reply.finish_reason is None
+        self._ends.add(reply.finish_reason)
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
@@ -187,15 +208,16 @@ class GuardChecks:
                     "geometry", True, f"the answers are to the calls of this bank, by their keys ({fingerprint[:8]})"
                 ),
                 _constant(self._texts, self._decided, self._empty),
-                _ended(self._empty.came, self._unsaid),
+                self._ends.guard(),
                 *(served if any(not one.holds for one in served) else (_UNNAMED,)),
             )
         return (
-            _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
+            _picture(self._tokens["real"], self._tokens["text_only"], self._mode, self._served.unlike()),
             self._outcomes.guard(planned, counted),
             Guard("geometry", True, same),
             _constant(self._texts, self._decided, self._empty),
             self._repeats.guard(self._mode),
+            *([self._ends.guard()] if self._ends.unknown else []),
             *self._served.guards(),
         )
 
@@ -209,17 +231,42 @@ _ELSEWHERE = {
 _UNNAMED = Guard("served", None, "eyechart did not make the calls, so that nothing shows that one model answered them")
 
 
-def _ended(came: int, unsaid: int) -> Guard:
-    """Return whether it is known of every answer that was made elsewhere how it ended."""
-    if not unsaid:
-        return Guard("truncation", True, f"each of {came} answers names its finish reason")
-    words = f"{unsaid} of {came} answers name no finish reason: one that was cut off would be read as if it were whole"
-    return Guard("truncation", None, words)
+_ENDS_KEPT = 100
+"""Different finish reasons of a model that are told apart; all others are one."""
 
 
-def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Guard:
+@dataclass(slots=True)
+class _Ends:
+    """How replies ended: how many came, how many do not say, and how often each word that is not known."""
+
+    came: int = 0
+    unsaid: int = 0
+    unknown: Counter[str] = field(default_factory=Counter)
+
+    def add(self, reason: str | None) -> None:
+        """Count a reply by its finish reason."""
+        self.came += 1
+        self.unsaid += reason is None
+        if reason is not None and ending(reason) is None:
+            known = reason in self.unknown or len(self.unknown) < _ENDS_KEPT
+            self.unknown[reason if known else "another word"] += 1
+
+    def guard(self) -> Guard:
+        """Return whether it is known of every reply how it ended."""
+        aside = "one that was cut off would be read as if it were whole"
+        if self.unknown:
+            word = _beginning(self.unknown.most_common(1)[0][0]) + (" and others" if len(self.unknown) > 1 else "")
+            words = f"{self.unknown.total()} of {self.came} answers end with {word}, a word that is not known"
+            return Guard("truncation", None, f"{words}: {aside}")
+        if self.unsaid:
+            return Guard("truncation", None, f"{self.unsaid} of {self.came} answers name no finish reason: {aside}")
+        return Guard("truncation", True, f"each of {self.came} answers names its finish reason")
+
+
+def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
+    """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens."""
     found = mode.measured
-    if found is not None and found.sees_image is not None:
+    if found is not None and found.sees_image is not None and not unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"
         return Guard("picture", found.sees_image, says)

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import FILTERED, LENGTH, REFUSED, ErrorKind, Query, Reply, concluded
+from eyechart.calls import REFUSED, ErrorKind, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -31,6 +31,7 @@ from eyechart.models.http import (
 )
 from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, require_text, text_of
 from eyechart.modes import TOKEN_FIELDS, RequestMode
+from eyechart.spaces.space import ending
 
 BASE_URL = "https://api.openai.com/v1"
 KEY = "OPENAI_API_KEY"
@@ -242,7 +243,7 @@ def _failed(came: Response, error: object) -> Reply:
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
     text, finish = text_of(message.get("content")), end_of(choice.get("finish_reason"))
     refusal = refusal_of(message)
-    if finish not in {LENGTH, FILTERED}:  # what stands beside the text says more than that it ended
+    if ending(finish) not in {"cut", "filtered"}:  # what stands beside the text says more than that it ended
         finish = "refusal" if refusal is not None else _beside(body, message) or finish
     usage = body.get("usage")
     usage = usage if isinstance(usage, dict) else {}

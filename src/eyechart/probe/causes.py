@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from eyechart.calls import Emptiness, ErrorKind, is_empty
+from eyechart.calls import Emptiness, ErrorKind, is_cut, is_empty
 from eyechart.modes import RequestMode
 from eyechart.probe.sight import Sight, picture_counts
 
@@ -92,8 +92,8 @@ def _why_blind(sight: Sight) -> list[str]:
 
 def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     came = [one for one in sight.shots if one.reply.error is None]
-    cut = sum(one.reply.finish_reason == "length" for one in came)
-    silent = [one for one in came if one.said is None and one.reply.finish_reason != "length"]
+    cut = sum(is_cut(one.reply) for one in came)
+    silent = [one for one in came if one.said is None and not is_cut(one.reply)]
     found, empty = [], Emptiness.of(one.reply for one in came)
     if empty.empty:
         found.append(empty.words)

@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
-from eyechart.calls import Reply
+from eyechart.calls import Reply, is_cut
 from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
@@ -144,7 +144,7 @@ def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> t
     came = [reply for reply in (*sight.replies, answer) if reply.error is None]
     if not came:
         return None, "no reply came"
-    cut = sum(reply.finish_reason == "length" for reply in came)
+    cut = sum(map(is_cut, came))
     if cut:
         return False, f"{cut} of {len(came)} replies were cut off at {mode.max_tokens} tokens"
     tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]

@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-from eyechart.calls import REFUSED, Emptiness, Reply
+from eyechart.calls import REFUSED, Emptiness, Reply, is_cut
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
@@ -144,7 +144,7 @@ class _Probe:
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""
         reply = await self.asker.ask(self.sample.query(0))
-        while _cut(reply):
+        while is_cut(reply):
             self._grow(reply)
             reply = await self.asker.ask(self.sample.query(0))
         if reply.error is not None:
@@ -214,7 +214,7 @@ class _Probe:
                 words = f"a call of the probe failed with {reply.error}: {reply.error_detail}"
                 raise ProbeError(words, self.asker.spent)
             came.append(reply)
-            if _cut(reply):
+            if is_cut(reply):
                 self._grow(reply)
                 came = []
         return came
@@ -256,10 +256,6 @@ class _Probe:
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
         reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
         return True if reply.error is None else False if reply.error in REFUSED else None
-
-
-def _cut(reply: Reply) -> bool:
-    return reply.error is None and reply.finish_reason == "length"
 
 
 def _seed_matters(drawn: Sequence[Reply]) -> bool | None:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.calls import REFUSED, Query, Reply
+from eyechart.calls import REFUSED, Query, Reply, is_cut
 from eyechart.frames import Stimulus
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
@@ -70,7 +70,7 @@ async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, st
     if reply.error is not None:
         refused = False if reply.error in REFUSED else None
         return refused, f"{'refused' if refused is False else 'failed'}: {reply.error_detail[:120]}"
-    if reply.finish_reason == "length" or not reply.text.strip():
+    if is_cut(reply) or not reply.text.strip():
         return None, "the reply was cut off or empty"
     found = _object(reply.text)
     binds = found is not None and found.get("action") in _ACTIONS
@@ -81,7 +81,7 @@ async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]
     """Ask for one plain word in JSON mode: whether an object comes, and what came."""
     query = plain(_PLAIN, key_seed("json"))
     reply = await asker.ask(query, replace(mode, structured="json_object"))
-    if reply.error is not None or reply.finish_reason == "length":
+    if reply.error is not None or is_cut(reply):
         return (False if reply.error in REFUSED else None), reply.error_detail[:120] or "cut off"
     return _object(reply.text) is not None, f"YES was asked for, {reply.text.strip()[:40]!r} came"
 

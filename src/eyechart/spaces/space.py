@@ -122,12 +122,40 @@ _LEVELS_AT_MOST = 100
 _BRACES_AT_MOST = 1000
 _STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"?|[{}\[\]]', re.DOTALL)
 
-_ENDED: Mapping[str | None, Missing] = {"length": "truncated", "content_filter": "refused", "refusal": "refused"}
+Ending = Literal["normal", "cut", "filtered"]
+_NORMAL = "stop end_turn stop_sequence eos eos_token complete completed"
+_CUT = (
+    "length max_tokens max_token max_output_tokens max_new_tokens max_length model_length token_limit limit "
+    "context_length context_length_exceeded model_context_window_exceeded "
+    "incomplete error abort aborted cancelled canceled interrupted timeout"
+)
+_FILTERED = (
+    "content_filter content_filtered refusal refused safety image_safety recitation blocklist prohibited_content spii "
+    "guardrail_intervened moderation blocked"
+)
+ENDINGS: Mapping[str, Ending] = {
+    **dict.fromkeys(_NORMAL.split(), "normal"),
+    **dict.fromkeys(_CUT.split(), "cut"),
+    **dict.fromkeys(_FILTERED.split(), "filtered"),
+}
+"""What servers call the end of a reply, in small letters with low lines: by itself, cut off, or by a filter."""
+
+
+def ending(finish_reason: str | None) -> Ending | None:
+    """Return how a reply ended by its finish reason, in whose words and letters it may be; None where nobody can say.
+
+    Nobody can where none is reported, and of a word that is not in `ENDINGS`.
+    """
+    word = (finish_reason or "").strip().lower().replace("-", "_").replace(" ", "_")
+    return ENDINGS.get(word.removeprefix("finish_reason_"))
 
 
 def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
     """Return why a reply holds no answer, whatever its text: an error, a cut-off or a filter's refusal; else None."""
-    return "error" if error is not None else _ENDED.get(finish_reason)
+    if error is not None:
+        return "error"
+    ended = ending(finish_reason)
+    return "truncated" if ended == "cut" else "refused" if ended == "filtered" else None
 
 
 def refuses(text: str) -> bool:

@@ -10,7 +10,7 @@ from eyechart.frames import Frame, Scalar
 from eyechart.records import picked
 from eyechart.report.page import evenly, pack
 from eyechart.run import spread
-from eyechart.spaces.space import Decision
+from eyechart.spaces.space import Decision, ending
 from eyechart.studies.battery.album import Album
 from eyechart.studies.battery.subjects import Evidence
 
@@ -132,7 +132,11 @@ def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
 
 
 def _note(reply: Reply, decision: Decision[str]) -> str:
-    notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
+    notes = (
+        []
+        if reply.finish_reason is None or ending(reply.finish_reason) == "normal"
+        else [f"finish reason {reply.finish_reason}"]
+    )
     if reply.error is not None:
         notes.append(f"error {reply.error}: {reply.error_detail}")
     if decision.why is not None:

@@ -174,8 +174,9 @@ def served_of(path: Path) -> dict[str, ServedGuard]:
     """Return the guard of each model of a run for which more than one model, provider or fingerprint answered."""
     found: dict[str, ServedGuard] = {}
     with Ledger(path / LEDGER, absent=True) as ledger:
-        for spec in read_manifest(path).models:
-            checks = ServedChecks()
+        manifest = read_manifest(path)
+        for spec in manifest.models:
+            checks = ServedChecks(manifest.mode(spec))
             for one in ledger.attempts(spec):
                 checks.add(one)
             for guard in checks.guards():
@@ -217,7 +218,7 @@ class OfEpisodes(Study[S]):
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
-                    book, served = Book(manifest.mode(spec), space, prices), ServedChecks()
+                    book, served = Book(manifest.mode(spec), space, prices), ServedChecks(manifest.mode(spec))
                     for one in ledger.attempts(spec):
                         book.add(one)
                         served.add(one)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from eyechart.spaces.scene import FIELDS, SCENES, Beside, Estimate
-from eyechart.spaces.space import Answer, refuses
+from eyechart.spaces.space import Answer, ending, refuses
 
 VOTE_READER = 1
 """The version of these rules, which a guardian remembers."""
@@ -26,9 +26,6 @@ Unvoted = Literal[
     "no_confidence",  # a confidence of 0
 ]
 """Why a reply with an estimate is no vote; one without has a reason of the reader of scenes."""
-
-ENDS = frozenset({"stop", "end_turn", "stop_sequence", "eos", "eos_token", "complete"})
-"""Finish reasons of a reply that ended by itself, in small letters: OpenAI's, and what others call the same."""
 
 _LEAD_IN = """
 a answer answers are as based below certainly course estimate estimates final five following follows for from here
@@ -72,7 +69,7 @@ def read_vote(reply: Answer, close_m: float) -> Vote:
         return Vote(None, str(found.why))
     if found.missing is not None:
         return Vote(None, found.missing)
-    if reply.finish_reason is not None and reply.finish_reason.lower() not in ENDS:
+    if reply.finish_reason is not None and ending(reply.finish_reason) != "normal":
         return Vote(None, "ended", f"the reply ended with '{reply.finish_reason[:40]}'")
     assert found.action is not None
     assert found.beside is not None
