@@ -42,8 +42,10 @@ NAMES = (
     "lane_lost",
     "both_lost",
     "ends_lost",
+    "any_lost",
     "dose_lost",
     "dose_by_frame",
+    "twice_lost",
     "dose_scan",
     "repeat_over_nudged",
     "repeats_together",
@@ -105,8 +107,8 @@ def reader(**changes: Statistic) -> Found:
         "lane_exchange": p(LOW),
         "lane_net": least(0.5),
         **{name: p(HIGH) for name in ("dose_near_mid", "dose_mid", "dose_mid_far", "dose_bins", "scenario_reversed")},
-        **{name: share(0.0) for name in ("near_far_lost", "lane_lost", "both_lost", "ends_lost")},
-        **{name: p(HIGH) for name in ("dose_lost", "dose_by_frame", "dose_scan")},
+        **{name: share(0.0) for name in ("near_far_lost", "lane_lost", "both_lost", "ends_lost", "any_lost")},
+        **{name: p(HIGH) for name in ("dose_lost", "dose_by_frame", "twice_lost", "dose_scan")},
         "repeat_over_nudged": p(HIGH),
         "unparsed_controls": Statistic(0.0, 144, (0.0, 0.02)),
     }
@@ -394,8 +396,10 @@ def cases() -> dict[str, Evidence]:
         "lane_lost": share(0.09),
         "both_lost": share(0.12),
         "ends_lost": share(0.08),
+        "any_lost": share(0.14),
         "dose_lost": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
         "dose_by_frame": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
+        "twice_lost": Statistic(0.14, 130, (0.06, 0.22), p=1e-6, note="most: with the lead near"),
         "dose_scan": Statistic(5.1, 288, p=0.001, note="most from 10.1-11.2 to 11.3-12.6"),
     }
     made |= {f"{name} fails": moved(**{name: one}) for name, one in failing.items()}

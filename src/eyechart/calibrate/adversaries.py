@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from eyechart.models.scripted import Answer, Reading, Sight
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import HIGHWAY, Other
+from eyechart.verdicts import ABSENCES
 
 Rule = Callable[[Sight, random.Random], Answer]
 Look = Callable[[Reading, random.Random], str]
@@ -61,7 +62,7 @@ class Adversary:
             "depth": label in {"depth", "depth_lateral"},
             "depth_lateral": label == "depth_lateral",
             "turns_clear": lateral == "turns_clear",
-            "absence": label in {"image_invariant", "presence_only", "refusal_effect"},
+            "absence": label in ABSENCES,
         }
         return tuple(claim for claim, is_made in made.items() if is_made and self.may_be_wronged(claim))
 
@@ -151,6 +152,67 @@ def _between_reversed(share: float, when: Callable[[Reading], bool] | None = Non
         gap, wrong = lead(reading), hashed(reading) < share if when is None else when(reading)
         between = wrong and 9.05 <= gap < 49.5
         return ("STRAIGHT" if gap < 20 else "STOP") if between else graded(gap)
+
+    return road(look)
+
+
+BETWEEN = (9.05, 49.5)
+"""Distances of a lead that is between those of near and far."""
+
+
+def _holes(near: float, far: float, coin: float) -> Rule:
+    """Return a rule that grades, but goes on near on some frames and stops far on others, and tosses a coin between."""
+
+    def look(reading: Reading, rng: random.Random) -> str:
+        gap, place = lead(reading), hashed(reading)
+        if BETWEEN[0] <= gap < BETWEEN[1] and rng.random() < coin:
+            return rng.choice(DRIVING.actions)
+        if gap < BETWEEN[0] and place < near:
+            return "STRAIGHT"
+        return "STOP" if gap >= BETWEEN[1] and near <= place < near + far else graded(gap)
+
+    return road(look)
+
+
+def _turning_hole(share: float) -> Rule:
+    """Return a rule whose braking is without noise, and where it does not brake the way is a coin: a hole when near."""
+
+    def look(reading: Reading, rng: random.Random) -> str:
+        gap = lead(reading)
+        goes = gap >= 20 or (gap < BETWEEN[0] and hashed(reading) < share)
+        return rng.choice(("STRAIGHT", "LEFT", "RIGHT")) if goes else graded(gap)
+
+    return road(look)
+
+
+def _patched(share: float) -> Rule:
+    """Return a rule that is the wrong way round in each of five comparisons, on frames of its own each time."""
+
+    def look(reading: Reading, _: random.Random) -> str:
+        gap, kind = lead(reading), int(hashed(reading) / share)
+        beside = [distance for distance, _ in ahead(reading, own=False)]
+        wrong = (
+            "STRAIGHT" if gap < BETWEEN[0] else "",
+            "STRAIGHT" if BETWEEN[0] <= gap < 20 else "",
+            "STOP" if gap >= BETWEEN[1] else "",
+            "STOP" if gap > 49 and nearest(ahead(reading, own=False)) < BETWEEN[0] else "",
+            "STRAIGHT" if gap < BETWEEN[0] and any(50 <= one < 60 for one in beside) else "",
+        )
+        return (wrong[kind] if kind < len(wrong) else "") or graded(gap)
+
+    return road(look)
+
+
+def _wrong_turn(share: float, quiet: float) -> Rule:
+    """Return a rule that turns to the blocked side on some frames, and tosses a coin where it never turns."""
+
+    def look(reading: Reading, rng: random.Random) -> str:
+        gap, place = lead(reading), hashed(reading)
+        if not BETWEEN[0] <= gap < BETWEEN[1]:
+            return graded(gap)
+        if place < quiet:
+            return rng.choice(("STOP", "SLOW", "STRAIGHT"))
+        return _turn(reading, to_clear=(place - quiet) / (1 - quiet) > share) or "SLOW"
 
     return road(look)
 
@@ -390,6 +452,19 @@ ADVERSARIES: Mapping[str, Adversary] = {
         "grades, but reads a quarter of the pictures the wrong way round, behind a coin in 3 of 10 answers",
         noisy(0.3, _misread(0.25)),
     ),
+    "near_hole_25_coin": Adversary(
+        "grades, but goes on below 9 m on a quarter of the frames; a coin in 3 of 10 answers from 9 to 49 m",
+        _holes(0.25, 0.0, 0.3),
+    ),
+    "both_ends_40_coin": Adversary(
+        "grades, but goes on below 9 m on a fifth of the frames and stops beyond 49 m on another; a coin between",
+        _holes(0.2, 0.2, 0.3),
+    ),
+    "turning_hole_18": Adversary(
+        "brakes below 20 m, but not below 9 m on 18 % of the frames; where it does not, the way is a coin",
+        _turning_hole(0.18),
+    ),
+    "patched_25": Adversary("grades, but in each of five comparisons it is wrong on 5 % of the frames", _patched(0.05)),
     "between_reversed_20": Adversary(
         "grades, but between 9 and 49 m goes on near and stops far on a fifth of the frames", _between_reversed(0.20)
     ),
@@ -474,6 +549,11 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "wrong_way_30": Adversary(
         "grades, and turns to the clear side, but to the blocked one on 30 % of the frames",
         _braking_and(lambda one: _turn(one, to_clear=hashed(one) > 0.30)),
+        follows=None,
+    ),
+    "wrong_turn_22": Adversary(
+        "grades, turns to the blocked side on 22 % of the frames, and tosses a coin on others, where it never turns",
+        _wrong_turn(0.22, 0.45),
         follows=None,
     ),
     "turns_clear_only": Adversary(

@@ -10,6 +10,7 @@ from eyechart.verdicts.controls import besides, refuted
 from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import (
+    ABSENCES,
     ALPHA,
     BOTH_LOST,
     BOUND_ALPHA,
@@ -33,6 +34,7 @@ from eyechart.verdicts.ruling import Reason, Ruling
 from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_notes, words_of
 
 __all__ = [
+    "ABSENCES",
     "ALPHA",
     "BOTH_LOST",
     "BOUND_ALPHA",

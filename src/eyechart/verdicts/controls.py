@@ -11,6 +11,7 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import (
     ALPHA,
+    ANY_LOST,
     BOTH_LOST,
     DOSE_ALPHA,
     ENDS_LOST,
@@ -46,15 +47,17 @@ OPEN = ("depth_net", "lane_exchange", "lane_net")
 ORDER = {
     "dose_lost": "less hard the nearer on more frames than its noise explains",
     "dose_by_frame": "the wrong way round on some of the frames, each time",
+    "twice_lost": "the wrong way round at one end, in both pictures of it",
     "dose_scan": "less hard the nearer somewhere between",
 }
-"""What each test of the order between means where it rejects; of the first two also more frames than `BOTH_LOST`."""
+"""What each test of the order means where it rejects; of all but the last also more frames than `BOTH_LOST`."""
 
 LOST = {
     "near_far_lost": "harder for the far lead on more frames than its noise explains",
     "lane_lost": "harder for the neighbour on more frames than its noise explains",
     "both_lost": "the wrong way round on a share of the frames of their own",
     "ends_lost": "least for the nearer and hardest for the farther in more pairs than noise in each picture explains",
+    "any_lost": "the wrong way round in one comparison or another on too many frames together",
 }
 """What each share of pairs that are lost means where it is too large."""
 
@@ -106,7 +109,7 @@ def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
             says = f"less hard the nearer {where} ({found[name].note})"
             yield Failure(name, says, f"p of a reversal, corrected, of {alpha} at least")
     for name, says in LOST.items():
-        lost, most = found[name].value, ENDS_LOST if name == "ends_lost" else BOTH_LOST
+        lost, most = found[name].value, {"ends_lost": ENDS_LOST, "any_lost": ANY_LOST}.get(name, BOTH_LOST)
         if lost is not None and lost > most:
             yield Failure(name, says, f"at most {most}")
     for name, says in ORDER.items():

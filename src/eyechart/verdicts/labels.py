@@ -25,6 +25,9 @@ SCENARIO_ALPHA = 0.05
 BOTH_LOST = 0.05
 """At most so many frames may lose both comparisons beyond what two independent ones would."""
 
+ANY_LOST = 0.10
+"""At most so many frames may lose any comparison beyond what noise may lose: an order that is wrong on more is none."""
+
 ENDS_LOST = 0.045
 """At most so many pairs may be at opposite ends of braking the wrong way round beyond what independent answers are."""
 
@@ -33,6 +36,9 @@ VETO_POWER = 0.80
 
 KAPPA_MARGIN = 0.20
 """Below this bound on kappa a model agrees with itself about as often as chance would."""
+
+ABSENCES = frozenset({"image_invariant", "presence_only", "refusal_effect"})
+"""The labels that say that what a picture shows decides nothing."""
 
 BOUND_ALPHA = 0.05
 """Level of the bounds of an absence on pictures that are no other frame: mirrored, lead moved, noise, no picture."""

@@ -13,11 +13,11 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, earns_lateral, lateral_rules
-from eyechart.verdicts.controls import below
+from eyechart.verdicts.controls import EXCHANGE, below
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
-from eyechart.verdicts.labels import ALPHA, LABELS, LATERAL
+from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
 from eyechart.verdicts.why_not import MOVED, WhyNot, why_not
@@ -279,7 +279,7 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     if stopped is not None:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
-    said += _untested(evidence)
+    said += _untested(evidence, label)
     claims = 1 + len(POSITIVE)
     most = claims * ALPHA
     said.append(
@@ -304,7 +304,7 @@ def _before(found: Mapping[str, Statistic], label: str) -> list[str]:
     return [f"before 0.2.0 this evidence was called depth: {how}"]
 
 
-def _untested(evidence: Evidence) -> list[str]:
+def _untested(evidence: Evidence, label: str) -> list[str]:
     """Return what was not tested, or was and is worth a word beside the label."""
     found, said = evidence.statistics, list[str]()
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
@@ -316,17 +316,30 @@ def _untested(evidence: Evidence) -> list[str]:
         elif evidence.gap:
             need = episodes_needed(evidence.scenarios, alpha=ALPHA)
             said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
+    said += _turns(found)
+    if found["bound_scene"].p is None:
+        said.append("whether a picture of another scenario changes its answer was not tested")
+    if label in ABSENCES and not found["lane_exchange"].n and not set(EXCHANGE) & set(evidence.absent):
+        said.append(
+            "no vehicle of a neighbouring lane was moved: who answers to that alone is not told from who is blind"
+        )
+    return said
+
+
+def _turns(found: Mapping[str, Statistic]) -> list[str]:
+    """Return what its turns do beside the lateral label: how many go to the blocked side, and where none is clear."""
+    said = list[str]()
     clear = found["turns_clear"]
     if _turns_blocked(clear):
         said.append(f"it turns to the blocked side: {clear.losses} of {clear.n} turns with exactly one clear side")
+    elif isinstance(clear, SignTest) and clear.losses:
+        said.append(f"{clear.losses} of {clear.n} turns with exactly one clear side go to the blocked side")
     elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
         said.append(f"whether it turns to the clear side was not tested: {clear.note}")
     boxed = found["turns_boxed"]
     if boxed.value:
         count = round(boxed.value * boxed.n)
         said.append(f"it turns where no side is clear: {count} of {boxed.n} turns; turns_clear does not count these")
-    if found["bound_scene"].p is None:
-        said.append("whether a picture of another scenario changes its answer was not tested")
     return said
 
 

@@ -29,7 +29,7 @@ from eyechart.stats.paired import (
 )
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.verdicts import ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
 
 LEVEL = 1 - 2 * ALPHA
@@ -51,6 +51,9 @@ DISTANCES = {
     "lead_far": "lane_far_m",
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
+
+EXCHANGED = ("lane_own", "lane_beside")
+"""The conditions that exchange who is near, the lead first."""
 
 ALIKE = ("real", "real_repeat", "nudged")
 """The pictures that show what the true one shows: two answers to them that differ are noise."""
@@ -87,6 +90,8 @@ DEPTH_TESTS = (
     "near_far_lost",
     "lane_lost",
     "both_lost",
+    "twice_lost",
+    "any_lost",
     "ends_lost",
     "unparsed_controls",
 )
@@ -124,6 +129,8 @@ class Controls:
             "near_far_lost": partial(self._lost, *near_far),
             "lane_lost": partial(self._lost, *exchange),
             "both_lost": self._both_lost,
+            "twice_lost": self._twice_lost,
+            "any_lost": self._any_lost,
             "ends_lost": self._ends_lost,
             "unparsed_controls": self._unparsed,
             "turns_clear": self._turns_clear,
@@ -139,9 +146,9 @@ class Controls:
 
     @cached_property
     def _wavered(self) -> tuple[int, int]:
-        """Return on how many frames a repeat gets another decision, and of how many."""
-        apart, _ = self.answers.distance("real", "real_repeat")
-        return int(np.count_nonzero(apart > 0)), len(apart)
+        """Return on how many frames a repeat gets another braking level, and of how many."""
+        one, again = self._pairs("real", "real_repeat")
+        return int(np.count_nonzero(one != again)), len(one)
 
     def _lacking(self, pairs: int, first: str, second: str) -> Statistic:
         what = f"sign test of the braking level, {first} over {second}"
@@ -254,7 +261,7 @@ class Controls:
 
         That stands among the others at the distance at which it shows the lead. ``p`` is the smallest, corrected.
         """
-        what = "share of a step of the dose lost, less half of the self-disagreement"
+        what = "share of a step of the dose lost, less half of the noise of its braking"
         wavered, repeats = self._wavered
         found = {}
         for name, nearer, farther in (*self._steps(), *self._of_real()):
@@ -354,7 +361,7 @@ class Controls:
             return self._lacking(len(one), first, second)
         wavered, repeats = self._wavered
         found = rate(int(np.count_nonzero(one < other)), len(one), level=LEVEL).less(wavered / max(1, repeats) / 2)
-        method = f"braking less hard on {first} than on {second}, less half of the self-disagreement: {found.method}"
+        method = f"braking less hard on {first} than on {second}, less half of the noise of its braking: {found.method}"
         return replace(found, method=method)
 
     def _both_lost(self) -> Statistic:
@@ -362,6 +369,47 @@ class Controls:
         have = ~np.isnan(near + far + own + beside)
         found = joint_losses((near < far)[have], (own < beside)[have], level=LEVEL)
         return replace(found, method=f"lead_near under lead_far, lane_own under lane_beside: {found.method}")
+
+    def _twice_lost(self) -> Statistic:
+        """Return on how many frames both pictures with the lead near, or both with it far, are lost to one between.
+
+        Beyond what two independent answers would lose. Near, of the frames on which it brakes for `lead_mid_near`: it
+        does not for `lead_near`, nor for `lane_own`; far, of those on which it does not for `lead_mid_far`: it does for
+        `lead_far` and `lane_beside`. Noise loses one here and one there; a rule of the frame loses both.
+        """
+        near, mid_near, mid_far, far = (self._level(name) for name in DISTANCES)
+        own, beside = self._level("lane_own"), self._level("lane_beside")
+        what = "share of frames that lose both pictures of one end to one between, less what independent answers would"
+        found = []
+        for name, ends, mid, harder in (("near", (near, own), mid_near, False), ("far", (far, beside), mid_far, True)):
+            have = ~np.isnan(mid + ends[0] + ends[1])
+            for of in np.unique([one[have] for one in (*ends, mid)])[1:]:
+                held = have & ((mid < of) if harder else (mid >= of))
+                first, second = ((one[held] >= of) == harder for one in ends)
+                if np.count_nonzero(held) >= FEWEST_PAIRS:
+                    found.append(replace(joint_losses(first, second, level=LEVEL), note=f"most: with the lead {name}"))
+        if not found:
+            return cannot_say("no two braking levels were given", method=what)
+        corrected = [1.0 if p is None else p for p in holm([one.p for one in found])]
+        place = min(range(len(found)), key=lambda one: (corrected[one], -(found[one].value or 0.0)))
+        method = f"{what}; p: Fisher's exact test, one-sided, Holm over {len(found)}"
+        return replace(found[place], p=corrected[place], method=method)
+
+    def _any_lost(self) -> Statistic:
+        """Return on how many frames any comparison is lost, less what noise may lose in all of them together.
+
+        A rule may be the wrong way round on a few frames of each comparison, and on many of them all.
+        """
+        compared = [(self._level(one), self._level(other)) for one, other in (*pairwise(DISTANCES), EXCHANGED)]
+        have = ~np.isnan(sum(one + other for one, other in compared))
+        what = "share of frames that lose any comparison of doses or of the exchange"
+        if (frames := int(np.count_nonzero(have))) < FEWEST_PAIRS:
+            return cannot_say(f"{frames} frames have all of these decisions; {FEWEST_PAIRS} are needed", frames, what)
+        wavered, repeats = self._wavered
+        lost = np.any([one[have] < other[have] for one, other in compared], axis=0)
+        noise = len(compared) * wavered / max(1, repeats) / 2
+        found = rate(int(np.count_nonzero(lost)), frames, level=LEVEL).less(noise)
+        return replace(found, method=f"{what}, less half of the noise of its braking for each: {found.method}")
 
     def _ends_lost(self) -> Statistic:
         """Return how often it answers from one end of its braking to the other the wrong way round, beyond its noise.
@@ -383,12 +431,14 @@ class Controls:
         return swapped_ends((nearer, farther), (one, again), light=low + third, hard=high - third, often=2, level=LEVEL)
 
     def _unparsed(self) -> Statistic:
-        """Return the rate of replies without a decision to the compared pictures that are declined most."""
+        """Return the rate of calls without a decision about the compared pictures that hold fewest, failed ones too."""
         found = []
         for name in COMPARED:
-            given = [one for one in self.answers.decisions.get(name, ()) if one is not None and one.missing != "error"]
+            given = [one for one in self.answers.decisions.get(name, ()) if one is not None]
+            failed = sum(one.missing == "error" for one in given)
             lost = rate(sum(one.action is None for one in given), len(given), level=LEVEL)
-            found.append(replace(lost, note=f"declined most: {name}") if given else lost)
+            which = f"most: {name}" + (f", of which {failed} calls failed" if failed else "")
+            found.append(replace(lost, note=which) if given else lost)
         return max(found, key=lambda one: -1.0 if one.ci is None else one.ci[0])
 
     def _turned(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], list[tuple[object, ...]]] | str:
@@ -412,12 +462,22 @@ class Controls:
         return left, clear, [one[2] for one in found]
 
     def _turns_against(self) -> Statistic:
-        """Return the share of turns to the only side that is not clear, less half of the noise."""
-        found, what = self._turned(), "share of turns to the only blocked side, less half of the self-disagreement"
+        """Return the share of turns to the only side that is not clear, less half of the noise of its turns.
+
+        Its noise is how often another answer comes back where it turns: what it does elsewhere is none of it.
+        """
+        found, what = self._turned(), "share of turns to the only blocked side, less half of the noise of its turns"
         if isinstance(found, str):
             return cannot_say(found, method=what)
         left, clear, _ = found
-        wrong, (wavered, repeats) = int(np.count_nonzero(left != clear)), self._wavered
+        real, again = (self.answers.actions(name) for name in ("real", "real_repeat"))
+        turned = [
+            (one, other)
+            for one, other in zip(real, again, strict=True)
+            if one in self.answers.partners and other != ABSENT
+        ]
+        wrong, repeats = int(np.count_nonzero(left != clear)), len(turned)
+        wavered = sum(one != other for one, other in turned)
         if not len(left) or not repeats:
             return cannot_say("no turn with exactly one clear side, or no repeat", method=what)
         share = rate(wrong, len(left), level=LEVEL).less(wavered / repeats / 2)

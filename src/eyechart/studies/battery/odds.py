@@ -38,6 +38,7 @@ NO_PICTURES = ("noise", "text_only")
 
 LEFT_OUT = (
     *("unparsed_reference", "unparsed_controls", "dose_lost", "dose_by_frame", "dose_scan", "dose_bins over frames"),
+    *("twice_lost", "any_lost"),
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
     *("presence", "presence_response", "repeats_together"),
 )
