@@ -19,6 +19,7 @@ from eyechart.guardian import Guardian
 from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
 from eyechart.studies import guardian as study
+from eyechart.studies.guardian.reading import _served_as
 
 NEAR, FAR = encode(draw(8.0, 3)), encode(draw(38.0, 4))
 
@@ -206,3 +207,11 @@ def test_a_stack_that_is_not_as_the_guardian_was_chosen_is_refused_by_name(
     path.write_text(path.read_text().replace('"threshold": 1', '"threshold": 2'))
     with pytest.raises(GuardianError, match="was edited"):
         Guardian.load(path)
+
+
+def test_what_a_models_replies_name_is_asked_of_its_votes() -> None:
+    """One model whatever its configuration; of several models no reply is, so that none of them votes."""
+    assert _served_as({}) is None
+    assert _served_as({"m fp_1": "m"}) == "m fp_1"
+    assert _served_as({"m fp_1": "m", "m fp_2": "m"}) == "m"
+    assert _served_as({"a": "a", "b": "b"}) == "a and b"

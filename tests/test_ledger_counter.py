@@ -1,5 +1,6 @@
 """A counter beside a ledger tells that calls which had been made are missing, and never that of calls that are not."""
 
+import json
 import os
 import random
 import shutil
@@ -267,3 +268,30 @@ def test_commands_say_how_many_calls_are_missing(tmp_path: Path) -> None:
     assert "are lost: the run goes on without them" in again.output
     with Ledger(out / "ledger.sqlite") as ledger:
         assert (ledger.held(), ledger.missing) == (made, NOTHING)
+
+
+@pytest.mark.parametrize("study", ["policy", "import"])
+def test_every_run_goes_on_without_what_was_lost(tmp_path: Path, study: str) -> None:
+    """Where the command says so: of policies, and of answers that were made elsewhere."""
+    out = tmp_path / "run"
+    if study == "policy":
+        bank = tmp_path / "bank"
+        CliRunner().invoke(app, ["frames", "build", "tabletop", "--seeds", "1", "--steps", "2", "--out", str(bank)])
+        asked = ["run", "policy", "--policy", "trained:sees", "--frames", str(bank), "--out", str(out)]
+    else:
+        bank = build_bank(tmp_path / "bank").root
+        export = tmp_path / "export"
+        CliRunner().invoke(app, ["frames", "export", str(bank), "--out", str(export), "--conditions", "real"])
+        rows = [json.loads(line) for line in (export / "asked.jsonl").read_text(encoding="utf-8").splitlines()]
+        answers = tmp_path / "answers.jsonl"
+        answers.write_text("".join(json.dumps({**row, "text": "SLOW"}) + "\n" for row in rows), encoding="utf-8")
+        asked = ["run", "import", str(answers), "--frames", str(bank), "--out", str(out), "--conditions", "real"]
+    assert CliRunner().invoke(app, asked).exit_code == 0
+    (out / "ledger.sqlite").unlink()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MissingCallsWarning)
+        refused = CliRunner().invoke(app, asked)
+        assert isinstance(refused.exception, LedgerError)
+        again = CliRunner().invoke(app, [*asked, "--accept-loss"])
+    assert again.exit_code == 0, again.output
+    assert "are lost: the run goes on without them" in again.output

@@ -96,7 +96,7 @@ class ServedChecks:
         """Look at an attempt; what names nothing says nothing."""
         if one.reply is None or one.reply.error is not None:
             return
-        named = _named(one.reply)
+        named = names_of(one.reply)
         if named == (None, None, None):
             return
         if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
@@ -143,7 +143,7 @@ def _shown(name: str) -> str:
     return name if len(name) <= _NAME_SHOWN else f"{name[:half]}…{name[-half:]}"
 
 
-def _named(reply: Reply) -> tuple[str | None, str | None, str | None]:
+def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:
     """Return model, provider and fingerprint; the replies of an older ledger have the last behind the first.
 
     A model may have a name of several words, so that only what looks like a fingerprint is taken for one.

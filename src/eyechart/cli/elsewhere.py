@@ -67,6 +67,7 @@ def import_(
     seed: options.Seed = 0,
     limit: options.Limit = None,
     controls: _Controls = None,
+    accept_loss: options.AcceptLoss = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the answers and write nothing.")] = False,
 ) -> None:
     """Make a battery's run of answers to 'eyechart frames export' that were made elsewhere.
@@ -80,6 +81,8 @@ def import_(
     from eyechart.studies import battery as study
 
     asking = _asking(prompt, conditions, seed, limit, controls)
+    if accept_loss and not dry_run:
+        options.accept(out)
     with resumable(), progress("answers", "rows") as move:
         source = study.source_of(answers)
         read = study.read_import(frames, source, out, model, asking, progress=move)

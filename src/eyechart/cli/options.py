@@ -56,6 +56,20 @@ Against = Annotated[
 ]
 
 
+AcceptLoss = Annotated[
+    bool, typer.Option("--accept-loss", help="Go on although calls that were made are missing from the ledger.")
+]
+
+
+def accept(out: Path) -> None:
+    """Accept what the ledgers of a run lost, and say of each what that is."""
+    from eyechart.cli.terminal import say
+    from eyechart.studies.probed import accept_losses
+
+    for ledger, lost in accept_losses(out):
+        say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
+
+
 @dataclass(frozen=True)
 class Spending:
     """What a run may take, and whether it is begun without a probe."""
@@ -66,9 +80,7 @@ class Spending:
     no_probe: Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")] = (
         False
     )
-    accept_loss: Annotated[
-        bool, typer.Option("--accept-loss", help="Go on although calls that were made are missing from the ledger.")
-    ] = False
+    accept_loss: AcceptLoss = False
     moved: Annotated[
         bool, typer.Option("--moved", help="Go on with a run whose server, key or headers are others now; recorded.")
     ] = False
@@ -90,14 +102,11 @@ class Spending:
 
         What its ledgers lost is accepted first, where the command says so.
         """
-        from eyechart.cli.terminal import say
         from eyechart.models.prices import read_prices
-        from eyechart.studies.probed import Allowed, accept_losses
+        from eyechart.studies.probed import Allowed
 
         if self.accept_loss and not dry_run:
-            for ledger, lost in accept_losses(out):
-                say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
-
+            accept(out)
         given = {name: value for name, value in vars(self).items() if name not in {"prices", "accept_loss"}}
         return Allowed(read_prices(self.prices), dry_run=dry_run, shard=shard, **given)
 

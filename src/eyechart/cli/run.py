@@ -268,6 +268,7 @@ def policy(
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many calls, all told.")] = None,
     again: options.AskAgain = False,
+    accept_loss: options.AcceptLoss = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Ask policies about every frame of a bank, with each of their channels exchanged for another episode's.
@@ -280,6 +281,8 @@ def policy(
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
 
+    if accept_loss and not dry_run:
+        options.accept(out)
     planned = study.plan(
         frames,
         policy or (),

@@ -14,6 +14,7 @@ from eyechart.calls import CallKey, Reply
 from eyechart.errors import SourceError, VoteError
 from eyechart.frames import Frame, FrameBank
 from eyechart.importing.tables import open_table
+from eyechart.integrity import names_of
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.modes import RequestMode
@@ -232,9 +233,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         prompt=manifest.prompt.key,
         view=manifest.view,
         versions=dict(manifest.models),
-        served={
-            model: str(next(iter(names))) for model, names in served.items() if len(names) == 1 and None not in names
-        },
+        served={model: name for model, names in served.items() if (name := _served_as(names)) is not None},
         modes=dict(manifest.modes),
         wording=manifest.prompt,
         axis=axes.pop() if len(axes) == 1 else None,
@@ -258,20 +257,33 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     )
 
 
+def _served_as(names: Mapping[str, str]) -> str | None:
+    """Return what a model's replies name as their model, which is asked of later votes; ``names`` as `_cast` returns.
+
+    Several configurations of one model are that model. Several models have no reply that is of all, so that a guardian
+    chosen on them gets no vote of any.
+    """
+    models = sorted(set(names.values()))
+    return next(iter(names)) if len(names) == 1 else " and ".join(models) or None
+
+
 def _cast(
     replies: Iterable[tuple[CallKey, Reply]],
     frames: Sequence[Frame],
     votes: npt.NDArray[np.int8],
     why: npt.NDArray[np.str_],
     close_m: float,
-) -> set[str | None]:
-    """Fill in a model's votes, and why some are none, both (frames, 2); return the names it served as."""
+) -> dict[str, str]:
+    """Fill in a model's votes, and why some are none, both (frames, 2).
+
+    Returns the names it served as, each with the model that it names without the server's configuration.
+    """
     place = {frame.id: number for number, frame in enumerate(frames)}
-    served = set[str | None]()
+    served = dict[str, str]()
     for key, reply in replies:
         if key.frame in place and key.condition in CONDITIONS:
-            if reply.error is None:
-                served.add(reply.served)
+            if reply.error is None and reply.served is not None:
+                served[reply.served] = names_of(reply)[0] or reply.served
             found, at = read_vote(reply, close_m), (place[key.frame], CONDITIONS.index(key.condition))
             votes[at], why[at] = MISSING if found.hazard is None else int(found.hazard), found.why
     return served
