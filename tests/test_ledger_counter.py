@@ -276,7 +276,7 @@ def test_every_run_goes_on_without_what_was_lost(tmp_path: Path, study: str) -> 
     out = tmp_path / "run"
     if study == "policy":
         bank = tmp_path / "bank"
-        CliRunner().invoke(app, ["frames", "build", "tabletop", "--seeds", "1", "--steps", "2", "--out", str(bank)])
+        CliRunner().invoke(app, ["frames", "build", "tabletop", "--seeds", "0", "--steps", "4", "--out", str(bank)])
         asked = ["run", "policy", "--policy", "trained:sees", "--frames", str(bank), "--out", str(out)]
     else:
         bank = build_bank(tmp_path / "bank").root
