@@ -222,9 +222,12 @@ class Emptiness:
 
     def plus(self, reply: Reply) -> "Emptiness":
         """Return these counts with one more reply; a failure is none."""
-        silent, cut = is_empty(reply), is_cut(reply) and not reply.text.strip()
-        thought = bool(reply.reasoning.strip())
-        return self + Emptiness(reply.error is None, silent, silent and thought, cut, cut and thought)
+        if reply.error is not None:
+            return self
+        if reply.text.strip():
+            return Emptiness(self.came + 1, self.empty, self.thought, self.cut, self.cut_thought)
+        cut, thought = is_cut(reply), bool(reply.reasoning.strip())
+        return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut)
 
     def __add__(self, other: "Emptiness") -> "Emptiness":
         return Emptiness(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))

@@ -7,10 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from eyechart.episodes import EPISODES
 from eyechart.errors import OutputError, raising
 from eyechart.frames import own_folder
-from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
+from eyechart.manifest import BANK, BANK_TEXT, EPISODES, LEDGER, RUN, is_run
 
 GENERATOR = b'<meta name="generator" content="eyechart'
 """Stands at the head of every report."""

@@ -32,6 +32,8 @@ from eyechart.spaces.reader import READER
 
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
+EPISODES = "episodes.jsonl"
+"""A run's finished episodes, one a line, in the order in which they ended."""
 BANK = "bank"
 """The run's copy of the bank's text; in a bundle with the pictures that the run used."""
 BANK_TEXT = ("manifest.json", "metadata.jsonl")

@@ -30,7 +30,7 @@ from eyechart.manifest import LEDGER, RUN, read_manifest
 from eyechart.models import ADAPTERS, open_model
 from eyechart.records import plain
 from eyechart.studies import battery as study
-from eyechart.studies.battery import Asking, Extent
+from eyechart.studies.battery import Asking, Extent, elsewhere
 from eyechart.studies.battery.elsewhere import Brought
 from eyechart.verdicts import judge
 from known import Demo
@@ -132,7 +132,7 @@ def as_log(path: Path, rows: list[Row]) -> Path:
 
 def imported(bank: Path, answers: Path, out: Path, asking: Asking | None = None, name: str = "vlm") -> Brought:
     """Import answers into a run; return what they held."""
-    return study.bring(study.read_import(bank, study.source_of(answers), out, name, asking or Asking()))
+    return elsewhere.bring(elsewhere.read_import(bank, elsewhere.source_of(answers), out, name, asking or Asking()))
 
 
 @cache
@@ -223,16 +223,16 @@ def test_a_run_gets_another_model_only_where_it_is_named(
 ) -> None:
     """The name of a file is no choice of a second model; what a run gets besides answers is said."""
     rows, out = noisy[2], tmp_path / "run"
-    first = study.source_of(json_lines(tmp_path / "first.jsonl", rows[:20]))
-    assert study.bring(study.read_import(bank.root, first, out, None, ALL)).new == 20
+    first = elsewhere.source_of(json_lines(tmp_path / "first.jsonl", rows[:20]))
+    assert elsewhere.bring(elsewhere.read_import(bank.root, first, out, None, ALL)).new == 20
     before = read_manifest(out)
-    rest = study.source_of(json_lines(tmp_path / "rest.jsonl", rows[20:40]))
+    rest = elsewhere.source_of(json_lines(tmp_path / "rest.jsonl", rows[20:40]))
     with pytest.raises(SpecError, match=r"holds answers of first, and .* would be those of 'rest': say with --model"):
-        study.read_import(bank.root, rest, out, None, ALL)
-    same = study.read_import(bank.root, rest, out, "first", ALL)
-    assert (same.widened, study.bring(same).new) == ((), 20)
+        elsewhere.read_import(bank.root, rest, out, None, ALL)
+    same = elsewhere.read_import(bank.root, rest, out, "first", ALL)
+    assert (same.widened, elsewhere.bring(same).new) == ((), 20)
     assert read_manifest(out).models == before.models
-    (words,) = study.read_import(bank.root, rest, out, "rest", ALL).widened
+    (words,) = elsewhere.read_import(bank.root, rest, out, "rest", ALL).widened
     assert "elsewhere:rest is a model besides elsewhere:first" in words
 
 
@@ -246,13 +246,13 @@ def test_an_import_says_what_else_a_run_is_asked_now(
     answers = json_lines(tmp_path / "a.jsonl", [row for row in real if row["call"] in asked])
     assert imported(bank.root, answers, out, few).new == 6
     more = Asking(conditions=("real", "blank"), extent=Extent(limit=8, controls="auto"))
-    words = study.read_import(bank.root, study.source_of(answers), out, "vlm", more).widened
+    words = elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", more).widened
     assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
         "it is now asked blank too",
         "it is now of 8 frames",
         "its controls are now 'auto'",
     ]
-    assert study.read_import(bank.root, study.source_of(answers), out, "vlm", few).widened == ()
+    assert elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", few).widened == ()
 
 
 @pytest.mark.parametrize("name", ["", "  ", "x" * 201, "a\nb"])
@@ -410,7 +410,9 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
 ) -> None:
     """What the run holds is not written twice, and what it holds otherwise is named."""
     rows, out = noisy[2], tmp_path / "run"
-    read = study.read_import(bank.root, study.source_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL)
+    read = elsewhere.read_import(
+        bank.root, elsewhere.source_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eyechart.studies.battery.elsewhere._AT_ONCE", 40)
         begin, begun = Ledger.begin, []
@@ -423,7 +425,7 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
 
         patch.setattr(Ledger, "begin", killed)
         with pytest.raises(KeyboardInterrupt):
-            study.bring(read)
+            elsewhere.bring(read)
     assert len(replies_of(out)) == 80
     found = imported(bank.root, tmp_path / "a.jsonl", out, ALL)
     assert (found.there, found.new) == (80, len(rows) - 80)

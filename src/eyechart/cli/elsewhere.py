@@ -78,21 +78,21 @@ def import_(
     written. Answers that come later go into the same run by the same command. Exit 1: calls are without an answer.
     Example: eyechart run import answers.jsonl --frames bank --model my-vlm --out run
     """
-    from eyechart.studies import battery as study
+    from eyechart.studies.battery import elsewhere
 
     asking = _asking(prompt, conditions, seed, limit, controls)
     if accept_loss and not dry_run:
         options.accept(out)
     with resumable(), progress("answers", "rows") as move:
-        source = study.source_of(answers)
-        read = study.read_import(frames, source, out, model, asking, progress=move)
+        source = elsewhere.source_of(answers)
+        read = elsewhere.read_import(frames, source, out, model, asking, progress=move)
     say(f"{read.spec}: {read.brought.words}; eyechart made none of these calls, and every verdict on them says so")
     for words in read.widened:
         say(f"warning: {words}")
     if dry_run:
         return
     with resumable("answers that were imported are kept; the same command goes on"), progress("import", "rows") as move:
-        study.bring(read, progress=move)
+        elsewhere.bring(read, progress=move)
     left, more = read.battery.left(), sum(read.battery.more_by_model().values())
     if left:
         say(f"{left} of {read.battery.counts()[0]} calls are without an answer")

@@ -13,7 +13,6 @@ from eyechart.episodes.planning import (
     with_marginals,
 )
 from eyechart.episodes.records import (
-    EPISODES,
     SILENCES,
     STUDY,
     Episode,
@@ -29,7 +28,7 @@ from eyechart.episodes.records import (
 )
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.worlds import Setup
-from eyechart.manifest import EpisodesManifest
+from eyechart.manifest import EPISODES, EpisodesManifest
 from eyechart.manifest import read_episodes_manifest as read_manifest
 
 __all__ = [

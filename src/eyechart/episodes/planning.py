@@ -11,7 +11,6 @@ from pathlib import Path
 from eyechart.conditions import require_shown
 from eyechart.costs import CostEstimate, estimate
 from eyechart.episodes.records import (
-    EPISODES,
     REAL,
     SILENCES,
     Episode,
@@ -31,6 +30,7 @@ from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
 from eyechart.manifest import (
+    EPISODES,
     LEDGER,
     MARGINAL,
     EpisodesManifest,

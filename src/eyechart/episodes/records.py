@@ -12,7 +12,7 @@ from eyechart.calls import SILENT, CallKey
 from eyechart.errors import LedgerError, SpecError, raising
 from eyechart.frames import Scalar
 from eyechart.ledger import UNKNOWN, Ledger, Sent
-from eyechart.manifest import LEDGER, RUN, EpisodesManifest, read_run
+from eyechart.manifest import EPISODES, LEDGER, RUN, EpisodesManifest, read_run
 from eyechart.policies.baselines import without
 from eyechart.records import Count, Name, Plain, build, shown
 from eyechart.spaces.space import Decision
@@ -128,10 +128,6 @@ class Episode:
     def as_line(self) -> str:
         """Return the episode as one line of JSON."""
         return json.dumps(asdict(self), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-
-
-EPISODES = "episodes.jsonl"
-"""A run's finished episodes, one a line, in the order in which they ended."""
 
 
 def read_episodes(path: Path) -> Iterator[Episode]:

@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import Literal
-
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, ConsoleOptions, RenderResult
-from rich.table import Table as RichTable
-from rich.text import Text
+from typing import TYPE_CHECKING, Literal
 
 from eyechart.destination import write_files
 from eyechart.stats.statistic import Statistic, percent
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderResult
+    from rich.table import Table as RichTable
 
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 """What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
@@ -204,8 +203,10 @@ class Table:
         rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+    def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Print the table; where it is too wide, intervals below their values, else row by row: nothing is cut."""
+        from rich.text import Text  # noqa: PLC0415 - slow to import
+
         del console
         short = self.short()
         for stacked in (False, True):
@@ -220,8 +221,12 @@ class Table:
                     yield Text(f"  {column.name}: {text}")
         yield Text(self.note)
 
-    def rich(self, *, stacked: bool = False) -> RichTable:
+    def rich(self, *, stacked: bool = False) -> "RichTable":
         """Return the table for a terminal; ``stacked`` prints what belongs to a number below it, heads word by word."""
+        from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - slow to import
+        from rich.table import Table as RichTable  # noqa: PLC0415 - as above
+        from rich.text import Text  # noqa: PLC0415 - as above
+
         made = RichTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0) if stacked else (0, 1))
         made.title, made.title_justify = (Text(self.caption) if self.caption else None), "left"
         made.caption, made.caption_justify = (Text(self.note) if self.note else None), "left"

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
@@ -141,6 +142,7 @@ ENDINGS: Mapping[str, Ending] = {
 """What servers call the end of a reply, in small letters with low lines: by itself, cut off, or by a filter."""
 
 
+@lru_cache(maxsize=1024)
 def ending(finish_reason: str | None) -> Ending | None:
     """Return how a reply ended by its finish reason, in whose words and letters it may be; None where nobody can say.
 

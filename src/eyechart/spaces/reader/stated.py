@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.spaces.reader.names import Names, fold
-from eyechart.spaces.reader.prose import read_prose, takes_back
 from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
@@ -113,6 +112,20 @@ class _Stated:
     why: str | None = None
 
 
+def _prose(text: str, names: Names) -> Decision[str]:
+    """Return the decision of prose, which most replies do not come to."""
+    from eyechart.spaces.reader.prose import read_prose  # noqa: PLC0415 - its patterns take a while to compile
+
+    return read_prose(text, names)
+
+
+def _takes_back(text: str, action: str, names: Names) -> bool:
+    """Return whether words take an action back that was stated before them."""
+    from eyechart.spaces.reader.prose import takes_back  # noqa: PLC0415 - as above
+
+    return takes_back(text, action, names)
+
+
 def read_words(visible: str, names: Names) -> Decision[str]:
     """Return the decision of the words outside thinking; strict, deterministic, and never guessing.
 
@@ -130,7 +143,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
     refusal = _NOTHING_SEEN.search(text)
     if found.action.upper() in _SAYS_SO:
         return found
-    if refusal is not None and read_prose(fold(text[: refusal.start()]), names).action != found.action:
+    if refusal is not None and _prose(fold(text[: refusal.start()]), names).action != found.action:
         return Decision(None, "refused")
     return found
 
@@ -147,7 +160,7 @@ def _find(text: str, names: Names) -> Decision[str]:
     folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
     if (marked := _marked(folded, names)) is not None:
         return marked
-    return read_prose(folded, names)
+    return _prose(folded, names)
 
 
 def _kept(tag: re.Match[str], names: Names) -> str:
@@ -161,7 +174,7 @@ def _phrase(value: str, names: Names) -> Decision[str]:
     folded = fold(value)
     if (bare := names.whole(folded)) is not None:
         return Decision(bare)
-    found = read_prose(_TEX.sub(" ", folded), names)
+    found = _prose(_TEX.sub(" ", folded), names)
     return found if found.action or found.why != "no_action" else unparsed("unknown_action")
 
 
@@ -170,7 +183,7 @@ def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]
     known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
     if not known:
         return unparsed(stated[0].why or "unknown_action")
-    if takes_back(fold(_TAG.sub(" ", text[known[-1].end :])), str(known[-1].action), names):
+    if _takes_back(fold(_TAG.sub(" ", text[known[-1].end :])), str(known[-1].action), names):
         return unparsed("several_actions")
     actions = {one.action for one in known if not _is_denied(text, one, names)}
     if len(actions) == 1:
@@ -186,7 +199,7 @@ def _is_denied(text: str, one: _Stated, names: Names) -> bool:
     if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]) or _NOT_GIVEN.match(right):
         return True
     around = fold(f"{left} {one.action} {right}")
-    found = read_prose(around, names)
+    found = _prose(around, names)
     return found.action is None and (found.why == "negated" or _CONDITION.search(around) is not None)
 
 
@@ -344,7 +357,7 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     label, start, end, last = said[-1]
     if last.action is None:
         return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
-    if takes_back(text[end:], last.action, names):
+    if _takes_back(text[end:], last.action, names):
         return unparsed("several_actions")
     differ = (one for one in said[:-1] if one[3].action not in {None, last.action})
     if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
@@ -369,9 +382,9 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
         return len(text), unparsed("no_action")
     value = found.group()[:_LINE_AT_MOST]
     if (listed := _ITEMS.match(text, found.start())) is not None:
-        return listed.end(), read_prose(listed.group()[:_LINE_AT_MOST], names)
+        return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
         return found.end(), Decision(bare)
-    read = read_prose(value, names)
+    read = _prose(value, names)
     short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
     return found.end(), unparsed("unknown_action") if short else read

@@ -1,10 +1,10 @@
 """The input-ablation battery: run() asks about every frame under every condition, score() reads what came back.
 
+Answers that were made elsewhere come in by `eyechart.studies.battery.elsewhere`.
 Source: paper, section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.answers import read_answers, read_columns
-from eyechart.studies.battery.elsewhere import bring, read_import, source_of
 from eyechart.studies.battery.planning import (
     Asking,
     Battery,
@@ -37,7 +37,6 @@ __all__ = [
     "OfFrames",
     "Questions",
     "begun",
-    "bring",
     "differences",
     "expected",
     "keep_probes",
@@ -50,12 +49,10 @@ __all__ = [
     "questions_of",
     "read_answers",
     "read_columns",
-    "read_import",
     "resumed",
     "run",
     "sample_of",
     "score",
-    "source_of",
     "taken",
     "took",
     "took_run",
