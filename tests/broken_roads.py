@@ -75,6 +75,46 @@ _STATUSES = (
     424,
 )
 _STATUSES += (425, 426, 428, 429, 431, 449, 451, 499, 500, 502, 503, 504, 508, 520, 522, 524, 529)
+TROUBLE: Mapping[str, tuple[int, object]] = {
+    "a filter that is down": (
+        400,
+        {"error": {"message": "The content filter service is temporarily unavailable", "code": "content_filter_error"}},
+    ),
+    "a moderation that is busy": (403, {"error": {"message": "moderation endpoint overloaded, please retry"}}),
+    "a safety system that is busy": (422, {"detail": "safety system is overloaded; try again later"}),
+    "a filter that failed": (400, {"error": {"message": "Failed to call content filter"}}),
+    "a queue": (400, {"error": {"message": "request queue exceeds its maximum size"}}),
+    "what is pending": (400, {"error": "maximum number of pending requests reached"}),
+    "sessions": (400, {"error": "Session limit reached"}),
+    "a buffer": (413, {"error": "Request buffer limit reached, server is shedding load"}),
+    "workers": (422, {"error": "worker limit reached"}),
+    "at the same time": (422, {"error": "limit of 2 simultaneous requests"}),
+    "pictures at once": (400, {"error": "too many images being processed at once"}),
+    "pictures a minute": (422, {"error": {"message": "maximum 4 images per minute"}}),
+    "messages": (400, {"error": "You have exceeded the maximum number of messages allowed"}),
+    "throttled": (400, {"error": {"message": "Service limit: token bucket exhausted", "code": "throttled"}}),
+    "throttled tokens": (400, {"message": "ThrottlingException: Too many tokens, please wait before trying again."}),
+    "tokens": (400, {"error": {"message": "Token limit exceeded"}}),
+    "files": (400, {"error": {"message": "Too many open files"}}),
+    "loading, beside the model's name": (400, {"error": {"message": "Model is currently loading", "param": "model"}}),
+    "a timeout beside a field": (400, {"error": {"message": "Timeout while processing", "param": "messages"}}),
+    "a code beside a field": (400, {"error": {"code": 503, "message": "no", "param": "max_tokens"}}),
+    "a name of gRPC beside a field": (400, {"error": {"status": "UNAVAILABLE", "message": "", "field": "prompt"}}),
+    "a time to ask again beside a field": (400, {"error": {"message": "no", "param": "seed", "retry_after": 3}}),
+    "memory of the GPU": (400, {"error": {"message": "CUDA error: images batch failed"}}),
+    "a dead engine": (400, {"error": {"message": "Failed to process image: EngineDeadError"}}),
+    "a dead worker": (400, {"error": {"message": "Error processing prompt: worker died"}}),
+    "an internal error": (400, {"error": {"message": "internal error while processing image"}}),
+    "no backend": (400, {"error": {"message": "no healthy backend for messages endpoint"}}),
+    "shutting down": (400, {"error": {"message": "server shutting down; request arguments dropped"}}),
+    "a road to a policy": (400, {"error": {"message": "content-policy engine rejected us: upstream connect error"}}),
+    "retry or report": (400, {"error": {"message": "Unable to process input image. Please retry or report it"}}),
+    "the name of a status": (413, {"error": "Payload Too Large"}),
+    "a header": (400, {"message": "Request Header Or Cookie Too Large"}),
+    "a field of the address": (422, {"detail": [{"loc": ["query", "api-version"], "msg": "Field required"}]}),
+    "a path that is no place": (400, {"error": "Bad Request", "path": "/v1/chat/completions", "message": "no"}),
+}
+"""Passing trouble in JSON, of statuses that a wrong request has too."""
 _SPARSE: Mapping[str, tuple[int, object]] = {
     "400 in JSON that names nothing": (400, {"error": {"message": "Bad Request", "code": 400}}),
     "400 of a body that came broken": (
@@ -89,7 +129,7 @@ _SPARSE: Mapping[str, tuple[int, object]] = {
 }
 ROADS: dict[str, Road] = {
     **{f"{status} with a page": _page(status, "Location: http://127.0.0.1:9/") for status in _STATUSES},
-    **{name: _json(*said) for name, said in _SPARSE.items()},
+    **{name: _json(*said) for name, said in {**_SPARSE, **TROUBLE}.items()},
     "429 with Retry-After": _json(429, {"error": {"message": "slow down"}}, "Retry-After: 0.05"),
     "200 with a page": _page(200),
     "200 without a body": lambda _: [message(200, b"")],

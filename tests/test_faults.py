@@ -198,6 +198,14 @@ def test_a_server_that_asks_for_a_long_rest_gets_it(bank: FrameBank, ledger: Led
         (404, {"message": "The model `m` does not exist", "code": "model_not_found"}, "missing_model", "not exist"),
         (402, {"message": "Insufficient credits"}, "quota", "quota: HTTP 402: Insufficient credits"),
         (429, {"message": "You exceeded your current quota", "code": "insufficient_quota"}, "quota", "quota"),
+        (
+            400,
+            {"message": "Billing hard limit has been reached", "code": "billing_hard_limit_reached"},
+            "quota",
+            "quota",
+        ),
+        (400, {"message": "API key not valid. Please pass a valid API key."}, "auth", "auth: HTTP 400"),
+        (422, {"message": "Model m does not exist"}, "missing_model", "missing_model: HTTP 422"),
     ],
 )
 def test_a_model_that_cannot_answer_is_set_aside_at_once_and_the_others_go_on(

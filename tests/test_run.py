@@ -115,9 +115,9 @@ def test_a_reply_that_no_ledger_can_hold_is_a_failure_of_its_own_call(
     assert ledger.finished() == set(plan.keys())
 
 
-@pytest.mark.parametrize("status", [403, 404])
+@pytest.mark.parametrize("status", [400, 403, 404, 413, 422])
 def test_one_refused_call_sets_no_model_aside_but_two_in_a_row_do(plan: Plan, ledger: Ledger, status: int) -> None:
-    """A 403 or a 404 may be about one call alone."""
+    """A 403 or a 404 may be about one call alone, and so may a 400 that speaks of a key."""
     asked: list[Query] = []
 
     def respond(query: Query) -> Reply:

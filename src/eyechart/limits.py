@@ -13,7 +13,7 @@ LONGEST_WAIT_S = 120.0
 """So long a server's Retry-After is obeyed; a model whose server asks for more is set aside instead."""
 
 
-_PERHAPS_ONE = frozenset({403, 404})
+_PERHAPS_ONE = frozenset({400, 403, 404, 413, 422})
 """Statuses that may be about one call alone: a model is set aside when the next of its calls is refused too."""
 
 

@@ -101,17 +101,19 @@ def test_http_that_is_asked_of_a_server_of_https_is_named(says: Callable[[], web
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("status", "words"),
     [
-        "/chat/completions: Invalid model name passed in model=m. Call `/v1/models` to view available models",
-        "The model `m` does not exist",
-        "m is not a valid model ID",
-        "unknown model: m",
+        (400, "/chat/completions: Invalid model name passed in model=m. Call `/v1/models` to view available models"),
+        (400, "The model `m` does not exist"),
+        (400, "m is not a valid model ID"),
+        (400, "unknown model: m"),
+        (400, "The model `m` has been deprecated"),
+        (422, "Model m does not exist"),
     ],
 )
-def test_an_unknown_model_in_a_400_is_a_missing_model(words: str) -> None:
+def test_an_unknown_model_in_a_400_or_422_is_a_missing_model(status: int, words: str) -> None:
     """As LiteLLM, OpenAI's older servers and OpenRouter say it; and where to see which there are."""
-    with always(lambda: refuse(400, words)) as server:
+    with always(lambda: refuse(status, words)) as server:
         said = doctor(server.base_url)
         assert "there is no model of this name" in said
         assert f"{server.base_url}/models lists what there is" in said

@@ -1,12 +1,16 @@
 """What a refusal proves: that the request is wrong, so that it is refused again, or that something stood in its way.
 
 A status alone proves nothing of a request: gateways, proxies and load balancers send 400, 409, 413 and 422 of their
-own. A request is shown to be wrong where a JSON error names a field of it or a limit that it meets, or says that it
-was moderated. Everything else is a fault of the road, and may pass (docs/decisions/0043).
+own, in JSON too. Words of passing trouble prove nothing either, whatever stands beside them. A request is shown to be
+wrong where a JSON error names a field of it or a limit of its own, or says that its content was moderated. What it
+says of the key, the account or the model's name sets the model aside. All else is a fault of the road, and may pass
+(docs/decisions/0043).
 """
 
+import json
 import re
 from collections.abc import Iterator, Mapping
+from http import HTTPStatus
 from types import MappingProxyType
 
 from eyechart.calls import TRANSIENT, ErrorKind, Reply
@@ -25,38 +29,168 @@ _STATUSES: Mapping[int, ErrorKind] = MappingProxyType(
 """What a status says by itself; another one from 500 on is a `server_error`, another one below it `gateway`."""
 _PROVING = frozenset({400, 413, 422})
 _MODERATING = frozenset({400, 403, 422, 451})
+_SPENDING = frozenset({400, 402, 403, 413, 422, 429})
+_PASSING_CODES = frozenset({408, 425, 429, *range(500, 600)})
 _DEEPEST = 20
-_FIELDS = re.compile(
-    r"\b(?:max_(?:completion_|new_)?tokens|num_(?:ctx|predict)|temperature|top_p|seed|response_format|json_schema"
-    r"|schema"
-    r"|image_url|images?|pictures?|vision|multimodal|base64|messages|tools|tool_choice"
-    r"|(?:system|developer|user) (?:role|message|prompt)|roles?|tokens"
-    r"|context (?:length|window|size)|prompt|parameters?|arguments?|(?:thinking|reasoning)(?:_\w+)?"
-    r"|model name|max_model_len)\b",
-    re.IGNORECASE,
+_LONGEST = 8_000
+_MOST_TEXTS = 100
+_SHOWN = 300
+
+
+def _any(*patterns: str) -> re.Pattern[str]:
+    return re.compile("|".join(patterns), re.IGNORECASE)
+
+
+_TROUBLE = _any(
+    # what the sender asks for
+    r"\btry(?:ing)? (?:\w+ ){0,3}again|\bretry|again later|try later|come back|\bwait(?:ing)?\b|slow down"
+    r"|temporar|transient",
+    # a road that is full
+    r"overload|\bbusy\b|capacity|exhausted|throttl|congest|rate[ _-]?limit|too many (?:open|concurrent|pending|active)",
+    r"too many (?:requests|connections|files|sessions|users|calls)|concurren|simultaneous|in[ _-]?flight|\bqueu",
+    r"\bpending\b|\bsessions?\b|per[ _-](?:second|minute|hour|day|week|month)|\b[rt]p[smd]\b|(?:high"
+    r"|heavy) (?:load|demand)",
+    r"shedding|too loaded|heavily loaded|limits? (?:(?:is|was|has been|have been) )?(?:reached|hit)\b",
+    r"maximum number of [^.]{0,60}(?:reached|hit)\b|\b(?:no|free|idle) slots?\b",
+    # a road that is broken
+    r"upstream|gateway|proxy|tim(?:ed?|ing)[ -]?out|deadline|unavailable|not (?:yet|currently|ready)\b",
+    r"connect|\breset\b|unreach|could not (?:be )?(?:reach|forward|rout|deliver)|no route|\bdns\b|\bnetwork|\bsocket",
+    r"broken pipe|certificate|handshake|(?:currently|yet) available|available (?:right now|at the moment)"
+    r"|invalid (?:http )?(?:response|reply)|\bload balanc",
+    # a server that is
+    r"\binternal|server[ _]?(?:side )?error|something went wrong|(?:unexpected|unknown) error|error occurred"
+    r"|\bis down\b",
+    r"\bdied\b|\bdead\b|engine ?(?:dead|core|error|loop)|crash|killed|abort|cancell?ed|terminated|panic"
+    r"|segfault|traceback",
+    r"\bcuda|\bgpus?\b|\bnccl|\bcublas|\brocm|\bhip error|memory|kv[ _-]?cache|\bbuffer|no space left|\bdisk\b",
+    r"open files|file descriptor|\bworkers?\b|\bbackends?\b|\breplicas?\b|\bnodes?\b|\bpods?\b|healthy\b|health check",
+    r"maintenance|outage|degraded|draining|shut(?:ting)? ?down|\brestart|\bstarting up|is starting"
+    r"|warm(?:ing)? ?up|initiali[sz]|\bloading\b",
+    r"right now|at the moment|at once\b|being processed|in progress|currently (?:being|process|serving|handling"
+    r"|experienc)",
+    r"\b(?:server|service) (?:returned|responded|failed|did not|could not|has no)",
+    r"being loaded|(?:not|un)(?: yet| fully)? ?loaded yet|not (?:yet|fully) loaded|deploying|upgrading",
 )
-_LIMITS = re.compile(
-    r"\b(?:exceed(?:s|ed|ing)?|maximum|at most|too (?:long|large|many|big)|limit(?:s|ed)?|must be"
-    r"|(?:not|n't) support(?:s|ed)?|unsupported|unrecognized)\b",
-    re.IGNORECASE,
+"""Words of trouble that may pass: of load, of the way to the server, and of the server itself."""
+_DOUBT = _any(
+    r"pars(?:e|ing)|decod(?:e|ing)|unexpected (?:end|token|eof)|malformed json|conflict|\bheaders?\b|\bcookies?\b",
+    r"\b(?:account|plan|tier|subscription|organi[sz]ation|workspace|usage)\b",
+    r"\b(?:messages?|prompts?|images?|inputs?|requests?) limit|you(?:'ve| have)? (?:exceeded|reached|hit|used)",
+    r"(?<!size )(?<!token )(?<!tokens )(?<!length )(?<!context )(?<!window )limits? (?:(?:is|was|has been) )?exceeded",
 )
-_PASSES = re.compile(
-    r"try(?:ing)? again|retry|temporar|overload|\bbusy\b|upstream|gateway|proxy|tim(?:ed?|ing)[ -]?out|unavailable"
-    r"|rate[ _-]?limit|too many (?:concurrent |open )?(?:requests|connections)|concurren|\bload(?:ing|ed)\b|not ready"
-    r"|capacity|connect|\breset\b|conflict|pars(?:e|ing)|decod|unexpected (?:end|token|eof)",
-    re.IGNORECASE,
+"""A body that came broken, or somebody's allowance: no field or limit is taken from the words beside them."""
+_CHANGE = _any(
+    r"\b(?:modify|chang|reduc|shorten|lower|resiz|compress|remov|adjust|edit|revis|rephras|reformat|correct|fix"
+    r"|check|us"
+    r"|provid|upload|limit|choos|select|specify|set|splitt?|decreas|crop)(?:e|ing)?\b[^.!?;]{0,120}?"
+    r"\b(?:try(?:ing)?(?: \w+)?(?: again)?|retry(?:ing)?)\b",
+    r"\b(?:try(?:ing)? again|retry(?:ing)?|resubmit) (?:with|using|without|after (?:chang|remov|reduc|modify"
+    r"|short)\w*) "
+    r"(?:an? |the |your )?\w+",
 )
-_MODERATED = re.compile(
-    r"moderat|flagged|content[ _-]?(?:policy|filter)|responsibleai|safety (?:system|polic)", re.IGNORECASE
+"""Advice to ask again with another request, which says that this one is wrong."""
+_MODERATED = _any(
+    r"content[ _-]?polic|content[ _-]?filter|content management polic|usage polic|responsibleai|safety (?:system|polic)"
+    r"|moderat|data[ _]?inspection|guardrail",
 )
-_NO_MODEL = re.compile(
-    r"(invalid|unknown|no such) model( name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
-    r"|\bmodel [^ ]{1,200} (does not exist|not found|is not (found|available|known|loaded|served))",
-    re.IGNORECASE,
+_VERDICT = _any(
+    r"violat|block|refus|reject|trigger|filtered|disallow|not allowed|harm|unsafe|prohibit|inappropriate|sensitive"
+    r"|flagged|denied|failed to comply|not comply"
 )
-"""How servers say in a 400 that they have no model of this name."""
-_NAMES = ("param", "parameter", "field")
-_PLACES = frozenset({"body", "query", "path", "header", "cookie"})
+_FLAGGED = _any(
+    r"(?<!account )(?<!account was )(?<!account is )(?<!account has been )(?<!key was )\bflagged",
+    r"content_policy_violation|ResponsibleAIPolicyViolation|moderation_blocked|content exists risk",
+    r"(?:inappropriate|prohibited|harmful|unsafe) content",
+)
+"""A moderation: its subject with a verdict, or a verdict that has no other subject."""
+_NO_KEY = _any(
+    r"\b(?:api|access|auth\w*|subscription|secret)[ _-]?(?:key|token)s?\b[^.]{0,60}(?:invalid|not valid"
+    r"|incorrect|missing"
+    r"|expired|required|revoked|wrong|malformed|disabled|not found|not provided|denied)",
+    r"(?:invalid|incorrect|missing|expired|wrong|no|valid|provide|unknown|malformed|revoked)(?: \w+){0,3}"
+    r" (?:api|access|auth\w*|subscription|secret)[ _-]?(?:key|token)\b",
+    r"\bAPI_KEY_INVALID|invalid_api_key|unauthori[sz]ed|authentication (?:failed|error|required)"
+    r"|\bcredentials? (?:are |is )?"
+    r"(?:invalid|missing|wrong|required|expired)|(?:location|country|region"
+    r"|territory)\b[^.]{0,40}not (?:supported|available|allowed)",
+)
+"""How servers say in a 400 that a key is wrong, or may not be used where it is."""
+_SPENT = _any(
+    r"insufficient[ _-]?(?:quota|funds?|credits?|balance)|(?:out of|no|not enough|run out of) (?:\w+ )?credits?\b",
+    r"credit balance|balance is (?:too low|insufficient)|exceeded your current quota"
+    r"|billing[ _-](?:hard[ _-])?(?:soft[ _-])?"
+    r"limit|billing_not_active|hard limit (?:has been )?reached|check your (?:plan and )?billing",
+    r"spend(?:ing)?[ _-]limit|budget[ _]?(?:has been )?[ _]?exceeded|exceeded (?:\w+ ){0,3}budget|max budget"
+    r"|payment (?:is )?"
+    r"required|prepaid|arrear|good standing|overdue|limit exceeded \((?:total|daily|weekly|monthly)",
+)
+_ALLOWANCE = _any(
+    r"\b(?:daily|weekly|monthly|free)\b[^.]{0,40}\b(?:limit|quota|allowance)",
+    r"\bquota\b",
+)
+"""How servers say that nothing is left to spend; an allowance is none in a 429, which may speak of a minute."""
+_NO_MODEL = _any(
+    r"(?:invalid|unknown|no such) model(?: name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
+    r"|\bmodel (?:identifier|id|name)\b[^.]{0,80}\bis (?:invalid|not valid|unknown)"
+    r"|\bmodel [^ ]{1,200} (?:does not exist|not found|is not (?:found|known|loaded|served|available))"
+    r"|\bmodel [^ ]{1,200} (?:has been|was|is|is now) (?:deprecated|decommissioned|retired|removed|discontinued|sunset)"
+)
+"""How servers say in a 400 or 422 that they have no model of this name."""
+_FIELDS = _any(
+    r"\b(?:max_(?:completion_|new_|output_|model_)?(?:tokens|len)|num_(?:ctx|predict)|temperature|top_[pk]|seed"
+    r"|response_format|json_schema|schema|image_url|images?|pictures?|vision|multi[- ]?modal|base64|messages?(?=\W)"
+    r"|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
+    r"|(?:input|output|prompt|completion|context|requested|image|new|max|maximum) tokens?|tokens? (?:count"
+    r"|in the|limit of)"
+    r"|\d+ tokens|context[ _](?:length|window|size)|model(?:'s)? (?:length|context)|prompt"
+    r"|inputs? (?:is|are|must|text|length|size|exceeds?|token)"
+    r"|(?:thinking|reasoning)(?:_\w+)?)(?!\w)",
+    r"(?:param(?:eter)?|argument|key|property|field|input|value)s?(?: supplied| name| type)?(?:: ?| ?['\"`\[])",
+    r"['\"`] (?:parameter|argument|property|field)",
+)
+"""A field of a request, by its name or as a named one."""
+_COMPLAINTS = _any(
+    r"\b(?:exceed(?:s|ed|ing)?|maximum|at most|at least|too (?:long|large|many|big|short|small)|limit(?:s|ed)?|must"
+    r"|(?:not|n't) (?:support|accept|take|match|allow|permit|valid|enabled|a valid|an? |this)\w*|unsupported"
+    r"|unrecogni[sz]ed"
+    r"|invalid|(?:long|larg|great|small|few|short)er than|(?:more|less) than|required?|missing|takes? no"
+    r"|should (?:be|have)"
+    r"|expected|unexpected (?:keyword|field|property|key|value|argument|param)|extra(?:neous)?|unknown (?:field"
+    r"|param|argument|key|value)\w*|may not|only"
+    r"|cannot (?:use|have|specify|exceed|contain|take|accept|unmarshal|identify)"
+    r"|cannot be (?:used|set|empty|null|specified|combined|negative|zero|greater|less|more|larger|longer))\b",
+    r"[<>]=",
+)
+"""What is said of a field that is wrong."""
+_SIZES = _any(
+    r"\b(?:payload|body|entity|request|upload|content|file)\b[^.]{0,40}(?:too (?:large|big|long)|size limit"
+    r"|exceeds?(?:ed|ing)? [^.]{0,60}(?:size|limit|bytes|\b[kmg]i?b\b)|at most \d+ ?[kmg]?i?b|\b(?:maximum"
+    r"|allowed) \w* ?size)",
+)
+"""A limit of the request as a whole."""
+_NAMED = ("param", "parameter", "field")
+_LOCATED = ("loc", "path")
+_NAME = re.compile(r"/?[A-Za-z_][\w.\[\]$/-]{0,99}")
+_NO_FIELDS = frozenset({"body", "request", "payload", "none", "null", "unknown", "error", "model", "na"})
+_ELSEWHERE = frozenset({"query", "path", "header", "headers", "cookie", "cookies", "url", "uri"})
+_KEYS = re.compile(
+    r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE
+)
+_ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help", "request_id", "body", "instance"})
+"""Entries that hold what was sent, or an address, and nothing that a server says of it."""
+_AGAIN = frozenset(
+    {"retry_after", "retryafter", "retry_after_ms", "retryable", "is_retryable", "retrydelay", "retry_delay"}
+)
+_BARE = frozenset(
+    {re.sub(r"[^a-z]", "", status.phrase.lower()) for status in HTTPStatus}
+    | {"payloadtoolarge", "contenttoolarge", "entitytoolarge", "requestentitytoolarge", "unprocessablecontent"}
+)
+"""Names of statuses, which say no more than their number."""
+_PAGE = re.compile(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
+WITHIN = "error in a reply of status 200: "
+"""How the words of an error begin that a server reports with status 200."""
+_FIELD = re.compile(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
+"""What `with_proof` writes behind the words of an error that names a field apart."""
 
 
 def kind_of_status(status: int, said: object = None) -> ErrorKind:
@@ -64,16 +198,40 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
 
     ``said`` is the value of the body's JSON, or of the error inside it; None where the body was none.
     """
-    words = " ".join(_texts(said))
-    if status in _MODERATING and _MODERATED.search(words):
-        return "bad_request"
-    if status == 400 and _NO_MODEL.search(words):
-        return "missing_model"
-    if status == 429 and ("insufficient_quota" in words or "exceeded your current quota" in words):
+    entries = [*_entries(said)]
+    texts = [_meant(text) for _, text in entries if isinstance(text, str)]
+    words = "\n".join(text for text in texts if text)
+    default = _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
+    if status in _SPENDING and _SPENT.search(words):
         return "quota"
-    if status in _PROVING and _proves(said, words):
-        return "bad_request"
-    return _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
+    passing = _passes(entries, words)
+    if status in _MODERATING and _is_moderated(words):
+        return "gateway" if passing else "bad_request"
+    if status == 403 and passing and _MODERATED.search(words):
+        return "gateway"
+    if status in _SPENDING - {429} and _ALLOWANCE.search(words):
+        return "quota"
+    if status not in _PROVING:
+        return default
+    return _of_the_request(said, words, passing=passing) or default
+
+
+def named_field(said: object) -> str:
+    """Return the field of the request that a JSON error names by an entry of its own (``param``, ``loc``), or ""."""
+    named = (name for one, value in _entries(said) if (name := _named(one, value)) and not _KEYS.fullmatch(name))
+    return next(named, "")
+
+
+def with_proof(detail: str, status: int, said: object) -> str:
+    """Return the words of an error that ends a call with what proves it, where they do not say it themselves."""
+    if kind_of_status(status, detail) == "bad_request":
+        return detail
+    short = detail if len(detail) <= _SHOWN else f"{detail[:_SHOWN]}…"
+    if field := named_field(said):
+        return f"{short} (field: {field})"
+    texts = (_meant(text) for _, text in _entries(said) if isinstance(text, str))
+    proof = next((text for text in texts if kind_of_status(status, text) == "bad_request"), "")
+    return f"{short}: {proof}" if proof else detail
 
 
 def is_of_the_road(reply: Reply) -> bool:
@@ -84,40 +242,103 @@ def is_of_the_road(reply: Reply) -> bool:
     if reply.error != "bad_request":
         return reply.error in TRANSIENT or reply.error in {"wrong_json", "too_large", "exception"}
     words = re.sub(r"\AHTTP \d+: ", "", reply.error_detail)
-    if reply.status is None or re.search(r"<\s*(?:!doctype|html|head|body|center|h1)\b", words, re.IGNORECASE):
+    if reply.status is None or _PAGE.search(words):
         return True
-    return kind_of_status(reply.status, words) != "bad_request"
+    status = 400 if words.startswith(WITHIN) else reply.status
+    return not _FIELD.search(words) and kind_of_status(status, words.removeprefix(WITHIN)) != "bad_request"
 
 
-def _proves(said: object, words: str) -> bool:
-    """Return whether a JSON error names a field of the request or a limit, by its own entries or in its words."""
-    named = [*_named(said)]
-    if any(named):
+def _of_the_request(said: object, words: str, *, passing: bool) -> ErrorKind | None:
+    """Return what a 400, 413 or 422 says of the key, the model's name or the request; None where it proves nothing."""
+    if _NO_KEY.search(words) or any(_is_of_the_key(name, value) for name, value in _entries(said)):
+        return None if passing else "auth"
+    if passing:
+        return None
+    if _NO_MODEL.search(words):
+        return "missing_model"
+    return "bad_request" if named_field(said) or _names_what_is_wrong(words) else None
+
+
+def _names_what_is_wrong(words: str) -> bool:
+    """Return whether a sentence names a field with what is wrong with it, or a limit of the request as a whole."""
+    if _DOUBT.search(words):
+        return False
+    sentences = re.split(r"[.!?;](?=\s)|\n", words)
+    return any((_FIELDS.search(one) and _COMPLAINTS.search(one)) or _SIZES.search(one) for one in sentences)
+
+
+def _is_moderated(words: str) -> bool:
+    return bool(_FLAGGED.search(words) or (_MODERATED.search(words) and _VERDICT.search(words)))
+
+
+def _passes(entries: list[tuple[str, object]], words: str) -> bool:
+    """Return whether an error speaks of trouble that may pass: in words, by a code, or by a time to ask again."""
+    if _TROUBLE.search(_CHANGE.sub(" ", words)):
         return True
-    return not named and not _PASSES.search(words) and bool(_FIELDS.search(words) or _LIMITS.search(words))
+    return any(
+        (name.lower() in _AGAIN and bool(value))
+        or (name in {"code", "status", "status_code", "statusCode"} and _number(value) in _PASSING_CODES)
+        for name, value in entries
+        if not isinstance(value, list)
+    )
 
 
-def _named(said: object, depth: int = 0) -> Iterator[bool]:
-    """Yield for each entry that says where a fault lies (``param``, ``loc``) whether it names a field."""
-    if depth >= _DEEPEST:
+def _number(value: object) -> int | None:
+    if isinstance(value, str) and re.fullmatch(r"\d{3}", value):
+        return int(value)
+    return value if isinstance(value, int) else None
+
+
+def _meant(text: str) -> str:
+    """Return what a text says: without addresses and data, and nothing where it is the name of a status."""
+    short = re.sub(r"(?:https?://|data:)\S+", " ", text[:_LONGEST])
+    return "" if re.sub(r"[^a-z]", "", short.lower()) in _BARE else short
+
+
+def _named(name: str, value: object) -> str:
+    """Return the field of the request that an entry names as the place of a fault, or ""."""
+    if name in _NAMED and isinstance(value, str):
+        parts = [value.strip()] if _NAME.fullmatch(value.strip()) else []
+    elif name in _LOCATED and isinstance(value, list):
+        parts = [part for part in value if isinstance(part, str)]
+    else:
+        return ""
+    if parts and parts[0].lower() in _ELSEWHERE:
+        return ""
+    return next((part for part in parts if part.lower().strip("/") not in _NO_FIELDS), "")
+
+
+def _is_of_the_key(name: str, value: object) -> bool:
+    """Return whether an entry names the header of the key as the place of a fault."""
+    parts = value if name in _LOCATED and isinstance(value, list) else [value] if name in _NAMED else []
+    return any(isinstance(part, str) and _KEYS.fullmatch(part) for part in parts)
+
+
+def _entries(said: object, name: str = "", depth: int = 0) -> Iterator[tuple[str, object]]:
+    """Yield every value inside a JSON value with its name, a JSON object that is written as a text too.
+
+    What repeats the request is left out.
+    """
+    if depth >= _DEEPEST or name in _ECHOES:
         return
-    if isinstance(said, Mapping):
-        for name, value in said.items():
-            if name in _NAMES and isinstance(value, str):
-                yield bool(value.strip()) and value not in _PLACES
-            elif name == "loc" and isinstance(value, list):
-                yield any(isinstance(part, str) and part not in _PLACES for part in value)
-            else:
-                yield from _named(value, depth + 1)
-    elif isinstance(said, list):
-        for value in said:
-            yield from _named(value, depth + 1)
+    inner = _inner(said) if isinstance(said, str) else said
+    if isinstance(inner, Mapping):
+        yield name, inner
+        for one, value in inner.items():
+            yield from _entries(value, str(one), depth + 1)
+    elif isinstance(inner, list):
+        yield name, inner
+        for value in inner[:_MOST_TEXTS]:
+            yield from _entries(value, "", depth + 1)
+    else:
+        yield name, said
 
 
-def _texts(said: object, depth: int = 0) -> Iterator[str]:
-    """Yield the texts of a JSON value, not the names of its entries."""
-    if isinstance(said, str):
-        yield said
-    elif depth < _DEEPEST and isinstance(said, Mapping | list):
-        for value in said.values() if isinstance(said, Mapping) else said:
-            yield from _texts(value, depth + 1)
+def _inner(text: str) -> object:
+    """Return the JSON object or list that is written as a text, or None."""
+    if text.lstrip()[:1] not in {"{", "["} or len(text) > _LONGEST:
+        return None
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None

@@ -30,7 +30,7 @@ from aiohttp.connector import Connection
 from eyechart import __version__
 from eyechart.calls import MOST, ErrorKind, Reply
 from eyechart.errors import printable
-from eyechart.models.faults import kind_of_status
+from eyechart.models.faults import kind_of_status, with_proof
 
 MOST_BYTES = 8_000_000
 """A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
@@ -229,8 +229,10 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
         )
         return "gateway", f"HTTP {came.status}: {led}"
     if came.status >= 400:
-        message = error_message(seen.body, seen.scrub)
-        return kind_of_status(came.status, _json_of(seen.body)), f"HTTP {came.status}: {message or came.reason}"
+        said, message = _json_of(seen.body), error_message(seen.body, seen.scrub)
+        kind = kind_of_status(came.status, said)
+        detail = f"HTTP {came.status}: {message or came.reason}"
+        return kind, with_proof(detail, came.status, said) if kind == "bad_request" else detail
     return None, ""
 
 

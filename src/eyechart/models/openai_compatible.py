@@ -12,12 +12,12 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import REFUSED, ErrorKind, Query, Reply, concluded
+from eyechart.calls import REFUSED, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
 from eyechart.models.energy import metered
-from eyechart.models.faults import kind_of_status
+from eyechart.models.faults import WITHIN, kind_of_status, with_proof
 from eyechart.models.http import (
     Endpoint,
     Response,
@@ -236,8 +236,10 @@ def _failed(came: Response, error: object) -> Reply:
     fields = error if isinstance(error, dict) else {}
     words = words_of(fields.get("message") or error)
     code = count_of(fields.get("code"))
-    kind: ErrorKind = kind_of_status(code, error) if code is not None and 400 <= code < 600 else "server_error"
-    return came.failure(kind, f"error in a reply of status 200: {words}")
+    if code is None or not 400 <= code < 600:
+        return came.failure("server_error", f"{WITHIN}{words}")
+    kind = kind_of_status(code, error)
+    return came.failure(kind, with_proof(f"{WITHIN}{words}", code, error) if kind == "bad_request" else WITHIN + words)
 
 
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
