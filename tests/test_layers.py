@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("frames",),
     ("spaces",),
     ("stats", "cameras"),
-    ("errors", "seeds", "records"),
+    ("errors", "seeds", "records", "keys"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
 

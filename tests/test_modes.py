@@ -174,6 +174,26 @@ def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -
     assert read_mode(tmp_path / "new" / "mode.toml") == mode
 
 
+KEYS = (
+    "0f8a1c2b3d4e5f60718293a4b5c6d7e8",
+    "0f8a1c2b3d4e5f60718293a4b5c6d7e8" * 2,
+    "8c0f1d2e-3b4a-5968-7786-95a4b3c2d1e0",
+    "Token 0123456789abcdef",
+    "dapi0123456789abcdef0123456789abcdef",
+    "dop_v1_0123456789abcdef0123456789abcdef",
+    "npm_abcdefghij1234567890abcdefghij123456",
+    "fw_3zabcdef12345678",
+    "k3j9x2m8q7w5z1v4n6b0c2l8",
+    "q83vEjRWeJCrze8SNFZ4kA==",
+    "abcDef+123GHIjkl456+mnOP789",
+    "sk-abcdefghijklmnopqrstuvwx",
+    "SG.abcdefghij.klmnopqrstuvwxyz",
+    "dckr_pat_abcdef12345678",
+)
+"""What services give as keys, none of them a real one; the first four may be something else in an address."""
+HOLDERS = ("X-Pwd", "pwd", "X-Jwt", "X-Bearer", "Accesskey", "X-Session", "auth", "token", "authkey", "X-Signature")
+
+
 @pytest.mark.parametrize(
     "given",
     [
@@ -198,13 +218,20 @@ def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -
         {"key_env": "sk-abcdef1234567890abcd"},
         {"key_env": "no-such-abcdefgh12345678"},
         {"system": "sk-abcdef1234567890abcd"},
+        *({where: {"x-route": key}} for key in KEYS for where in ("headers", "body")),
+        {"headers": {"X-Route": "wJalrXUtnFEMI/K7MDENG/bPxRfiCYEXAMPLEKEY"}},
+        *({"base_url": f"https://gate.example/{key}/v1"} for key in KEYS[4:]),
+        *({where: {name: "hunter22@"}} for name in HOLDERS for where in ("headers", "body")),
+        {"headers": {"X-Api-Key": "hunter22@ ${HOME}"}},
+        {"headers": {"Authorization": "Bearer-hunter22@ $HOME"}},
+        {"headers": {"Authorization": "Bearer $HOME hunter22@"}},
     ],
 )
 def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, object]) -> None:
     """In a header, a field of the body or an address, whatever its name: in words, without the value."""
     with pytest.raises(SpecError) as refused:
         RequestMode("m", **given)  # type: ignore[arg-type]
-    for secret in ("abcdef1234", "abcdefgh12345678", "abcdEFGH", "Ab3dEf6h", "hunter22@"):
+    for secret in ("abcdef1234", "abcdefgh12345678", "abcdEFGH", "Ab3dEf6h", "hunter22@", *KEYS):
         assert secret not in str(refused.value)
 
 
@@ -212,6 +239,12 @@ def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, obj
     "given",
     [
         {"headers": {"X-Route": "$MY_KEY", "X-Title": "my-robot-of-2026"}},
+        {"headers": {"Authorization": "Bearer $MY_KEY", "X-Api-Key": "$ONE-$TWO", "Cookie": "session=$ONE; team=$TWO"}},
+        {"headers": {"X-Request-Id": KEYS[2], "traceparent": f"00-{KEYS[0]}-0123456789abcdef-01"}},
+        {"body": {"session_id": KEYS[2], "digest": KEYS[1], "author": "me", "model": "accounts/x/models/qwen2p5vl72b"}},
+        {"body": {"model": "meta-llama/Llama-3.2-11B-Vision-Instruct", "stop": ["the token generation of 2026"]}},
+        {"body": {"guided_regex": "[A-Za-z0-9+/=]{20,40}", "first_pass": True, "model": "microsoft/Phi3v128kInstruct"}},
+        {"base_url": f"https://gate.example/v1/{KEYS[2]}/openai"},
         {"body": {"revision": "0123456789abcdef0123456789abcdef01234567", "provider": {"order": ["Together-AI-2026"]}}},
         {"base_url": "https://gateway.example/v1/0123456789abcdef0123456789abcdef/sk-test/openai"},
         {"body": {"served": "Qwen2.5-VL-72B-Instruct-AWQ-int4"}},

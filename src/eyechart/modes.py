@@ -17,6 +17,7 @@ import msgspec
 import tomli_w
 
 from eyechart.errors import SecretError, SpecError, meant, raising
+from eyechart.keys import SHORTEST, forms_of, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
@@ -34,6 +35,10 @@ DEFAULT = "default"
 ELSEWHERE = "elsewhere"
 """The first word of a SPEC whose answers eyechart did not ask for: they were imported (docs/decisions/0053)."""
 
+_LONG_HEX = 48
+"""Shorter hashes in an address name an account or a deployment."""
+_NO_KEY = "an id or a digest goes under a name that says so, as request_id or revision"
+
 _ADDRESS = ("base_url", "key_env", "headers", "timeout_s")
 """What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
 
@@ -44,24 +49,7 @@ FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
-_NAMED = r"api.?key|secret|passw|passphrase|authorization|credential|cookie|private.?key|(?:^|[-_])key$"
-_SECRET = re.compile(rf"auth|token|signature|{_NAMED}", re.IGNORECASE)
-"""How a header is named that holds a secret."""
-_SECRET_FIELD = re.compile(rf"(?:access|auth|api|bearer|id|refresh|session|user).?token$|{_NAMED}", re.IGNORECASE)
-"""How a field of a body is; tokens are also what a model counts, and what ends its text."""
 _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)
-_SECRET_VALUE = re.compile(
-    r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}"
-    r"|(?<![a-z0-9])(?:(?:sk|pk|rk|gsk|hf|ghp|gho|ghs|github_pat|glpat|xai|nvapi|pplx|xox[abp])[_-]"
-    r"(?=[a-z_-]*\d)[a-z0-9_-]{12,}))"
-    r"|-----BEGIN [A-Z ]*PRIVATE KEY|://[^/\s:@]*:[^/\s@]+@|(?<![A-Za-z0-9])hf_[A-Za-z]{30,}"
-    r"|AKIA[A-Z0-9]{12,}|AIza[\w-]{20,}|eyJ[\w-]{10,}\.[\w-]{4,}"
-    r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
-)
-"""What a key looks like, wherever it stands: with a service's own beginning, or many letters and digits at random."""
-
-_SECRET_CHARACTERS = 8
-"""A shorter value of such a variable is likely to stand in other text by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,7 +321,7 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
     for name, (holds, words) in checks.items():
         given = getattr(value, name)
         if not holds(given):
-            secret = name in {"base_url", "key_env"} or _SECRET_VALUE.search(str(given))  # or may hold one
+            secret = name in {"base_url", "key_env"} or looks_like_a_key(str(given))  # or may hold one
             said = f"{str(given)[:8]!r}…" if secret else repr(str(given)[:80])
             raise SpecError(f"{where}: {name} must be {words}; got {said}")
 
@@ -362,9 +350,9 @@ def _refuse_secrets(mode: RequestMode) -> None:
     if parts.username or parts.password or parts.query or parts.fragment:
         at = f"{parts.scheme}://{parts.hostname}…"
         raise SecretError(f"base_url {at} holds a user, a query or a fragment: leave it out")
-    if _SECRET_VALUE.search(parts.netloc):
+    if looks_like_a_key(parts.netloc, hashes=True):
         raise SecretError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
-    if _SECRET_VALUE.search(unquote(parts.path)):
+    if any(looks_like_a_key(part, hashes=len(part) < _LONG_HEX) for part in unquote(parts.path).split("/")):
         raise SecretError(
             f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
             "header as $NAME"
@@ -383,18 +371,22 @@ def without_secrets(text: str) -> str:
 
 
 def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
-    """Return texts by name without the values of the environment's variables that are keys by their name."""
+    """Return texts by name without the values of the environment's variables that are keys by their name.
+
+    Without their encoded forms too (`forms_of`).
+    """
     found = dict(texts)
-    if all(len(text) < _SECRET_CHARACTERS for text in found.values()):
+    if all(len(text) < SHORTEST for text in found.values()):
         return found  # none can hold a value, and the environment is long
     for variable, value in _secrets():
-        found = {name: text.replace(value, f"[${variable}]") for name, text in found.items()}
+        for form in forms_of(value):
+            found = {name: text.replace(form, f"[${variable}]") for name, text in found.items()}
     return found
 
 
 def _secrets() -> list[tuple[str, str]]:
-    known = [(name, os.environ.get(name, "")) for name in os.environ if _is_secret(name)]
-    return [one for one in known if len(one[1]) >= _SECRET_CHARACTERS]
+    known = [(name, os.environ.get(name, "").strip()) for name in os.environ if _is_secret(name)]
+    return [one for one in known if len(one[1]) >= SHORTEST]
 
 
 @lru_cache(maxsize=4096)
@@ -411,30 +403,35 @@ def _names(value: object) -> list[str]:
 
 def _refuse_secret_fields(mode: RequestMode) -> None:
     """Raise SecretError where a header, a field of the body or a variable's name is a secret, by its name or looks."""
-    if not mode.key_env.isupper() and _SECRET_VALUE.search(mode.key_env):
+    if not mode.key_env.isupper() and looks_like_a_key(mode.key_env):
         raise SecretError("key_env is what looks like a secret: give the name of the variable that holds it")
     for name, value in mode.headers.items():
-        if _SECRET_VALUE.search(name):
+        if looks_like_a_key(name):
             raise SecretError("a header's name is what looks like a secret: give 'NAME: $VARIABLE'")
-        if _SECRET.search(name) and not _VARIABLE.search(value):
+        rest = _VARIABLE.sub("", value)
+        if names_a_key(name, header=True) and (rest == value or not is_beside_a_variable(rest)):
             raise SecretError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
-        if _SECRET_VALUE.search(value):
-            raise SecretError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
+        if looks_like_a_key(value, hashes=names_a_hash(name)):
+            raise SecretError(
+                f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME' ({_NO_KEY})"
+            )
     _refuse_secret_body(mode.body)
     for where, value in _texts(mode.options):
-        if _SECRET_VALUE.search(value):
+        if looks_like_a_key(value, hashes=names_a_hash(where)):
             raise SecretError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
 
 
 def _refuse_secret_body(body: Mapping[str, object]) -> None:
     for name in _names(body):
-        if _SECRET_VALUE.search(name):
+        if looks_like_a_key(name):
             raise SecretError("a name in the body is what looks like a secret, which goes into a header as $NAME")
-        if _SECRET_FIELD.search(name):
+        if names_a_key(name):
             raise SecretError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
     for where, value in _texts(body):
-        if _SECRET_VALUE.search(value):
-            raise SecretError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
+        if looks_like_a_key(value, hashes=names_a_hash(where)):
+            raise SecretError(
+                f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME ({_NO_KEY})"
+            )
 
 
 def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:

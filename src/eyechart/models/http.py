@@ -5,7 +5,6 @@ an address of this machine; `.netrc` and cookies are not used.
 """
 
 import asyncio
-import base64
 import contextlib
 import email.utils
 import hashlib
@@ -19,7 +18,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
@@ -30,13 +29,12 @@ from aiohttp.connector import Connection
 from eyechart import __version__
 from eyechart.calls import MOST, ErrorKind, Reply
 from eyechart.errors import printable
+from eyechart.keys import forms_of
 from eyechart.models.faults import kind_of_status, with_proof
 
 MOST_BYTES = 8_000_000
 """A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
 
-_SECRET_CHARACTERS = 8
-"""A shorter key is none ("EMPTY", "x"), and removing it would change answers."""
 _CONNECT_S = 30.0
 _PIECES = 4096
 _MESSAGES = ("message", "error", "detail", "msg")
@@ -202,19 +200,8 @@ class Endpoint:
 
 @cache
 def _forms(secrets: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the secrets as a server may write them: plain, in base64, percent-encoded, escaped; long ones first."""
-    forms: set[str] = set()
-    for secret in secrets:
-        if len(secret) >= _SECRET_CHARACTERS:
-            percent, escaped = quote(secret, safe=""), json.dumps(secret)[1:-1]
-            forms |= {secret, percent, percent.replace("%", "%25"), escaped, escaped.replace("/", "\\/")}
-            forms |= {part.lower() for part in (percent,) if part != secret}
-            forms |= {quote(secret)}
-            for before, skipped in ((0, 0), (1, 2), (2, 3)):  # base64 of a text that holds it, at three alignments
-                whole = base64.b64encode(bytes(before) + secret.encode()).decode()
-                part = whole[skipped : (before + len(secret.encode())) * 8 // 6]
-                forms |= {part, part.replace("+", "-").replace("/", "_")}
-    return tuple(sorted(forms, key=lambda form: (-len(form), form)))
+    """Return the secrets in every form in which a server may write them, long ones first."""
+    return tuple(sorted({form for secret in secrets for form in forms_of(secret)}, key=lambda form: (-len(form), form)))
 
 
 def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:

@@ -269,7 +269,9 @@ def import_callable(name: str) -> tuple[Ask, str]:
     try:
         module = import_module(module_name)
     except ImportError as error:
-        raise SpecError(f"'python:{name}': module '{module_name}' cannot be imported: {error}") from error
+        raise SpecError(
+            f"'python:{name}': module '{module_name}' cannot be imported: {without_secrets(str(error))}"
+        ) from error
     except (Exception, SystemExit) as error:
         words = without_secrets(f"{type(error).__name__}: {error}")[:500]
         raise SpecError(f"'python:{name}': module '{module_name}' fails while it is imported: {words}") from error
