@@ -130,6 +130,8 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
         "import_table columns": lambda: import_table(tmp, tmp / "t.csv", tmp / "b", Choices(threshold=3.0)),
         "import_table rows": lambda: import_table(tmp, tmp / "many.csv", tmp / "b", Choices(every=0)),
         "import_table threshold": lambda: import_table(tmp, tmp / "t.csv", tmp / "b", Choices(threshold="near")),
+        "import_table great threshold": lambda: import_table(tmp, tmp / "t.csv", tmp / "b", Choices(threshold=1e308)),
+        "import_table no float": lambda: import_table(tmp, tmp / "t.csv", tmp / "b", Choices(threshold=10**400)),
         "import_table no table": lambda: import_table(tmp, tmp / "none.csv", tmp / "b", Choices()),
         "import_table axis": lambda: import_table(
             tmp, tmp / "t.csv", tmp / "b", Choices(mirror="vertical", columns={"mirror": "tick", "colour": "x"})

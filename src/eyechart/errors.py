@@ -1,7 +1,6 @@
 """The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
 
 import errno
-import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -9,10 +8,11 @@ from contextlib import contextmanager
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 _LONGEST = 500
 _NEAR = 0.6
+_GREATEST = 1e30
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM_SAID = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE"})
 """The second: of a file that stands beside a ledger, SQLite cannot make it as long as it must be."""
@@ -167,9 +167,9 @@ def whole_number(name: str, value: object, least: int) -> int:
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return an argument that is a finite number; raises SpecError that names it where it is none."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise SpecError(f"{name} is a number, not {printable(repr(value))[:60]}")
+    """Return an argument that is a number up to 1e30; raises SpecError that names it where it is none."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not abs(cast("float", value)) <= _GREATEST:
+        raise SpecError(f"{name} is a number up to {_GREATEST:g}, not {printable(repr(value))[:60]}")
     return float(value)
 
 

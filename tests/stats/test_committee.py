@@ -192,7 +192,9 @@ def test_frames_of_one_class_choose_nothing() -> None:
         tally(votes, truth, group, size=4)
 
 
-@pytest.mark.parametrize("bad", [(-1, 1, None, None), (0, 0, None, None), (1, 1, -1, None), (1, 1, None, 1.0)])
+@pytest.mark.parametrize(
+    "bad", [(-1, 1, None, None), (0, 0, None, None), (1, 1, -1, None), (1, 1, None, 1.0), (1e308, 1, None, None)]
+)
 def test_costs_that_cannot_be_are_refused(bad: tuple[float, float, float | None, float | None]) -> None:
     """Negative, all zero, and a rate of hazards that leaves no clear frame."""
     with pytest.raises(ValueError, match=r"costs|hazard_rate"):

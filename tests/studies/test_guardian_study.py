@@ -214,6 +214,10 @@ STRANGE: Mapping[str, tuple[dict[str, object], str]] = {
         {"costs": {"miss": -1.0, "false_alarm": 1.0, "abstention": None, "hazard_rate": None}},
         "costs must be 0",
     ),
+    "dear costs": (
+        {"costs": {"miss": 1e308, "false_alarm": 1.0, "abstention": None, "hazard_rate": None}},
+        "costs must be 0 or more, up to 1e\\+30",
+    ),
 }
 
 

@@ -4,7 +4,6 @@ Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear a
 section Symmetry-consensus longitudinal guardian.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -27,6 +26,9 @@ MISSING = -1
 CHUNK = 4_000_000
 """Committee-frames that are counted at a time."""
 
+_DEAREST = 1e30
+"""Sums of dearer costs are infinite."""
+
 CLOSE = 1e-12
 """Costs this close are equal, and the tie-break decides."""
 
@@ -47,8 +49,8 @@ class Costs:
 
     def __post_init__(self) -> None:
         given = [cost for cost in (self.miss, self.false_alarm, self.abstention) if cost is not None]
-        if not all(math.isfinite(cost) and cost >= 0 for cost in given) or not self.miss + self.false_alarm > 0:
-            raise ValueError(f"costs must be 0 or more, and not all 0; got {self}")
+        if not all(0 <= cost <= _DEAREST for cost in given) or not self.miss + self.false_alarm > 0:
+            raise ValueError(f"costs must be 0 or more, up to {_DEAREST:g}, and not all 0; got {self}")
         if self.hazard_rate is not None and not 0 < self.hazard_rate < 1:
             raise ValueError(f"hazard_rate={self.hazard_rate} must lie between 0 and 1")
 
