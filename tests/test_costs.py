@@ -1,9 +1,11 @@
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from eyechart.calls import CallKey, Reply
 from eyechart.costs import ALL, Account, Book, estimate
+from eyechart.errors import SpecError
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Price, Prices, read_prices
 from eyechart.modes import Measured, RequestMode
@@ -104,6 +106,23 @@ def test_a_price_may_be_one_server_s() -> None:
     assert here.of(MODE) is not None
     assert here.of(RequestMode(SPEC, base_url="https://api.openai.com/v1/")) is not None
     assert here.of(RequestMode(SPEC, base_url="http://127.0.0.1:8000/v1")) is None
+
+
+@pytest.mark.parametrize("priced", ["http://host:8000/v1", "http://HOST:8000/v1/chat/completions/"])
+def test_an_address_is_one_however_it_is_spelt(priced: str, tmp_path: Path) -> None:
+    """The host's case, a slash, the route and the usual port make no other server, neither here nor in the table."""
+    row = f'[[price]]\nmodel = "{SPEC}"\ninput = 1.0\noutput = 2.0\ndate = "2026-01-01"\nsource = "x"\n'
+    (tmp_path / "p.toml").write_text(f'{row}base_url = "{priced}"\n')
+    prices = read_prices(tmp_path / "p.toml")
+    for asked in ("http://host:8000/v1", "http://Host:8000/v1/", "http://HOST:8000/v1/chat/completions"):
+        assert prices.of(RequestMode(SPEC, base_url=asked)) is not None
+    assert prices.of(RequestMode(SPEC, base_url="http://host:8001/v1")) is None
+    here = Prices((Price(SPEC, 1, 1, "2026", "a test", base_url="https://API.openai.com/v1"),))
+    for asked in ("", "https://API.OpenAI.com/v1/", "https://api.openai.com:443/v1/chat/completions"):
+        assert here.of(RequestMode(SPEC, base_url=asked)) is not None
+    (tmp_path / "p.toml").write_text(f'{row}base_url = "http://host:99999/v1"\n')
+    with pytest.raises(SpecError, match=r"p\.toml, price 1: base_url must be a URL"):
+        read_prices(tmp_path / "p.toml")
 
 
 def test_every_price_of_the_package_has_a_date_and_a_source() -> None:

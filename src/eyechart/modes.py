@@ -128,7 +128,7 @@ class RequestMode:
         What was left out of it when it was read stays named: nobody knows what it asked.
         """
         about = {LEFT_OUT: self.about[LEFT_OUT]} if LEFT_OUT in self.about else {}
-        return replace(self, measured=None, about=about, base_url=_plain_address(self.base_url))
+        return replace(self, measured=None, about=about, base_url=plain_address(self.base_url))
 
     def moved_to(self, other: "RequestMode") -> "RequestMode":
         """Return this mode at the address of another, with its key, its headers and its patience."""
@@ -237,17 +237,21 @@ def _is_line(value: object) -> bool:
     return isinstance(value, str) and (value == "" or value.isprintable())
 
 
-def _is_url(value: object) -> bool:
+def is_address(value: object) -> bool:
+    """Return whether a value is the URL of a server, or empty."""
     if not _is_line(value):
         return False
     try:
         parts = urlsplit(str(value))
-        return value == "" or (parts.scheme in {"http", "https"} and bool(parts.hostname) and (parts.port or 1) > 0)
+        port = 1 if parts.port is None else parts.port
     except ValueError:
         return False
+    host = re.fullmatch(r"[^\s\"'<>\\^`{|}]+", parts.hostname or "")
+    return value == "" or (parts.scheme in {"http", "https"} and host is not None and port > 0)
 
 
-def _plain_address(base_url: str) -> str:
+@lru_cache(maxsize=256)
+def plain_address(base_url: str) -> str:
     """Return an address without what makes no difference: the host's case, the usual port, a slash or route."""
     parts = urlsplit(base_url)
     host, usual = parts.hostname or "", {"http": 80, "https": 443}.get(parts.scheme)
@@ -289,7 +293,7 @@ _Count = Annotated[int, msgspec.Meta(ge=0, lt=2**53)]
 _Number = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
 _MODE: dict[str, _Check] = {
     "spec": (lambda value: _is_line(value) and value != "", "a model's SPEC, for example openai:MODEL"),
-    "base_url": (_is_url, "a URL that begins with http:// or https://"),
+    "base_url": (is_address, "a URL that begins with http:// or https://"),
     "key_env": (lambda value: value == "" or bool(re.fullmatch(r"[A-Za-z_]\w*", str(value))), "a variable's name"),
     "token_field": (lambda value: value in TOKEN_FIELDS, f"one of {', '.join(TOKEN_FIELDS)}"),
     "max_tokens": (_is(Annotated[int, msgspec.Meta(ge=1, lt=2**53)]), "a whole number of at least 1"),

@@ -392,6 +392,52 @@ def test_a_proxy_is_that_of_the_environment_but_never_for_this_machine(
     assert proxy_for(address) == proxy
 
 
+@pytest.mark.parametrize(
+    "proxy",
+    [
+        "http://user:hunter2pw@[bad",
+        "http://user:hunter2pw@proxy.test:99999",
+        "http://user:hunter2pw@proxy.test:0",
+        "http://user:hunter2pw@proxy test:1",
+        "http://user:hunter2pw#@proxy.test:1",
+        "http://user:hunter2pw",
+        "user:hunter2pw@proxy.test:3128",
+        "hunter2pw:3128",
+        "socks5://user:hunter2pw@proxy.test:1",
+        "http://user:hunter2pw@proxy.test:1/path",
+    ],
+)
+@pytest.mark.parametrize("spec", ["openai:m", "ollama:m"])
+def test_a_malformed_proxy_is_refused_when_a_model_is_opened_and_is_not_quoted(
+    spec: str, proxy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may hold a password."""
+    for name in ("HTTP_PROXY", "http_proxy"):
+        monkeypatch.setenv(name, proxy)
+    monkeypatch.delenv("no_proxy", raising=False)
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    with pytest.raises(SpecError, match="proxy that HTTP_PROXY names has a malformed address") as refused:
+        open_model(spec, RequestMode(spec, base_url="http://gate.example/v1"))
+    assert "hunter2pw" not in str(refused.value)
+    assert "proxy.test" not in str(refused.value)
+
+
+def test_the_password_of_a_proxy_and_a_malformed_address_are_never_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither where the proxy does not answer, nor where there can be no such host."""
+    for name in ("HTTP_PROXY", "http_proxy"):
+        monkeypatch.setenv(name, "http://user:hunter2pw@127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    model = open_model("openai:m", RequestMode("openai:m", base_url="http://gate.example/v1"))
+    reply = asyncio.run(once(model))
+    assert reply.error == "connection"
+    assert "hunter2pw" not in repr(reply)
+    for odd in ("http://gate hunter2pw/v1", "http://gate\\hunter2pw/v1", "http://gate<hunter2pw>/v1"):
+        with pytest.raises(SpecError, match="base_url must be a URL") as refused:
+            RequestMode("openai:m", base_url=odd)
+        assert "hunter2pw" not in str(refused.value)
+
+
 def test_no_field_that_a_server_fills_brings_a_key_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every text of a reply, the reason of its end too."""
     monkeypatch.setenv("MY_KEY", KEY)

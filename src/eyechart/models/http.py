@@ -10,6 +10,7 @@ import email.utils
 import hashlib
 import ipaddress
 import json
+import re
 import ssl
 import sys
 import time
@@ -18,7 +19,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
@@ -28,7 +29,7 @@ from aiohttp.connector import Connection
 
 from eyechart import __version__
 from eyechart.calls import MOST, ErrorKind, Reply
-from eyechart.errors import printable
+from eyechart.errors import SpecError, printable
 from eyechart.keys import forms_of
 from eyechart.models.faults import kind_of_status, with_proof
 
@@ -134,6 +135,14 @@ class Endpoint:
     secrets: tuple[str, ...] = field(default=(), repr=False)
     _session: aiohttp.ClientSession | None = field(default=None, repr=False)
     _loop: asyncio.AbstractEventLoop | None = field(default=None, repr=False)
+    _proxy: str | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        """Find the proxy; raises SpecError where its address cannot be one."""
+        self._proxy = proxy_for(self.base_url)
+        named = urlsplit(self._proxy or "")
+        parts = (named.password, named.netloc.rpartition("@")[0], unquote(named.password or ""))
+        self.secrets += tuple(part for part in parts if part)
 
     async def post(self, path: str, payload: bytes) -> Response:
         """Send one request and read its whole body; every failure is a Response with its kind."""
@@ -193,7 +202,7 @@ class Endpoint:
                 },
                 cookie_jar=aiohttp.DummyCookieJar(),
                 auto_decompress=False,
-                proxy=proxy_for(self.base_url),
+                proxy=self._proxy,
             )
         return self._session
 
@@ -224,7 +233,9 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
 
 
 def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[ErrorKind, str]:
-    words = f"{type(failure).__name__}: {failure}"
+    words = re.sub(r"://[^/\s@]*@", "://…@", f"{type(failure).__name__}: {failure}")
+    if isinstance(failure, aiohttp.InvalidURL):
+        return "connection", "the address of the server or of a proxy is malformed, and is not quoted"
     if isinstance(failure, aiohttp.ClientConnectorCertificateError | ssl.SSLCertVerificationError):
         return "connection", f"the server's certificate is not trusted: {words}"
     if isinstance(failure, TimeoutError):
@@ -322,11 +333,31 @@ def is_loopback(base_url: str) -> bool:
 
 
 def proxy_for(base_url: str) -> str | None:
-    """Return the proxy that the environment names for an address; none for one of this machine."""
+    """Return the proxy that the environment names for an address; none for one of this machine.
+
+    Raises SpecError, which quotes nothing of it, where what is named is no address of a proxy.
+    """
     parts = urlsplit(base_url)
     if is_loopback(base_url) or proxy_bypass(parts.hostname or ""):
         return None
-    return getproxies().get(parts.scheme)
+    proxy = getproxies().get(parts.scheme)
+    if proxy and not _is_proxy(proxy):
+        raise SpecError(
+            f"the proxy that {parts.scheme.upper()}_PROXY names has a malformed address, which is not quoted: write "
+            "http://HOST:PORT, or http://USER:PASSWORD@HOST:PORT with signs of the password percent-encoded"
+        )
+    return proxy or None
+
+
+def _is_proxy(address: str) -> bool:
+    """Return whether an address can be that of a proxy of HTTP."""
+    try:
+        named = urlsplit(address)
+        right = named.scheme in {"http", "https"} and named.port != 0 and address.isprintable()
+    except ValueError:
+        return False
+    host = re.fullmatch(r"[\w.:%-]+", named.hostname or "")
+    return bool(right and host and named.path in {"", "/"} and not named.query and not named.fragment)
 
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from eyechart.calls import Reply
 from eyechart.errors import SpecError
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, is_address, plain_address
 from eyechart.spaces.discrete import read_toml
 
 _TABLE = Path(__file__).with_name("prices.toml")
@@ -47,12 +47,13 @@ class Prices:
     def of(self, mode: RequestMode) -> Price | None:
         """Return the price of a model as it is asked, or None where none is known.
 
-        An entry with an address is for that server only; without one, for any.
+        An entry with an address is for that server only, however it is spelt; without one, for any.
         """
         if mode.spec.partition(":")[0] in OWN_MACHINE:
             return Price(mode.spec, 0.0, 0.0, "", "it runs on a machine of one's own")
-        at = mode.base_url.rstrip("/") or "https://api.openai.com/v1"
-        return next((one for one in self.entries if one.model == mode.spec and one.base_url in {"", at}), None)
+        at = plain_address(mode.base_url or "https://api.openai.com/v1")
+        known = (one for one in self.entries if one.model == mode.spec)
+        return next((one for one in known if not one.base_url or plain_address(one.base_url) == at), None)
 
     def cost(self, mode: RequestMode, reply: Reply) -> tuple[float | None, str]:
         """Return what an attempt cost, and how that is known: ``reported``, ``priced``, ``own machine`` or ``unknown``.
@@ -97,4 +98,6 @@ def _entry(values: object, where: str) -> Price:
             raise SpecError(f"{where}: {name} must be {'a number of dollars' if kind is float else 'a text'}")
     if not values["date"]:
         raise SpecError(f"{where}: date must say when the source was read")
-    return Price(**{**values, "base_url": str(values.get("base_url", "")).rstrip("/")})
+    if not is_address(values.get("base_url", "")):
+        raise SpecError(f"{where}: base_url must be a URL that begins with http:// or https://")
+    return Price(**values)
