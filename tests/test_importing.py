@@ -155,6 +155,8 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         (spoilt("lidar_m", "near"), {}, "row 4: the gap 'lidar_m' is 'near', not a number"),
         (spoilt("lidar_m", "nan"), {}, "row 4: the gap 'lidar_m' is 'nan', not a number"),
         (spoilt("lidar_m", "1e999"), {}, "row 4: the gap 'lidar_m' is '1e999', not a number"),
+        (spoilt("lidar_m", "1e35"), {}, "row 4: the gap 'lidar_m' is 1e+35, not a number up to 1e+30"),
+        (spoilt("lidar_m", "-1e40"), {}, "row 4: the gap 'lidar_m' is -1e+40, not a number up to 1e+30"),
         (spoilt("photo", "0/00.jpg"), {}, "row 4: '0/00.jpg' stands in row 1 already"),
         (spoilt("photo", "./0/00.jpg"), {}, "row 4: '0/00.jpg' stands in row 1 already"),
         (spoilt("photo", "../secret.png"), {}, "row 4: the file 'photo' is '../secret.png', which leads outside"),
@@ -412,6 +414,46 @@ def test_without_its_extra_an_adapter_names_the_extra(
         parquet.require("pyarrow", "pyarrow", "lerobot")
     with pytest.raises(SourceError, match=r"info\.json does not exist: is .* a LeRobotDataset"):
         import_lerobot(photos, tmp_path / "bank", Choices())
+
+
+def test_steps_that_stand_twice_and_numbers_beyond_every_bank_are_named_beside_all_other_faults(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By their rows, where a step and an episode of other rows cannot be read; so are options that are wrong."""
+    table = photographs.rows()[:12]
+    table[1]["tick"], table[3]["drive"] = "x", ""
+    table[5]["lidar_m"], table[6]["lidar_m"] = "1e35", "-1e40"
+    table[8]["tick"] = table[7]["tick"] = 3
+    table[8] |= {name: table[7][name] for name in ("drive", "place")}
+    (tmp_path / "t.csv").write_text(photographs.as_csv(table))
+    mapped = [word for place, column in PLACES.items() for word in ("--map", f"{place}={column}")]
+    wrong = ["--mirror", "diagonal", "--actions", tmp_path / "none.toml", "--threshold", "1e308", "--unit", "m"]
+    words = ["frames", "import", photos, "--table", tmp_path / "t.csv", "--out", tmp_path / "bank", *mapped, *wrong]
+    assert eyechart(monkeypatch, *words) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    for fault in (
+        "--mirror takes vertical, horizontal or none, not 'diagonal'",
+        "none.toml cannot be read",
+        "--threshold is a number up to 1e+30",
+        "row 2: the step 'tick' is 'x'",
+        "row 4: the episode 'drive' is empty",
+        "row 6: the gap 'lidar_m' is 1e+35",
+        "row 7: the gap 'lidar_m' is -1e+40",
+        "row 9: step 3 of episode",
+    ):
+        assert fault in said, fault
+    assert "t.csv has 8 faults" in said
+    assert not (tmp_path / "bank").exists()
+
+
+def test_ground_truth_that_no_bank_holds_is_named_by_every_row(imported: Import, photos: Path) -> None:
+    """Of a table whose numbers are numbers, all of them."""
+    rows = [{"photo": f"0/0{number}.jpg", "speed": speed} for number, speed in enumerate((1.5, 1e31, 2.0, -1e32))]
+    lines = "".join(json.dumps(row) + "\n" for row in rows)
+    with pytest.raises(SourceError) as refused:
+        imported(lines, ending=".jsonl", folder=photos, columns={"file": "photo"}, threshold=None)
+    assert "row 2: 'speed' is 1e+31, which no bank can hold" in str(refused.value)
+    assert "row 4: 'speed' is -1e+32, which no bank can hold" in str(refused.value)
 
 
 @pytest.mark.parametrize(

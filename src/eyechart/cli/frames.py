@@ -10,8 +10,9 @@ from eyechart.cli.terminal import print_json, print_line, progress, say
 from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
-    from eyechart.frames import FrameBank, Shared
+    from eyechart.frames import FrameBank, MirrorAxis, Shared
     from eyechart.importing import Ahead, Convert
+    from eyechart.importing.faults import Faults
 
 _FEW = 8
 """So many frames that differ are named; --json has all."""
@@ -90,28 +91,35 @@ def import_(
     ] = None,
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
-    from eyechart.frames import read_axis
+    from eyechart.errors import finite_number
     from eyechart.importing.bank import Choices, costs, import_table, taken
     from eyechart.importing.columns import read_rig
+    from eyechart.importing.faults import Faults
     from eyechart.importing.lerobot import import_lerobot
     from eyechart.spaces.discrete import DRIVING, read_space
 
-    try:
-        axis = read_axis(mirror)
-    except ValueError as error:
-        raise SpecError(f"--mirror takes vertical, horizontal or none, not '{mirror}'") from error
+    wrong, space, near = Faults(), DRIVING, threshold
+    axis = _axis(mirror, wrong)
+    if rig is not None and mirror != "none":
+        wrong.add("--rig says the mirror axis of each camera: leave out --mirror")
+    with wrong.noted():
+        space = DRIVING if actions is None else read_space(actions)
+    with wrong.noted():
+        near = None if threshold is None else 0.0
+        near = None if threshold is None else finite_number("--threshold", threshold)
     choices = Choices(
         columns=_places(map_ or []),
         mirror=axis,
         rig=None if rig is None else read_rig(rig, of_table=table is not None),
-        space=DRIVING if actions is None else read_space(actions),
-        threshold=threshold,
+        space=space,
+        threshold=near,
         unit=unit,
         picture=picture,
         prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
         independent=independent,
         every=every,
         convert=_convert(background, longest, asked=convert),
+        wrong=wrong.lines,
     )
     if format_ not in {"table", "lerobot"}:
         raise SpecError(f"--format takes table or lerobot, not '{format_}'")
@@ -119,8 +127,6 @@ def import_(
         raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
     if convert and table is None:
         raise SpecError("--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos")
-    if rig is not None and mirror != "none":
-        raise SpecError("--rig says the mirror axis of each camera: leave out --mirror")
     ahead = _ahead(horizon, kind, of_table=table is not None)
     with progress("import", "rows and frames") as move:
         if table is None:
@@ -288,6 +294,17 @@ def _ahead(horizon: int | None, kind: str | None, *, of_table: bool) -> "Ahead |
     if horizon is None and kind is not None:
         raise SpecError("--kind says what the actions of --horizon are: give --horizon too")
     return None if horizon is None else Ahead(horizon, read_kind(kind))
+
+
+def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
+    """Return the mirror axis that was given; a word that is none is a fault, and no axis."""
+    from eyechart.frames import read_axis
+
+    try:
+        return read_axis(mirror)
+    except ValueError:
+        wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'")
+        return "none"
 
 
 def _places(words: list[str]) -> dict[str, str]:

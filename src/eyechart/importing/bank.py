@@ -6,6 +6,7 @@ A picture of one's own is copied as it is, after a look at whether every program
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count, repeat
@@ -78,7 +79,7 @@ class Choices:
     frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
     frames without episodes to be independent draws, and ``prompt_columns`` what a prompt may say. Every ``every``-th
     frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
-    refused.
+    refused. ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -92,6 +93,7 @@ class Choices:
     every: int = 1
     rig: reading.Rig | None = None
     convert: Convert | None = None
+    wrong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         whole_number("every", self.every, 1)
@@ -153,7 +155,7 @@ def import_table(
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
     photographs = Photographs(folder, table.parent, choices.convert)
-    kept = keep(open_table(table, reads), choices)
+    kept = keep(_opened(table, reads, choices), choices)
     cells = cells_of(kept, choices, photographs.locate)
     if kept.faults:
         for where, file in cells.files():
@@ -169,6 +171,17 @@ def import_table(
 
     source = Source(folder, pictures, converted=photographs.done)
     return write(out, source, frames_of(kept, choices, cells), kept=kept, choices=choices, progress=progress)
+
+
+def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
+    """Open a table; where it cannot be opened, what is wrong with the choices is said first."""
+    try:
+        return open_table(table, reads)
+    except SourceError:
+        faults = Faults()
+        faults.take(choices.wrong)
+        faults.require_none(table.name)
+        raise
 
 
 def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices) -> Shown:
@@ -196,6 +209,7 @@ def keep(table: Table, choices: Choices) -> Kept:
     What is wrong with the choices is a fault of what is returned.
     """
     faults = table.faults
+    faults.take(choices.wrong)
     asked = {**choices.columns}
     if choices.mirror != "none" and choices.rig is None:
         if asked.get("mirror"):
@@ -347,8 +361,8 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
     names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, Sequence[Scalar]] = {}
     for name in names:
-        with kept.faults.noted():
-            truth[name] = read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed)
+        cells, named = [row.get(name) for row in kept.rows], (f"{where}: '{name}'" for _, where in kept.named())
+        truth[name] = read_truth(cells, named, typed=kept.table.typed, faults=kept.faults)
     if gap := kept.places.get("gap"):
         truth[gap] = [*kept.read(gap, read_number, f"the gap '{gap}'")]
         if all(one is None for one in truth[gap]) and kept.rows and not kept.faults:
@@ -460,17 +474,30 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
     alike = [f"frame {number}" for number in kept.numbers] if independent else made_up
     episodes = read("episode", read_label) or alike
     steps = read("step", read_step)
+    _check_steps(kept)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells are faults
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
         return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
-    seen: set[tuple[str, str, int]] = set()
-    for key, (_, where) in zip(zip(scenarios, episodes, steps, strict=True), kept.named(), strict=True):
-        if key in seen and "episode" in kept.places:
-            kept.faults.add(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
-        seen.add(key)
     return scenarios, episodes, steps
+
+
+def _check_steps(kept: Kept) -> None:
+    """Note as a fault where a step of an episode stands twice; a row with a cell that cannot be read says nothing."""
+    if not {"episode", "step"} <= kept.places.keys():
+        return
+    scenario, seen = kept.places.get("scenario"), set[tuple[str, str, int]]()
+    for row, where in kept.named():
+        with suppress(SourceError):
+            key = (
+                ALL if scenario is None else read_label(row.get(scenario), ""),
+                read_label(row.get(kept.places["episode"]), ""),
+                read_step(row.get(kept.places["step"]), ""),
+            )
+            if key in seen:
+                kept.faults.add(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
+            seen.add(key)
 
 
 def _pixels(bank: FrameBank) -> Iterator[int]:

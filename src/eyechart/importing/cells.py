@@ -3,10 +3,12 @@
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from eyechart.errors import SourceError
 from eyechart.frames import Scalar
+from eyechart.importing.faults import Faults
+from eyechart.records import LARGEST
 
 Cell = str | int | float | bool | None
 Row = Mapping[str, Cell]
@@ -38,7 +40,7 @@ def read_number(cell: Cell, what: str) -> float | None:
     number = _number(cell)
     if number is None:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
-    return number
+    return _held(number, what)
 
 
 def read_part(cell: Cell, what: str) -> float:
@@ -46,6 +48,13 @@ def read_part(cell: Cell, what: str) -> float:
     number = _number(cell)
     if number is None:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; every row needs all numbers of a state")
+    return _held(number, what)
+
+
+def _held(number: float, what: str) -> float:
+    """Return a number that a bank can hold; raises SourceError, beginning with ``what``, for a greater one."""
+    if not abs(number) <= LARGEST:
+        raise SourceError(f"{what} is {number:g}, not a number up to {LARGEST:g}")
     return number
 
 
@@ -86,8 +95,11 @@ def read_said(cell: Cell, what: str) -> Scalar:
     return cell
 
 
-def read_truth(cells: Sequence[Cell], name: str, *, typed: bool) -> list[Scalar]:
-    """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides."""
+def read_truth(cells: Sequence[Cell], named: Iterable[str], *, typed: bool, faults: Faults) -> list[Scalar]:
+    """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides.
+
+    ``named`` says what a message calls each cell; one that no bank can hold is a fault.
+    """
     have = [cell for cell in cells if cell is not None]
     if not typed and (read := _numbers(have)) is not None:
         numbers = iter(read)
@@ -95,7 +107,12 @@ def read_truth(cells: Sequence[Cell], name: str, *, typed: bool) -> list[Scalar]
     kinds = {float if type(cell) is int else type(cell) for cell in have}
     if len(kinds) > 1:
         return [None if cell is None else str(cell) for cell in cells]
-    return [_finite(cell, name, row) for row, cell in enumerate(cells, 1)]
+    found: list[Scalar] = []
+    for cell, what in zip(cells, named, strict=True):
+        found.append(None)
+        with faults.noted():
+            found[-1] = _finite(cell, what)
+    return found
 
 
 def _numbers(cells: Sequence[Cell]) -> list[float] | None:
@@ -106,11 +123,11 @@ def _numbers(cells: Sequence[Cell]) -> list[float] | None:
     return [float(text) for text in texts] if not all(map(_WHOLE.fullmatch, texts)) else [int(text) for text in texts]
 
 
-def _finite(cell: Cell, name: str, row: int) -> Scalar:
-    if isinstance(cell, float) and not math.isfinite(cell):
+def _finite(cell: Cell, what: str) -> Scalar:
+    if isinstance(cell, float) and not abs(cell) <= LARGEST:
         if math.isnan(cell):
             return None
-        raise SourceError(f"row {row}: '{name}' is {cell}, which no bank can hold; leave the cell empty")
+        raise SourceError(f"{what} is {cell:g}, which no bank can hold; leave the cell empty")
     if isinstance(cell, int) and abs(cell) > _EXACT:
         return str(cell)
     return cell

@@ -1,9 +1,9 @@
 """All that is wrong with a source, said at once and not one fault a round."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from eyechart.errors import BankError, SourceError, printable
+from eyechart.errors import BankError, SourceError, SpecError, printable
 
 MOST_SHOWN = 40
 """So many faults are said, the others counted."""
@@ -25,6 +25,16 @@ class Faults:
         if len(self._lines) < MOST_SHOWN:
             self._lines.append(printable(words))
 
+    def take(self, lines: Iterable[str]) -> None:
+        """Take note of several faults."""
+        for words in lines:
+            self.add(words)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Return the faults that are said."""
+        return tuple(self._lines)
+
     def join(self, other: "Faults") -> None:
         """Take note of the faults that another took note of."""
         self._count += other._count  # noqa: SLF001 - of its own kind
@@ -35,7 +45,7 @@ class Faults:
         """Take note of a fault that is raised inside, which ends there."""
         try:
             yield
-        except (SourceError, BankError) as error:
+        except (SourceError, BankError, SpecError) as error:
             self.add(str(error))
 
     def require_none(self, what: str) -> None:

@@ -24,6 +24,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
+from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Logged, Number
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, open_parquet
@@ -75,6 +76,9 @@ def import_lerobot(
     those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
     of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
+    wrong = Faults()
+    wrong.take(choices.wrong)
+    wrong.require_none(str(folder))
     data = read_meta(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
