@@ -8,10 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.errors import SpecError
+from eyechart.keys import names_a_key
 from eyechart.modes import Measured, RequestMode, each_without_secrets, mode_text, read_mode, write_mode
 
 LINES = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20).map(lambda text: text.replace("$", "+"))
-NAMES = st.text(string.ascii_lowercase, min_size=1, max_size=6).map(lambda name: f"x-{name}")
+NAMES = (
+    st.text(string.ascii_lowercase, min_size=1, max_size=6)
+    .map(lambda name: f"x-{name}")
+    .filter(lambda name: not names_a_key(name, header=True))
+)
 SCALARS = st.one_of(
     LINES, st.booleans(), st.integers(-(2**60), 2**60), st.floats(allow_nan=False, allow_infinity=False)
 )

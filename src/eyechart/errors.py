@@ -105,7 +105,13 @@ def meant(name: str, known: Iterable[str]) -> str:
 
     folded = {one.lower(): one for one in known}
     near = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=_NEAR)
-    return f" did you mean '{folded[near[0]]}'?" if near else ""
+    return f" did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
+
+
+def perhaps(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'depth'?" for the end of a line, where a mistyped name is near one, else nothing."""
+    found = meant(name, known)
+    return f";{found}" if found else ""
 
 
 def require_known(what: str, name: str, known: Collection[str], rest: str = "") -> None:

@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 import msgspec
 import tomli_w
 
-from eyechart.errors import SecretError, SpecError, meant, raising
+from eyechart.errors import SecretError, SpecError, meant, perhaps, raising
 from eyechart.keys import SHORTEST, forms_of, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
@@ -309,6 +309,14 @@ _MODE: dict[str, _Check] = {
     "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
     "options": (_is(dict[str, Scalar]), "a table of texts, numbers and booleans"),
 }
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "token_field": TOKEN_FIELDS,
+    "structured": STRUCTURED,
+    "system": ROLES,
+    "answer": ANSWERS,
+    "stream": STREAMS,
+}
+"""The words that a field takes."""
 _COUNTS = ("calls", "image_tokens", "prompt_tokens", "completion_tokens_max")
 _NUMBERS = ("completion_tokens", "reasoning_tokens", "seconds", "seconds_min")
 _FLAGS = ("sees_image", "schema_binds", "temperature_matters", "seed_matters", "unknown_fields_ignored")
@@ -327,7 +335,8 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
         if not holds(given):
             secret = name in {"base_url", "key_env"} or looks_like_a_key(str(given))  # or may hold one
             said = f"{str(given)[:8]!r}…" if secret else repr(str(given)[:80])
-            raise SpecError(f"{where}: {name} must be {words}; got {said}")
+            near = "" if secret or name not in _CHOICES else perhaps(str(given), _CHOICES[name])
+            raise SpecError(f"{where}: {name} must be {words}; got {said}{near}")
 
 
 def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type[Measured], where: str) -> None:

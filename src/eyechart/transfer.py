@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Protocol
 
-from eyechart.errors import SpecError, raising, read_at_most
+from eyechart.errors import SpecError, meant, raising, read_at_most
 from eyechart.records import Plain
 from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Measured, Statistic
@@ -94,7 +94,7 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
     left_out, every = [], [one for run in runs for one in run.measured()]
     known = list(dict.fromkeys(name for one in every for name in one.statistics))
     if every and measure not in known:
-        raise SpecError(f"there is no statistic '{measure}'; these runs have {', '.join(known)}")
+        raise SpecError(f"there is no statistic '{measure}';{meant(measure, known)} these runs have {', '.join(known)}")
     for one in every:
         found, place = one.statistics.get(measure), f"{one.model} on {one.where}"
         if one.model not in scores:

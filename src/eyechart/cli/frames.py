@@ -7,7 +7,7 @@ import typer
 
 from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, print_line, progress, say
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, perhaps
 
 if TYPE_CHECKING:
     from eyechart.frames import FrameBank, MirrorAxis, Shared
@@ -122,7 +122,7 @@ def import_(
         wrong=wrong.lines,
     )
     if format_ not in {"table", "lerobot"}:
-        raise SpecError(f"--format takes table or lerobot, not '{format_}'")
+        raise SpecError(f"--format takes table or lerobot, not '{format_}'{perhaps(format_, ('table', 'lerobot'))}")
     if (format_ == "table") != (table is not None):
         raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
     if convert and table is None:
@@ -303,7 +303,8 @@ def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
     try:
         return read_axis(mirror)
     except ValueError:
-        wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'")
+        near = perhaps(mirror, ("vertical", "horizontal", "none"))
+        wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
         return "none"
 
 

@@ -8,7 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Reread, expanded
 from eyechart.cli.terminal import print_each, print_json, say
-from eyechart.errors import BankError, GuardianError, VoteError, raising
+from eyechart.errors import BankError, GuardianError, VoteError, perhaps, raising
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -419,5 +419,5 @@ def _point(name: str | None) -> "Point | None":
     from eyechart.stats.committee import POINTS
 
     if name is not None and name not in POINTS:
-        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'")
+        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{perhaps(name, POINTS)}")
     return next((point for point in POINTS if point == name), None)

@@ -11,7 +11,7 @@ import typer
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.terminal import progress, resumable, say
-from eyechart.errors import LedgerError, SpecError
+from eyechart.errors import LedgerError, SpecError, perhaps
 
 if TYPE_CHECKING:
     from eyechart.costs import CostEstimate
@@ -133,7 +133,7 @@ def prompts(
 
     for one in json_mode or ():
         if one not in STRUCTURED:
-            raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
+            raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}{perhaps(one, STRUCTURED)}")
     asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":

@@ -25,7 +25,7 @@ from eyechart.episodes.records import (
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
-from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable, raising
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, perhaps, printable, raising
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -219,7 +219,8 @@ def _require_worlds(
         raise SpecError(f"unknown silence '{setup.silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     for scenario in scenarios:
         if scenario not in world.scenarios:
-            raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}")
+            near = perhaps(scenario, world.scenarios)
+            raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}{near}")
     if not seeds or min(seeds) < 0:
         raise SpecError(f"episodes need seeds from 0 on, got {list(seeds)}")
     if setup.max_steps < 1:

@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 
 from eyechart.conditions import CONDITIONS
-from eyechart.errors import BankError, SpecError, meant, raising
+from eyechart.errors import BankError, SpecError, meant, perhaps, raising
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
@@ -188,7 +188,8 @@ def _given(
     found: dict[str, str] = {}
     for place, column in asked.items():
         if place not in roles:
-            faults.add(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(roles)}")
+            known = f"{', '.join(roles)}{perhaps(place, roles)}"
+            faults.add(f"--map {place}={column}: there is no place '{place}'; places are {known}")
         elif column and column not in table.columns:
             faults.add(f"--map {place}={column}: {no_column(column, table.columns, table.name)}")
         else:

@@ -84,9 +84,9 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")
     if not colon or not name or adapter not in adapters:
         known = ", ".join(f"{known}:NAME" for known in adapters)
+        near = f" a name comes after '{adapter}:';" if adapter in adapters else meant(adapter, adapters)
         raise SpecError(
-            f"unknown {answering} '{spec}';{meant(adapter, adapters)} a {answering} is given as {known}, "
-            f"see 'eyechart list {listed}'"
+            f"unknown {answering} '{spec}';{near} a {answering} is given as {known}, see 'eyechart list {listed}'"
         )
     if mode is not None and mode.spec != spec:
         raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.conditions import CONTROLS
-from eyechart.errors import BankError, SpecError
+from eyechart.errors import BankError, SpecError, perhaps
 from eyechart.frames import (
     MAIN,
     RGB,
@@ -135,7 +135,7 @@ class BankMaker(ABC):
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:
-            known = ", ".join(declared.presets)
+            known = f"{', '.join(declared.presets)}{perhaps(preset, declared.presets)}"
             raise SpecError(f"simulator '{declared.name}' has no preset '{preset}'; known: {known}")
         _require(seeds, steps)
         check_seed(controls_seed)

@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, raising
+from eyechart.errors import SpecError, perhaps, raising
 from eyechart.records import LARGEST, picked
 from eyechart.spaces.space import Answer, Decision, unanswered, unparsed
 
@@ -39,7 +39,7 @@ def read_kind(word: str | None) -> Kind | None:
     """Return a word as a kind, None where there is none; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
         return cast("Kind | None", word)
-    raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'")
+    raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'{perhaps(word, get_args(Kind))}")
 
 
 @dataclass(frozen=True)

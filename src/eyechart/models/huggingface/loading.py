@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SpecError, meant, raising
+from eyechart.errors import SpecError, meant, perhaps, raising
 from eyechart.models import memory_here_gb
 from eyechart.modes import RequestMode
 
@@ -224,7 +224,7 @@ def _choose_dtype(wanted: str, device: str, config: Mapping[str, Any], spec: str
     """Return a name of torch's; ``auto`` where the checkpoint's own is to be taken and its configuration has none."""
     if wanted != "auto":
         if wanted not in _BYTES:
-            raise SpecError(f"'{spec}': dtype is one of {', '.join(_BYTES)}, not '{wanted}'")
+            raise SpecError(f"'{spec}': dtype is one of {', '.join(_BYTES)}, not '{wanted}'{perhaps(wanted, _BYTES)}")
         return wanted
     if device == "cpu":
         return "float32"

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, perhaps
 from eyechart.frames import LEAD_GAP, RGB, Scalar
 from eyechart.seeds import key_seed
 from eyechart.simulators import StepResult
@@ -100,7 +100,8 @@ class LadderDrive:
 
     def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:
         if scenario not in LADDER:
-            raise SpecError(f"simulator 'highway' has no scenario '{scenario}'; known: {', '.join(LADDER)}")
+            known = f"{', '.join(LADDER)}{perhaps(scenario, LADDER)}"
+            raise SpecError(f"simulator 'highway' has no scenario '{scenario}'; known: {known}")
         check_seed(seed)
         with speedups():
             self._world = LADDER[scenario].open(seed)

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from eyechart.cameras import ROVER
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, perhaps
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import check_seed
 
@@ -77,7 +77,8 @@ def make_layout(family: str, seed: int, *, simulator: str = "rover", mirrored: b
 
 def _make_layout(family: str, seed: int, simulator: str) -> Layout:
     if family not in FAMILIES:
-        raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
+        known = f"{', '.join(FAMILIES)}{perhaps(family, FAMILIES)}"
+        raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {known}")
     rng = np.random.default_rng(key_seed("rover", "layout", family, seed))
     obstacles = _MAKERS[family](rng)
     rng = np.random.default_rng(key_seed("rover", "wall", family, seed))

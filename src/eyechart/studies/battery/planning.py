@@ -19,7 +19,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError, raising
+from eyechart.errors import BankError, LedgerError, SpecError, perhaps, raising
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -78,7 +78,8 @@ class Extent:
         before = read_manifest(out).controls if out is not None and is_run(out) else None
         given = self.controls or before or ("none" if conditions else "auto")
         if given not in CONTROLS_ASKED:
-            raise SpecError(f"--controls '{given}' is none of {', '.join(CONTROLS_ASKED)}")
+            known = f"{', '.join(CONTROLS_ASKED)}{perhaps(given, CONTROLS_ASKED)}"
+            raise SpecError(f"--controls '{given}' is none of {known}")
         return given
 
     def require_possible(self, conditions: Sequence[str]) -> None:
