@@ -212,11 +212,12 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
         "row 2: the step 'tick' is 'x'",
         "row 2: 'grey.png' is grey",
         "row 3: there is no picture 'gone.png'",
+        "row 3: step 0 of episode '1' stands there twice",
         "row 4: the file 'file' is '../out.png', which leads outside",
         "row 5: 'plain.png' stands in row 1 already",
     ):
         assert sum(words in line for line in lines) == 1, words
-    assert len(lines) == 12
+    assert len(lines) == 13
     assert sorted(path.name for path in tmp_path.iterdir()) == ["album", "t.csv"]
 
 
