@@ -86,7 +86,8 @@ def total_effect(
     of answers to a frame and to another episode's. Episodes are numbered alike in both. The standard error is a
     jackknife that leaves each episode out, both as owner and as partner; the interval is t with episodes - 1 degrees of
     freedom, on the scale of the logarithm. With ``sampled``, where noise can make the share negative, the upper end is
-    never below the plain one; with ``signed``, of a share that may truly be negative, it is the plain one, both ends.
+    never below the plain one, and the lower one of a share below 0 is that share; with ``signed``, of a share that may
+    truly be negative, it is the plain one, both ends.
     The share is of an intervention: channels that tell the same may each have none, or each all, and it may exceed 1.
     ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
@@ -163,8 +164,8 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
     The difference may truly be negative, and both shares are skewed, so that no interval on the scale of its own
     logarithm, nor a plain one, holds its level. Its ends are the differences d at which the logarithm of ``effect``
     over ``other`` plus d leaves 0 by t standard errors, of a jackknife that leaves each episode out as owner and as
-    partner, with episodes - 1 degrees of freedom. ``n`` counts the frames. None below three episodes, and where the
-    controller does not vary.
+    partner, with episodes - 1 degrees of freedom. It holds its own value; without an upper end where that is searched
+    there is none. ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
     Source: interval of a difference by inversion (Fieller 1954). Measured in
     docs/decisions/0050-any-policy-simulated.md.
@@ -183,18 +184,22 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
         return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
     first, second = more / whole, max(less / whole, 0.0)
     left = np.stack([mores[good] / wholes[good], np.maximum(lesses[good] / wholes[good], 0.0)])
-    ci = _inverted(first, second, left, _quantile(level, there - 1))
-    return Statistic(float((more - less) / whole), n, ci, method=method, detail={"episodes": there}, level=level)
+    value, ends = float((more - less) / whole), _inverted(first, second, left, _quantile(level, there - 1))
+    detail = {"episodes": there}
+    if ends is None:
+        return Statistic(value, n, method=method, note="its upper end is not bounded", detail=detail, level=level)
+    ci = min(ends[0], value), max(ends[1], value)
+    return Statistic(value, n, ci, method=method, detail=detail, level=level)
 
 
 _DECADES, _STEPS = 4, 2000
 """How far from a share its bounds are looked for, and in how many steps."""
 
 
-def _inverted(first: float, second: float, left: Floats, quantile: float) -> tuple[float, float]:
+def _inverted(first: float, second: float, left: Floats, quantile: float) -> tuple[float, float] | None:
     """Return the ends of the difference of two shares; ``left``, shape (2, episodes), holds both without each episode.
 
-    A share that is none is below all that is looked for.
+    A share that is none is below all that is looked for. None where no upper end is found.
     """
     if first <= 0 or (left[0] <= 0).any():
         return 0.0 - second, max(0.0, float(left[0].max()) - second)
@@ -206,9 +211,10 @@ def _inverted(first: float, second: float, left: Floats, quantile: float) -> tup
     wide = quantile * np.sqrt(freedom / (freedom + 1) * ((parts - parts.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
     apart = -np.log(steps)
     below, above = np.flatnonzero(apart - wide > 0), np.flatnonzero(apart + wide < 0)
+    if not len(above):
+        return None
     lower = reached[below[-1], 0] if len(below) else 0.0
-    upper = reached[above[0], 0] if len(above) else reached[-1, 0]
-    return float(lower - second), float(upper - second)
+    return float(lower - second), float(reached[above[0], 0] - second)
 
 
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
@@ -223,7 +229,7 @@ def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
 
 def _interval(share: float, wide: float, error: float, *, sampled: bool) -> tuple[float, float]:
     if share <= 0:
-        return 0.0, max(0.0, share + wide)
+        return min(0.0, share), max(0.0, share + wide)
     factor = float(np.exp(min(wide / share, _MOST_EXPONENT)))
     if not sampled:
         return share / factor, share * factor
