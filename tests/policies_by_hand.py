@@ -1,7 +1,9 @@
 """Statistics of policies, written down by hand, and the verdicts on them."""
 
+from dataclasses import replace
+
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+from eyechart.verdicts.channels import Asked, PolicyVerdict, ignored, judge_policy, used
 
 CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
 NAMES = {
@@ -40,16 +42,32 @@ GOOD = {
 LOST = {"unparsed: not_finite": 9, "timeout": 2, "refused": 4, "closed": 1}
 
 
-def verdict(*, left: int = 0, **changed: Statistic | None) -> PolicyVerdict:
-    """Return the verdict on a policy that sees, hears and knows its state, but for what is changed."""
+def verdict(*, left: int = 0, asked: Asked | None = None, **changed: Statistic | None) -> PolicyVerdict:
+    """Return the verdict on a policy that sees, hears and knows its state, but for what is changed.
+
+    Where its cameras are ignored, or at a similar state, so is each of them, and no object is followed.
+    """
+    given = {kind: changed.get(kind) for kind in ("swap", "matched")}
+    gone = {kind: ignored(one) and not used(one) for kind, one in given.items()}
     usual = dict.fromkeys(("swap", "matched", "blank", "state", "told"), USED)
-    usual |= {"follow": FOLLOWED, "named": FOLLOWED}
+    usual |= dict.fromkeys(("follow", "named"), UNFOLLOWED if any(gone.values()) else FOLLOWED)
+    single = {"swapped": IGNORED if gone["swap"] else USED, "matched": IGNORED if any(gone.values()) else USED}
     statistics: dict[str, Statistic] = {
         **GOOD,
-        **{f"T.{kind}@camera:{name}": USED for kind in ("swapped", "matched") for name in ("top", "wrist")},
+        **{f"T.{kind}@camera:{name}": one for kind, one in single.items() for name in ("top", "wrist")},
         **{NAMES.get(name, name): one for name, one in (usual | changed).items() if one is not None},
     }
-    return judge_policy("m", statistics, CHANNELS, scope="here.", missing=LOST, left=left)
+    return judge_policy("m", statistics, CHANNELS, scope="here.", missing=LOST, left=left, asked=asked or Asked())
+
+
+def without(*conditions: str) -> Asked:
+    """Return what a run says that did not ask these conditions although its bank can show them."""
+    return Asked(frozenset(conditions))
+
+
+def losing(one: Statistic, share: float) -> Statistic:
+    """Return a statistic of which this share of the calls holds no motion."""
+    return replace(one, detail={**(one.detail or {}), "lost": share})
 
 
 def _wrist(**changed: Statistic | None) -> Changes:
@@ -137,6 +155,18 @@ CASES: dict[str, Changes] = {
     "told open": {"told": OPEN},
     "told by nobody": {"told": None},
     "told, follows neither": {"named": UNFOLLOWED, "follow": UNFOLLOWED},
+    "told, follows neither, and comes to the log": {
+        "named": UNFOLLOWED,
+        "follow": UNFOLLOWED,
+        "follow.logged": FOLLOWED,
+    },
+    "told, follows neither, and goes from the log": {
+        "named": UNFOLLOWED,
+        "follow": UNFOLLOWED,
+        "follow.logged": REVERSED,
+    },
+    "told, goes away": {"named": REVERSED, "follow": REVERSED},
+    "told, nothing moved, and comes to the log": {"named": None, "follow": None, "follow.logged": FOLLOWED},
     "told, follows the other": {"named": UNFOLLOWED, "follow": UNFOLLOWED, "follow.other": FOLLOWED},
     "told, and takes one name for the other": {"named": REVERSED, "follow.other": FOLLOWED, "follow": UNFOLLOWED},
     "told, follows a hair more": {"named": A_LITTLE, "follow": A_LITTLE},
@@ -162,6 +192,35 @@ CASES: dict[str, Changes] = {
     "remembers in next to no noise": {"noise": Statistic(0.01, 72), "memory": Statistic(0.5, 72, p=0.001)},
     "remembering not told": {"noise": Statistic(0.011, 72), "memory": Statistic(None, 9)},
     "constant and noise": {"variation": Statistic(0.01, 72), "noise": Statistic(0.9, 72)},
+    "pose in a part of the states": {"matched": replace(IGNORED, n=34), "swapped.alike@cameras": IGNORED},
+    "pose, and used there": {"matched": replace(IGNORED, n=34), "swapped.alike@cameras": USED},
+    "cameras of lost calls": {"swap": losing(USED, 0.11), "matched": losing(IGNORED, 0.11)},
+    "cameras of a few lost calls": {"swap": losing(USED, 0.10)},
+    "grey pictures of lost calls": {"swap": IGNORED, "matched": IGNORED, "blank": losing(IGNORED, 0.3)},
+    "own episode's pictures of lost calls": {"beyond@cameras": losing(USED, 0.3), "follow": None},
+    "moved objects of lost calls": {"follow": losing(FOLLOWED, 0.3), "named": losing(FOLLOWED, 0.3)},
+    "words of lost calls": {"told": losing(IGNORED, 0.3), "named": UNFOLLOWED},
+    "repeats of lost calls": {"noise": losing(Statistic(0.0, 72), 0.3)},
+    "no repeats": {"noise": Statistic(None, 0, note="the run did not ask this")},
+    "ignores cameras, and answers to decoys": dict.fromkeys(("swap", "matched", "blank"), IGNORED) | {"T.decoys": USED},
+    "ignores cameras, and answers to noise": dict.fromkeys(("swap", "matched", "blank"), IGNORED) | {"T.noise": USED},
+    "ignores cameras but for a number": {
+        **dict.fromkeys(("swap", "blank"), IGNORED),
+        "matched": replace(IGNORED, detail={"episodes": 12, "carried": {"grip": 0.84, "step 8": 0.2}}),
+    },
+    "ignores its state but for a step": {
+        "state": replace(IGNORED, detail={"episodes": 12, "carried": {"step 1": 0.3}})
+    },
+    "not told but for a number": {
+        "told": replace(IGNORED, detail={"episodes": 12, "carried": {"grip": 0.3}}),
+        "named": UNFOLLOWED,
+    },
+    "each camera alone": {
+        **_wrist(swapped=IGNORED, matched=IGNORED, blank=IGNORED),
+        "T.swapped@camera:top": IGNORED,
+        "T.matched@camera:top": IGNORED,
+        "T.blank@top": IGNORED,
+    },
     "paint": {"T.recoloured": USED},
     "paint open": {"T.recoloured": OPEN},
     "next to nothing": {"swap": share(0.021, 0.099)},

@@ -5,8 +5,30 @@ import pytest
 from eyechart.gate import hold_policies
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_policy, judge_state
-from policies_by_hand import CHANNELS, GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
+from eyechart.verdicts.channels import (
+    REQUIREMENTS,
+    STATE_LABELS,
+    Asked,
+    judge_camera,
+    judge_policy,
+    judge_state,
+)
+from policies_by_hand import (
+    CHANNELS,
+    FOLLOWED,
+    GOOD,
+    IGNORED,
+    NOT_ONE_BIT,
+    OPEN,
+    REVERSED,
+    TOO_FEW,
+    UNFOLLOWED,
+    USED,
+    losing,
+    share,
+    verdict,
+    without,
+)
 
 
 def _near_its_pose(coloured: Statistic) -> dict[str, Statistic | None]:
@@ -82,7 +104,13 @@ def test_the_state_axis(changed: dict[str, Statistic | None], label: str) -> Non
         ({"told": OPEN}, "undecided"),
         ({"told": None}, "no_power"),
         ({"named": UNFOLLOWED}, "undecided"),
-        ({"named": UNFOLLOWED, "follow": UNFOLLOWED}, "instruction_followed"),
+        ({"named": UNFOLLOWED, "follow": UNFOLLOWED}, "undecided"),
+        ({"named": UNFOLLOWED, "follow": UNFOLLOWED, "follow.logged": UNFOLLOWED}, "undecided"),
+        ({"named": UNFOLLOWED, "follow": UNFOLLOWED, "follow.logged": FOLLOWED}, "instruction_followed"),
+        ({"named": REVERSED, "follow": REVERSED}, "undecided"),
+        ({"named": REVERSED, "follow": UNFOLLOWED, "follow.logged": FOLLOWED}, "undecided"),
+        ({"named": None, "follow": None, "follow.logged": REVERSED}, "undecided"),
+        ({"named": None, "follow": None, "follow.logged": FOLLOWED}, "instruction_followed"),
         ({"named": None, "follow": None}, "instruction_followed"),
     ],
 )
@@ -233,3 +261,193 @@ def test_absence_is_said_of_the_data_set_only_where_few_of_its_episodes_may_resp
     assert check.holds
     assert ("of these episodes" in check.because) == (silent == 12)
     assert "data_set" not in verdict(**gone).as_dict()["axes"]["camera"]
+
+
+GONE = {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}
+UNCONTROLLED = {"beyond@cameras": None, "T.near@cameras": None, "follow": None, "named": None}
+
+
+@pytest.mark.parametrize(
+    ("axis", "changed", "forgot", "words"),
+    [
+        ("camera", UNCONTROLLED, ("near@cameras",), "the run did not ask near@cameras"),
+        ("camera", {**GONE, "matched": None}, ("matched@cameras",), "the run did not ask matched@cameras"),
+        ("camera", {"matched": None}, ("matched@cameras",), "the run did not ask matched@cameras"),
+        ("camera", {**GONE, "blank": None}, ("blank",), "the run did not ask blank"),
+        ("camera", {"swap": None}, ("swapped@cameras",), "the run did not ask swapped@cameras"),
+        ("state", {"state": None}, ("swapped@state",), "The run did not ask swapped@state"),
+        ("instruction", {"told": None}, ("swapped@instruction",), "The run did not ask swapped@instruction"),
+        ("instruction", {"named": None, "follow": None}, ("named_plus",), "the run did not ask named_plus"),
+        ("instruction", {"named": None}, ("told_named_plus",), "the run did not ask told_named_plus"),
+        ("instruction", {"told": IGNORED, "named": None}, ("told_named_plus",), "did not ask told_named_plus"),
+        ("camera", {"noise": Statistic(None, 0, note="")}, ("real_repeat",), "did not ask real_repeat"),
+        ("state", {"noise": Statistic(None, 0, note="")}, ("real_repeat",), "did not ask real_repeat"),
+    ],
+)
+def test_what_was_not_asked_gives_no_label_and_passes_no_gate(
+    axis: str, changed: dict[str, Statistic | None], forgot: tuple[str, ...], words: str
+) -> None:
+    """A control, a guard or a condition that the bank could show and the run left out is open, and named."""
+    found = verdict(**changed, asked=without(*forgot))
+    judged = getattr(found, axis)
+    assert judged.label == "undecided"
+    assert words in judged.because
+    wanted = {"camera": "camera_content", "state": "state_used", "instruction": "instruction_followed"}[axis]
+    assert hold_policies({"m": found}, [f"{axis}:{wanted}"], {}).exit_code == 2
+
+
+def test_nobody_is_grounded_by_a_control_that_was_left_out() -> None:
+    """The named object's own way alone is no ground, where another instruction could have been told."""
+    found = verdict(**{"named": None, "follow.rather": FOLLOWED}, asked=without("told_named_plus")).camera
+    assert (found.label, found.may_be) == ("camera_content", "object_grounded")
+    assert "the run did not ask told_named_plus" in found.why_not
+
+
+def test_what_a_bank_cannot_show_is_said_as_it_is() -> None:
+    """No picture of the own episode is no control passed; one reason of a bank is not given for another."""
+    why = "128 of 128 frames have no frame of another episode at a similar state"
+    open_match = verdict(matched=None, asked=Asked(lacking={"matched@cameras": why})).camera
+    assert open_match.label == "undecided"
+    assert why in open_match.because
+    alone = verdict(**UNCONTROLLED, asked=Asked(lacking={"near@cameras": "12 frames are alone"})).camera
+    assert alone.label == "undecided"
+    assert "12 frames are alone" in alone.because
+    few = "9 frames have no frame of another episode that differs there"
+    told = verdict(told=None, asked=Asked(lacking={"swapped@instruction": few})).instruction
+    assert (told.label, told.because) == ("no_power", f"{few}.")
+
+
+@pytest.mark.parametrize(
+    ("axis", "changed", "label"),
+    [
+        ("camera", {"swap": losing(USED, 0.10)}, "object_grounded"),
+        ("camera", {"swap": losing(USED, 0.11)}, "undecided"),
+        ("camera", {"matched": losing(USED, 0.11)}, "undecided"),
+        ("camera", {**GONE, "swap": losing(IGNORED, 0.11)}, "undecided"),
+        ("camera", {**GONE, "matched": losing(IGNORED, 0.11)}, "undecided"),
+        ("camera", {**GONE, "blank": losing(IGNORED, 0.11)}, "undecided"),
+        ("camera", {"follow": None, "beyond@cameras": losing(USED, 0.11)}, "undecided"),
+        ("camera", {"named": losing(FOLLOWED, 0.11)}, "camera_content"),
+        ("state", {"state": losing(USED, 0.11)}, "undecided"),
+        ("state", {"state": losing(IGNORED, 0.11)}, "undecided"),
+        ("instruction", {"told": losing(USED, 0.11)}, "undecided"),
+        ("instruction", {"named": losing(FOLLOWED, 0.11)}, "undecided"),
+        ("instruction", {"told": IGNORED, "named": losing(UNFOLLOWED, 0.11)}, "undecided"),
+        ("camera", {"noise": losing(Statistic(0.0, 72), 0.11)}, "undecided"),
+    ],
+)
+def test_a_condition_of_which_many_calls_hold_no_motion_says_nothing(
+    axis: str, changed: dict[str, Statistic | None], label: str
+) -> None:
+    """Who declines one kind of question is judged by no rest of it, and the share is said."""
+    judged = getattr(verdict(**changed), axis)
+    assert judged.label == label
+    if label == "undecided":
+        assert "11% of its calls hold no motion" in judged.because
+
+
+def test_a_pose_is_read_where_pictures_are_used_at_all() -> None:
+    """Moments with a match at a similar state may be those in which nothing is looked at."""
+    few = Statistic(0.0, 34, (0.0, 0.01), detail={"episodes": 12})
+    found = verdict(**{"matched": few, "swapped.alike@cameras": IGNORED}).camera
+    assert found.label == "undecided"
+    assert "(34 of 72 moments have one)" in found.because
+    found = verdict(**{"matched": few, "swapped.alike@cameras": USED}).camera
+    assert (found.label, "(34 of 72 moments have one)" in found.because) == ("pose_only", True)
+
+
+CARRIED = Statistic(0.05, 72, (0.0, 0.099), detail={"episodes": 12, "carried": {"grip": 0.84, "step 8": 0.2}})
+
+
+@pytest.mark.parametrize(
+    ("axis", "changed"),
+    [
+        ("camera", {**GONE, "swap": CARRIED}),
+        ("camera", {**GONE, "blank": CARRIED}),
+        ("camera", {"matched": CARRIED}),
+        ("state", {"state": CARRIED}),
+        ("instruction", {"told": CARRIED, "named": UNFOLLOWED}),
+    ],
+)
+def test_a_mean_hides_no_number(axis: str, changed: dict[str, Statistic | None]) -> None:
+    """A gripper, or the last step, that goes with a channel is not ignored because the rest does not."""
+    judged = getattr(verdict(**changed), axis)
+    assert judged.label == "undecided"
+    assert "grip (T 0.84), step 8 (T 0.20)" in judged.because
+    assert "unplugged" not in judged.because
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("T.decoys", "further objects change"),
+        ("T.recoloured", "other colours of the table change"),
+        ("T.exchanged", "the objects' colours exchanged change"),
+        ("T.swapped@camera:top", "the top camera alone carries"),
+    ],
+)
+def test_no_absence_is_said_against_a_picture_that_is_used(name: str, words: str) -> None:
+    """Nor is the state said to be all; by which camera other objects were seen is open too."""
+    found = verdict(**GONE, **{name: USED, "T.blank@wrist": IGNORED, "T.blank@top": IGNORED})
+    assert found.camera.label == "undecided"
+    assert words in found.camera.because
+    assert found.state.label == "state_used"
+    single = {one.label for one in found.cameras.values()}
+    assert single == ({"undecided"} if "@" not in name else {"pose_only", "ignores_camera"})
+    ignored = verdict(**GONE, **{name: IGNORED})
+    assert (ignored.camera.label, ignored.state.label) == ("ignores_camera", "state_shortcut")
+
+
+def test_an_object_that_is_followed_is_seen() -> None:
+    """Whatever other episodes' pictures change."""
+    assert verdict(**GONE, follow=FOLLOWED).camera.label == "undecided"
+    assert verdict(matched=IGNORED, follow=FOLLOWED).camera.label == "undecided"
+
+
+def test_noise_is_a_remark_and_no_label() -> None:
+    """No robot is shown noise; but who answers to it was given its pictures."""
+    found = verdict(**GONE, **{"T.noise": USED})
+    assert found.camera.label == "ignores_camera"
+    assert any(one.startswith("Noise in place of its pictures changes") for one in found.remarks)
+    same = {**dict.fromkeys(GONE, NOT_ONE_BIT), "follow": UNFOLLOWED, "named": UNFOLLOWED}
+    assert "does not reach" in verdict(**same).camera.because
+    assert "does not reach" not in verdict(**same, **{"T.noise": USED}).camera.because
+
+
+def test_several_cameras_are_ignored_one_at_a_time() -> None:
+    """Where all together are not, each may tell what the others tell."""
+    gone = {f"T.{kind}@camera:{name}": IGNORED for kind in ("swapped", "matched") for name in ("top", "wrist")}
+    gone |= {f"T.blank@{name}": IGNORED for name in ("top", "wrist")}
+    found = verdict(**gone)
+    assert {one.label for one in found.cameras.values()} == {"ignores_camera"}
+    assert "while the others are there: so could wrist, and" in found.cameras["top"].because
+    whole = verdict(**gone, **GONE)
+    assert "while the others are there" not in whole.because
+
+
+def test_a_state_is_said_to_be_used_and_no_more() -> None:
+    """Not that cameras have a part, nor that nothing else has one."""
+    assert STATE_LABELS["state_used"] == "Its state is used."
+    assert "alone" not in STATE_LABELS["state_shortcut"]
+    found = verdict(**GONE).state
+    assert (found.label, "another instruction changes" in found.because) == ("state_shortcut", True)
+    assert "instruction" not in verdict(**GONE, told=IGNORED).state.because
+
+
+def test_what_it_is_told_and_what_it_does_are_two_things() -> None:
+    """Where nothing is moved that is said, and where it hardly goes there."""
+    open_ = verdict(named=None, follow=None).instruction
+    assert (open_.label, "is not tested" in open_.because) == ("instruction_followed", True)
+    little = Statistic(0.05, 72, (0.02, 0.08), 0.0002)
+    found = verdict(named=little)
+    assert found.instruction.label == "instruction_followed"
+    assert any("hardly does what it is told" in one for one in found.remarks)
+    away = verdict(named=REVERSED, follow=REVERSED).instruction
+    assert "goes away from what is named" in away.because
+
+
+def test_a_share_above_one_has_more_than_one_reason() -> None:
+    """Moments of two episodes may be told the same, and then differ less than with another instruction."""
+    above = Statistic(1.64, 72, (1.1, 2.4), detail={"episodes": 12})
+    (remark,) = (one for one in verdict(told=above).remarks if one.startswith("A share above 1"))
+    assert "which may have the same there" in remark

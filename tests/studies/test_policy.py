@@ -176,7 +176,8 @@ def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: F
 
 def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, tmp_path: Path) -> None:
     """One seed gives two answers: it is asked as one that draws, and its noise is not taken for looking."""
-    policy.run(policy.plan(bank.root, ["python:arms:liar"], tmp_path / "run", conditions=FEW))
+    asked = (*FEW, "matched@cameras")
+    policy.run(policy.plan(bank.root, ["python:arms:liar"], tmp_path / "run", conditions=asked))
     scored = policy.score(tmp_path / "run")
     found = scored.models["python:arms:liar"]
     assert found.drawn
@@ -325,7 +326,8 @@ def test_absence_is_said_of_the_data_set_where_enough_episodes_were_asked(run: P
     assert "none of 12 responds, so that up to 32% of the data set's may; 44 episodes" in few["why_not"]
     assert "data_set" not in policies["python:arms:reach"]["axes"]["camera"]
     large = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(12), steps=4)
-    policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run", conditions=(*FEW, "swapped@state")))
+    asked = (*FEW, "matched@cameras", "swapped@state")
+    policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run", conditions=asked))
     verdict = judge(policy.score(tmp_path / "run"))["python:arms:middle"]
     for one in (verdict.camera, verdict.state):
         assert (one.of_data_set, one.why_not) == (one.label, "")

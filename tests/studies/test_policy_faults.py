@@ -123,7 +123,9 @@ def test_a_gripper_that_never_moves_is_named(bank: FrameBank, tmp_path: Path) ->
 
 def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(bank: FrameBank, tmp_path: Path) -> None:
     """What it does is what it does with these; that it does not do what was logged is said beside the labels."""
-    verdicts = judge(asked(bank, tmp_path / "run", *MISUSED))
+    specs, out = [f"python:faulty_arms:{name}" for name in MISUSED], tmp_path / "run"
+    policy.run(policy.plan(bank.root, specs, out, conditions=(*FEW, "matched@cameras"), extent=Extent(answers=2)))
+    verdicts = judge(policy.score(out))
     for one in verdicts.values():
         assert any("does something else than was logged" in remark for remark in one.remarks)
     dark = verdicts["python:faulty_arms:unit_floats"]
@@ -159,7 +161,7 @@ def test_a_channel_that_does_not_arrive_is_not_said_to_be_ignored(
 def test_who_declares_that_it_does_not_read_a_channel_ignores_it(bank: FrameBank, tmp_path: Path) -> None:
     """Not a bit changes there either, and it is no fault; what is declared is said."""
     spec, out = "python:arms:middle", tmp_path / "run"
-    policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES))
+    policy.run(policy.plan(bank.root, [spec], out))
     one = judge(policy.score(out))[spec]
     assert (one.camera.label, one.instruction.label, one.state.label) == (
         "ignores_camera",

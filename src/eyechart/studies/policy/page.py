@@ -12,7 +12,7 @@ from eyechart.studies.policy.course import training_of
 from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, tone, verdict_table
-from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, STATE_LABELS, PolicyVerdict
+from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, MISFIT, STATE_LABELS, PolicyVerdict
 
 Shown = tuple[PolicyScore, FrameBank | None]
 """A scored run, and its bank with the pictures where they are at hand."""
@@ -123,18 +123,25 @@ def _next(one: PolicyVerdict) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
     labels = {*one.guards, *(each.label for each in (one.camera, one.state, one.instruction) if not one.guards)}
     found = [advice for label, advice in NEXT.items() if label in labels]
+    spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
+    if len(spare) == 1 and not one.guards:
+        found.append(f"leave out the {spare[0]} camera, or find out why: a crop, a dark picture, another key.")
+    elif spare and not one.guards:
+        found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may tell the same.")
     for name, judged in one.cameras.items() if not one.guards else ():
-        if judged.label == "ignores_camera" != one.camera.label:
-            found.append(f"leave out the {name} camera, or find out why: a crop, a dark picture, another key.")
-        elif judged.label == "undecided" != one.camera.label:
+        if judged.label == "undecided" != one.camera.label:
             found.append(f"what the {name} camera is used for is open: {SETTLE}")
-    return found or [FINE]
+    return found or [FINE if one.misfit is None or one.misfit < MISFIT else UNFIT]
 
 
 SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
 FINE = (
     "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
     "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
+)
+UNFIT = (
+    "it uses what it is given, and does something else than was logged: look at its actions beside the logged ones, "
+    "and ask 'eyechart doctor SPEC --frames BANK' for other forms of its pictures, before it is driven."
 )
 NEXT = {
     "not_scorable": "call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",

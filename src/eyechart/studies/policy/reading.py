@@ -25,7 +25,8 @@ class Motions:
 
     ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN where there is none; ``missing``
     counts by reason the calls that came back without a motion, ``planned`` and ``finished`` those of the plan, and
-    ``order`` has the attempts as they were sent.
+    ``order`` has the attempts as they were sent. ``without`` counts the finished calls of a condition that hold no
+    motion, and all finished ones.
     """
 
     plan: MotionPlan
@@ -34,6 +35,12 @@ class Motions:
     order: Sequence[CallKey] = ()
     planned: int = 0
     finished: int = 0
+    without: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def lost(self, *conditions: str) -> float:
+        """Return the largest share of finished calls without a motion, of some conditions and of the frames' own."""
+        counts = [self.without.get(name, (0, 0)) for name in ("real", *conditions)]
+        return max(empty / finished if finished else 0.0 for empty, finished in counts)
 
     @cached_property
     def logged(self) -> Floats:
@@ -162,12 +169,13 @@ def read_motions(
     shape = (turns, len(plan.frames), *plan.motions.shape)
     found: dict[str, Floats] = {}
     missing: Counter[str] = Counter()
-    finished = 0
+    each, empty = Counter[str](), Counter[str]()
     for key, reply in replies:
         if key not in expected or reply.error in UNFINISHED:
             continue
-        finished += 1
+        each[key.condition] += 1
         decision = plan.motions.read(reply)
+        empty[key.condition] += decision.action is None
         if key.condition == "real_repeat" and key.repeat:
             continue  # asked with the seed of all calls, to see whether it fixes the answer
         array = found.setdefault(key.condition, np.full(shape, np.nan))
@@ -177,4 +185,5 @@ def read_motions(
             array[key.repeat, place[key.frame]] = decision.action.array
     if "real_repeat" in found:
         found["real_repeat"] = found["real_repeat"][:1]
-    return Motions(plan, found, dict(missing), order, len(expected), finished)
+    without = {name: (empty[name], count) for name, count in each.items()}
+    return Motions(plan, found, dict(missing), order, len(expected), each.total(), without)

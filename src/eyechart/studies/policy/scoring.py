@@ -17,6 +17,7 @@ from eyechart.channels import (
     STATE,
     TOLD,
     channels_of,
+    conditions_of,
     subset_conditions,
 )
 from eyechart.conditions import OVER
@@ -40,6 +41,7 @@ from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.stats.total_effect import (
     Pairs,
+    half_products,
     half_squares,
     held_still,
     misfit_share,
@@ -55,11 +57,22 @@ from eyechart.stats.total_effect import (
 from eyechart.studies.battery import taken
 from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
 from eyechart.studies.policy.reading import Floats, Motions, read_motions
-from eyechart.verdicts.channels import IGNORED, RESPONDS, SURENESS, PolicyVerdict, judge_policy, rests_on
+from eyechart.verdicts.channels import (
+    CONSTANT,
+    IGNORED,
+    RESPONDS,
+    SURENESS,
+    USED,
+    Asked,
+    PolicyVerdict,
+    judge_policy,
+    rests_on,
+)
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
 NOT_ASKED = "the run did not ask this"
+NOT_FINISHED = "none of its calls is finished"
 NO_FRAMES = "no frame has both answers"
 
 
@@ -163,6 +176,8 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> Poli
 
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
+    supplied, lacking = conditions_of(found.bank)
+    asked = Asked(frozenset(supplied) - frozenset(found.manifest.conditions), lacking)
     return {
         spec: judge_policy(
             spec,
@@ -172,6 +187,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             missing=one.motions.missing,
             left=one.motions.planned - one.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
+            asked=asked,
         )
         for spec, one in found.models.items()
     }
@@ -201,7 +217,9 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     """Return every statistic of one policy's motions, by name.
 
     ``T.CONDITION`` is the share of its own variation that goes under a condition; ``follow.named`` and
-    ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names.
+    ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names, and
+    ``follow.logged`` how much nearer its own instruction brings it to what was logged than another. ``swapped.alike@…``
+    is the share of any other episode's pictures in the moments that have one at a similar state.
     ``shapley.CHANNEL`` is there where every subset of the channels was asked.
     """
     taken = _Taken(motions, drawn=drawn)
@@ -215,13 +233,16 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     for name in motions.plan.conditions:
         if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
             found[f"T.{name}"] = taken.total(name)
-    cameras = (name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION})
+    cameras = [name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION}]
     found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
+    found |= {f"swapped.alike@{name}": taken.alike(name) for name in cameras if f"T.matched@{name}" in found}
     absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in found]
     found |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
     found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
     found["follow.told"] = taken.told()
     found["follow.rather"] = taken.follow(OBJECTS)
+    if f"T.swapped{OVER}{INSTRUCTION}" in found:
+        found["follow.logged"] = taken.logged()
     found["mirror"] = taken.mirror()
     found |= taken.shapley()
     return found
@@ -308,18 +329,28 @@ class _Taken:
         """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
         again = self._motions.of("real_repeat")
         if again is None:
-            return cannot_say(NOT_ASKED)
+            return cannot_say(self._absent("real_repeat"))
         frames, others = self._others()
         good = np.isfinite(again[0, frames]).all(axis=(1, 2))
         frames, others = frames[good], others[good]
         other = again[0] if seeded and np.isfinite(again[0, others]).all() else self._real[0]
-        return noise_share(self._real[0, frames], again[0, frames], other[others])
+        found = noise_share(self._real[0, frames], again[0, frames], other[others])
+        return self._counted(found, "real_repeat")
+
+    def _counted(self, found: Statistic, *conditions: str) -> Statistic:
+        """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
+        lost = self._motions.lost(*conditions)
+        return replace(found, detail={**(found.detail or {}), "lost": lost}) if lost else found
+
+    def _absent(self, condition: str) -> str:
+        """Return why there is no answer at all under a condition."""
+        return NOT_FINISHED if condition in self._motions.plan.conditions else NOT_ASKED
 
     def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
         """Return what goes under a condition, and the variation of which it is a share; else why there is none."""
         changed = self._motions.of(condition)
         if changed is None:
-            return NOT_ASKED
+            return self._absent(condition)
         frames = self._whole(self._real, changed)
         if not len(frames):
             return NO_FRAMES
@@ -350,7 +381,31 @@ class _Taken:
             "by_step": list(parts["step"]),
             "same": float((real == other).all(axis=(0, 2, 3)).mean()),
         }
-        return replace(found, p=p, detail=detail)
+        if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
+            detail["carried"] = carried
+        return self._counted(replace(found, p=p, detail=detail), condition)
+
+    def _carried(self, frames: Places, changed: Floats, effect: Pairs) -> dict[str, float]:
+        """Return the numbers and steps of the answer that go under a condition as much as must not be ignored.
+
+        With their shares, of those whose lower end is above the margin of use, and that vary as a number of the log
+        does: a part that hardly moves has a share of anything.
+        """
+        some, others = self._others()
+        went = half_products(self._real[:, frames], changed[:, frames])
+        varies = half_products(self._real[:, some], self._real[:, others])
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        parts = {name: (went[..., place], varies[..., place]) for place, name in enumerate(names)}
+        parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
+        found = {}
+        for name, (less, more) in parts.items():
+            of, over = less.mean(axis=1), more.mean(axis=1)
+            if len(over) and over.mean() > CONSTANT and of.mean() >= IGNORED * over.mean():
+                whole = Pairs(over, self._episodes[some], self._episodes[others])
+                one = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
+                if one.value is not None and one.ci is not None and one.ci[0] > USED:
+                    found[name] = one.value
+        return found
 
     def shapley(self) -> dict[str, Statistic]:
         """Return each channel's Shapley share of the variation, which add up to 1; nothing where none was asked for.
@@ -406,14 +461,34 @@ class _Taken:
         """
         matched, near = (self._motions.of(f"{name}@{channel}") for name in BY_STATE)
         if matched is None or near is None:
-            return cannot_say(NOT_ASKED)
+            return cannot_say(self._absent(f"{BY_STATE[matched is not None]}@{channel}"))
         frames = self._whole(self._real, matched, near)
         if not len(frames):
             return cannot_say(NO_FRAMES)
         real, own = self._real[:, frames], self._episodes[frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
         alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
-        return share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
+        found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
+        return self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
+
+    def alike(self, channel: str) -> Statistic:
+        """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
+
+        A share at a similar state is of these moments, and to be held against this one.
+        """
+        matched, swapped = (self._motions.of(f"{name}@{channel}") for name in ("matched", "swapped"))
+        if matched is None or swapped is None:
+            return cannot_say(next(self._absent(f"{name}@{channel}") for name in ("matched", "swapped")))
+        frames = self._whole(self._real, matched, swapped)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        real, other = self._real[:, frames], swapped[:, frames]
+        theirs = self._motions.episodes_of(self._motions.partners(f"swapped@{channel}")[frames])
+        found = total_effect(
+            Pairs(half_squares(real, other), self._episodes[frames], theirs), self._variation(), sampled=self._drawn
+        )
+        p = relabelling_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
+        return self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
         """Return how far what was moved is followed; of two objects, how much farther the first than the second."""
@@ -425,7 +500,7 @@ class _Taken:
             if less is None:
                 return cannot_say(NOT_ASKED)
             gains = gains - less
-        return self._followed(gains, full)
+        return self._counted(self._followed(gains, full), *(name for name in MOVES if name.startswith(which)))
 
     def told(self) -> Statistic:
         """Return how much farther the named object is followed than the other, over both instructions."""
@@ -435,7 +510,27 @@ class _Taken:
         (named_told, _), (other_told, _) = told
         if named is None or other is None or named_told is None or other_told is None:
             return cannot_say(NOT_ASKED)
-        return self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
+        found = self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
+        return self._counted(found, *MOVES, *(f"{TOLD}{name}" for name in MOVES))
+
+    def logged(self) -> Statistic:
+        """Return how much nearer its own instruction brings the answer to what was logged than another one does.
+
+        As a share of what the two answers differ by: 1 of who answers what was logged; 0 of who changes by what it is
+        told in a way that has nothing to do with it.
+        """
+        condition = f"swapped{OVER}{INSTRUCTION}"
+        changed, fit = self._motions.of(condition), self._motions.fit_to
+        if changed is None:
+            return cannot_say(self._absent(condition))
+        frames = self._whole(self._real, changed, fit[None])
+        own, other, logged = self._real[:, frames], changed[:, frames], fit[frames]
+        if not len(frames):
+            return cannot_say("no frame has both answers and a logged motion")
+        errors = [((one.mean(axis=0) - logged) ** 2).mean(axis=(1, 2)) for one in (other, own)]
+        full = 2 * half_squares(own, other)
+        found = follow(errors[0] - errors[1], full, self._episodes[frames], seed=key_seed("logged"))
+        return self._counted(found, condition)
 
     def _followed(self, gains: Floats, full: Floats) -> Statistic:
         good = np.isfinite(gains) & np.isfinite(full)
