@@ -275,8 +275,8 @@ UNCONTROLLED = {"beyond@cameras": None, "T.near@cameras": None, "follow": None, 
         ("camera", {"matched": None}, ("matched@cameras",), "the run did not ask matched@cameras"),
         ("camera", {**GONE, "blank": None}, ("blank",), "the run did not ask blank"),
         ("camera", {"swap": None}, ("swapped@cameras",), "the run did not ask swapped@cameras"),
-        ("state", {"state": None}, ("swapped@state",), "The run did not ask swapped@state"),
-        ("instruction", {"told": None}, ("swapped@instruction",), "The run did not ask swapped@instruction"),
+        ("state", {"state": None}, ("swapped@state",), "the run did not ask swapped@state"),
+        ("instruction", {"told": None}, ("swapped@instruction",), "the run did not ask swapped@instruction"),
         ("instruction", {"named": None, "follow": None}, ("named_plus",), "the run did not ask named_plus"),
         ("instruction", {"named": None}, ("told_named_plus",), "the run did not ask told_named_plus"),
         ("instruction", {"told": IGNORED, "named": None}, ("told_named_plus",), "did not ask told_named_plus"),
@@ -451,3 +451,10 @@ def test_a_share_above_one_has_more_than_one_reason() -> None:
     above = Statistic(1.64, 72, (1.1, 2.4), detail={"episodes": 12})
     (remark,) = (one for one in verdict(told=above).remarks if one.startswith("A share above 1"))
     assert "which may have the same there" in remark
+
+
+@pytest.mark.parametrize("name", ["swap", "state", "told"])
+def test_no_share_is_printed_that_is_none(name: str) -> None:
+    """What nobody measured carries no dash of the action."""
+    for none in (None, Statistic(None, 0, note="one episode alone")):
+        assert "—" not in str(verdict(**{name: none}).as_dict())

@@ -83,8 +83,11 @@ def instruction_column(bank: FrameBank) -> str | None:
     )
 
 
-def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the conditions that a policy is asked on a bank, and why it is not asked the others."""
+def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the conditions that a policy is asked on a bank, and why it is not asked the others.
+
+    Without ``reading`` no picture is opened, which a run has no copy of: ``mirrored`` is not among them.
+    """
     every, left_out = ["real", "real_repeat"], {}
     for channel in channels_of(bank):
         over = channel.removeprefix(CAMERA) if channel.startswith(CAMERA) else ""
@@ -94,7 +97,7 @@ def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
         elif over:
             every.append(f"blank{OVER}{over}")
             every += [f"{EXCHANGED}{OVER}{over}"] if all(EXCHANGED in frame.counterfactuals for frame in bank) else []
-    every += ["mirrored", *_DRAWN]
+    every += [*(["mirrored"] if reading else []), *_DRAWN]
     for name in every:
         if why := _lacking(name, bank):
             left_out[name] = why

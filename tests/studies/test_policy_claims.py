@@ -99,6 +99,19 @@ def test_a_control_that_is_left_out_passes_no_gate(bank: FrameBank, tmp_path: Pa
     assert gate.exit_code == 2
 
 
+def test_a_verdict_opens_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run has no copy of its bank's pictures, and what it left out is known without them."""
+    judged(bank, tmp_path / "run", "poses", "real", "real_repeat", module="arms")
+
+    def read(*_: object) -> bytes:
+        raise AssertionError("a picture was read")
+
+    monkeypatch.setattr(FrameBank, "read", read)
+    monkeypatch.setattr("eyechart.channels._unlike_pair", read)
+    found = judge(policy.score(tmp_path / "run"))["python:arms:poses"]
+    assert found.camera.because == "Its cameras cannot be judged: the run did not ask swapped@cameras."
+
+
 def test_who_does_the_opposite_or_something_else_is_not_said_to_follow(bank: FrameBank, tmp_path: Path) -> None:
     """Of two that change with every word, one goes away from what is named, and one anywhere."""
     asked = ("real", "real_repeat", *TOLD)

@@ -102,7 +102,8 @@ def judge_camera(statistics: Statistics, channel: str, what: str, asked: Asked =
     """Return the label of all cameras together, or of one."""
     swap, matched = (statistics.get(f"T.{name}@{channel}") for name in ("swapped", "matched"))
     shown = f"{what} {'carry' if what.endswith('cameras') else 'carries'} {of_action(swap)}"
-    if swap is None and (why := asked.without(f"swapped@{channel}")):
+    if swap is None or swap.value is None:
+        why = asked.without(f"swapped@{channel}") or why_open(swap)
         return Judged("undecided", sentence(f"{what} cannot be judged: {why}"), f"T.swapped@{channel}")
     if forgot := asked.forgot(f"matched@{channel}"):
         return Judged("undecided", sentence(f"{shown}; {forgot}"), f"T.swapped@{channel}")
@@ -209,8 +210,9 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Aske
     if not there:
         return Judged("undecided", "The bank has no state.")
     swap, by = statistics.get("T.swapped@state"), "T.swapped@state"
-    if swap is None and (why := asked.without("swapped@state")):
-        return Judged("undecided", sentence(why), by)
+    if swap is None or swap.value is None:
+        why = asked.without("swapped@state") or why_open(swap)
+        return Judged("undecided", sentence(f"its state cannot be judged: {why}"), by)
     shown = f"its state carries {of_action(swap)}"
     if ignored(swap):
         return _absent(Judged("ignores_state", sentence(shown), by), statistics, "responds", "state", shown)
@@ -227,8 +229,8 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Aske
 def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judged:
     """Return the label of the instruction."""
     swap, by = statistics.get("T.swapped@instruction"), "T.swapped@instruction"
-    if swap is None and (forgot := asked.forgot("swapped@instruction")):
-        return Judged("undecided", sentence(forgot), by)
+    if (forgot := asked.forgot("swapped@instruction")) or (swap is not None and swap.value is None):
+        return Judged("undecided", sentence(f"what it is told cannot be judged: {forgot or why_open(swap)}"), by)
     if swap is None:
         why = asked.without("swapped@instruction")
         return Judged("no_power", sentence(why or "no two episodes of the bank are told different things"))

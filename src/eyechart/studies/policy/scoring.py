@@ -176,7 +176,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> Poli
 
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
-    supplied, lacking = conditions_of(found.bank)
+    supplied, lacking = conditions_of(found.bank, reading=False)
     asked = Asked(frozenset(supplied) - frozenset(found.manifest.conditions), lacking)
     return {
         spec: judge_policy(
