@@ -22,7 +22,7 @@ from eyechart.studies.policy.course import course_of, step_of
 
 pytestmark = pytest.mark.slow
 
-FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+FEW = ("real", "real_repeat", "swapped@cameras", "matched@cameras", "blank")
 
 
 class Checkpoint:
