@@ -1,12 +1,16 @@
 """Channels: what each condition exchanges of what a policy is given, and whose it is."""
 
+import json
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import banks
+from arm_logs import arm_bank
 from eyechart.channels import (
     CAMERAS,
     INSTRUCTION,
@@ -19,13 +23,17 @@ from eyechart.channels import (
     flat_state,
     instruction_column,
     partner_of,
+    partners,
     reflected,
     show,
     shown,
     sources,
+    unshown_channels,
 )
+from eyechart.cli.app import app
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode
+from eyechart.importing import costs
 from eyechart.simulators import open_bank_simulator
 
 
@@ -192,3 +200,41 @@ def test_colours_are_exchanged_in_one_camera_alone(bank: FrameBank) -> None:
         show("exchanged@rear", frame, bank, 0)
     plain = replace(bank, frames=tuple(replace(one, counterfactuals={}) for one in bank))
     assert not any("exchanged@" in name for many in conditions_of(plain) for name in many)
+
+
+def test_a_camera_whose_pictures_are_all_alike_is_not_exchanged(tmp_path: Path) -> None:
+    """Its swap would show what is there anyway; both the bank's check and its import say so, and the others stay."""
+    still = arm_bank(tmp_path / "still", side="still")
+    every, left_out = conditions_of(still)
+    why = "48 of 48 frames have no frame of another episode that differs there"
+    assert {name: left_out[name] for name in left_out if name.endswith("camera:side")} == dict.fromkeys(
+        ("swapped@camera:side", "matched@camera:side", "near@camera:side"), why
+    )
+    assert unshown_channels(still) == {"camera:side": why}
+    assert {"swapped@cameras", "swapped@camera:front", "blank@side"} <= set(every)
+    assert f"swapped@camera:side: {why}" in costs(still)
+    found = CliRunner().invoke(app, ["frames", "check", str(still.root)])
+    assert f"not asked of a policy: camera:side: {why}" in " ".join(found.output.split())
+    said = json.loads(CliRunner().invoke(app, ["frames", "check", str(still.root), "--json"]).stdout)
+    assert (said["ok"], said["unshown"]) == (True, {"camera:side": why})
+    assert unshown_channels(arm_bank(tmp_path / "moving", side="moving")) == {}
+
+
+def test_a_partners_picture_differs_where_it_can(tmp_path: Path) -> None:
+    """Of a camera that shows one of two pictures: all episodes of one get one of the other; all cameras keep theirs."""
+    bank = arm_bank(tmp_path / "arm", side="moving")
+    digests = dict(bank.manifest.images)
+    for frame in bank:
+        digests[frame.pictures["side"]] = "left" if int(frame.episode) < 2 else "right"
+    bank = replace(bank, manifest=replace(bank.manifest, images=digests))
+    for frame in bank:
+        other = partner_of(frame, bank, "swapped", "camera:side")
+        assert digests[other.pictures["side"]] != digests[frame.pictures["side"]]
+        assert (
+            partner_of(frame, bank, "swapped", CAMERAS)
+            == bank.frames[partners(bank.frames, "swapped", CAMERAS)[bank.frames.index(frame)]]
+        )
+        for how in ("matched", "near"):
+            if shown(f"{how}@camera:side", frame, bank):
+                other = partner_of(frame, bank, how, "camera:side")
+                assert digests[other.pictures["side"]] != digests[frame.pictures["side"]]

@@ -104,6 +104,13 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
     return tuple(name for name in every if name not in left_out), left_out
 
 
+def unshown_channels(bank: FrameBank) -> dict[str, str]:
+    """Return the channels of a bank that cannot be exchanged, with why: of a camera, that its pictures are alike."""
+    left_out = conditions_of(bank)[1]
+    names = {channel: f"swapped{OVER}{channel}" for channel in channels_of(bank)}
+    return {channel: left_out[name] for channel, name in names.items() if name in left_out}
+
+
 def subset_conditions(bank: FrameBank) -> dict[Subset, str]:
     """Return under which condition each subset of the channels is the partner's: cameras, state and instruction.
 
@@ -156,11 +163,17 @@ def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
         return "only pictures are matched by the state"
     if base in BY_STATE and not bank.manifest.state:
         return "the bank has no state to match by"
-    without = int((partners(bank.frames, *whose(base, channel)) == NOBODY).sum())
-    if base in BY_STATE:
-        few = without > (1 - LEAST_MATCHED) * len(bank)
-        return f"{without} of {len(bank)} frames have no frame of another episode at a similar state" if few else ""
-    return f"{without} frames have no frame of another episode that differs there" if without else ""
+    without = _alone("swapped", channel, bank)
+    if without:
+        return f"{without} of {len(bank)} frames have no frame of another episode that differs there"
+    if base in BY_STATE and (without := _alone(base, channel, bank)) > (1 - LEAST_MATCHED) * len(bank):
+        return f"{without} of {len(bank)} frames have no frame of another episode at a similar state"
+    return ""
+
+
+def _alone(base: str, channel: str, bank: FrameBank) -> int:
+    """Return how many frames have no partner."""
+    return int((partners(bank.frames, *whose(base, channel), bank.manifest.images) == NOBODY).sum())
 
 
 def find_exchange(name: str) -> Condition:
@@ -240,50 +253,66 @@ def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
 
 
 def _partnered(frame: Frame, source: Source, base: str, channel: str) -> int:
-    return int(partners(source.frames, *whose(base, channel))[_places(_Same(source.frames))[frame.id]])
+    images = source.manifest.images if isinstance(source, FrameBank) else None
+    return int(partners(source.frames, *whose(base, channel), images)[_places(_Same(source.frames))[frame.id]])
 
 
-def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
+def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[str, str] | None = None) -> Places:
     """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
 
-    ``how`` is ``swapped``, ``matched`` or ``near``. Pictures of two episodes are taken to differ.
+    ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest: a partner's picture
+    differs from the frame's own; without them all pictures are taken to differ. One camera's partners are those of all
+    cameras, but where one of these has the same picture there.
     """
-    return _partners(_Same(frames), how, channel)
+    return _partners(_Same(frames, images), how, channel)
 
 
 def whose(base: str, channel: str) -> tuple[str, str]:
-    """Return by which partners a condition is shown: one camera's are those of all cameras."""
-    one = CAMERAS if channel.startswith(CAMERA) or base in {"kept", ALONE} else channel
-    return (base if base in BY_STATE else "swapped"), one
+    """Return by which partners a condition is shown: with one channel kept, or alone, by those of all cameras."""
+    return (base if base in BY_STATE else "swapped"), CAMERAS if base in {"kept", ALONE} else channel
 
 
 class _Same:
-    """Frames as a key, by which tuple they are."""
+    """Frames as a key, by which tuple they are, with the digests of their pictures."""
 
-    def __init__(self, frames: Sequence[Frame]) -> None:
-        self.frames = frames
+    def __init__(self, frames: Sequence[Frame], images: Mapping[str, str] | None = None) -> None:
+        self.frames, self.images = frames, images
 
     def __hash__(self) -> int:
         return id(self.frames)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.frames is self.frames
+        return isinstance(other, _Same) and other.frames is self.frames and other.images is self.images
+
+    def seen(self, channel: str) -> Sequence[object]:
+        """Return what each frame's pictures of a channel are, equal where they are the same to the byte."""
+        every = [one.name for one in self.frames[0].cameras]
+        names = [channel.removeprefix(CAMERA)] if channel.startswith(CAMERA) else every
+        if self.images is None or not set(names) <= set(every):
+            return range(len(self.frames))
+        files = [[frame.pictures[name] for name in names] for frame in self.frames]
+        return [tuple(self.images.get(file, file) for file in many) for many in files]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=128)
 def _partners(same: _Same, how: str, channel: str) -> Places:
-    frames = same.frames
+    frames, seen = same.frames, same.seen(channel)
+    if channel.startswith(CAMERA):
+        shared = _partners(same, how, CAMERAS)
+        if all(place == NOBODY or seen[number] != seen[place] for number, place in enumerate(shared)):
+            return shared
     episodes = [frame.drive for frame in frames]
     if how in BY_STATE:
         states = [flat_state(frame.state) for frame in frames]
-        matched = matched_partners(episodes, states)
-        return matched if how == "matched" else near_partners(episodes, states, matched)
+        if how == "matched":
+            return matched_partners(episodes, states, seen)
+        return near_partners(episodes, states, _partners(same, "matched", channel), seen)
     values: dict[str, Sequence[object]] = {
         STATE: [tuple(frame.state.items()) for frame in frames],
         INSTRUCTION: [tuple(frame.fields.items()) for frame in frames],
     }
     seed = key_seed("partners", channel, *(frame.id for frame in frames))
-    return balanced_partners(episodes, values.get(channel, range(len(frames))), seed=seed)
+    return balanced_partners(episodes, values.get(channel, seen), seed=seed)
 
 
 @lru_cache(maxsize=16)

@@ -63,3 +63,15 @@ def test_a_near_partner_is_of_the_own_episode_and_as_far_off_as_the_match() -> N
     matched = matched_partners(episodes, states)
     assert list(matched) == [3, 3, 5, 1, NOBODY, 2]
     assert list(near_partners(episodes, states, matched)) == [1, 0, 1, 4, NOBODY, NOBODY]
+
+
+def test_a_partner_by_state_has_another_value() -> None:
+    """The nearest that has, of another episode; of the own one likewise."""
+    states = [[0.0], [0.1], [0.02], [0.11], [0.0]]
+    episodes, told = ["a", "a", "b", "b", "c"], ["x", "y", "x", "x", "y"]
+    matched = matched_partners(episodes, states, told, within=1.0)
+    assert list(matched) == [4, 3, 4, 1, 0]
+    assert list(near_partners(episodes, states, matched, told)) == [1, 0, NOBODY, NOBODY, NOBODY]
+    assert set(matched_partners(episodes, states, ["x"] * 5)) == {NOBODY}
+    with pytest.raises(ValueError, match="5 episodes and 1 values"):
+        matched_partners(episodes, states, ["x"])

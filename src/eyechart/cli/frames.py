@@ -146,27 +146,39 @@ def check(
     """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs.
 
     With OTHER, also whether the frames of one name in both banks are the same moments: ground truth to 3 decimals, not
-    pixels, which other versions of libraries draw otherwise.
+    pixels, which other versions of libraries draw otherwise. Of a bank for policies, also which channels have nothing
+    to be exchanged, such as a camera whose pictures are all alike.
     """
-    from eyechart.conditions import undrawn_controls
     from eyechart.frames import check as check_bank
-    from eyechart.frames import open_bank, open_unchecked, shared
+    from eyechart.frames import open_unchecked, shared
 
     problems = [problem for each in filter(None, (bank, other)) for problem in check_bank(each)]
-    undrawn = {} if problems else undrawn_controls(open_bank(bank))
+    undrawn, unshown = ({}, {}) if problems else _lacking(bank)
     both = None if other is None else shared(open_unchecked(bank), open_unchecked(other))
     unlike = both is not None and bool(both.unlike or not both.frames)
     if json:
         more: dict[str, object] = {"undrawn": undrawn} if undrawn else {}
+        more |= {"unshown": unshown} if unshown else {}
         more |= {} if both is None else {"other": str(other), "geometry": both.as_dict()}
         print_json({"bank": str(bank), "ok": not problems and not unlike, "problems": problems, **more})
     else:
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
-        whole = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
-        say(*([f"eyechart: {one}" for one in problems] or [*whole, *lacking]))
+        lacking += [f"not asked of a policy: {name}: {why}" for name, why in unshown.items()]
+        fine = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
+        say(*([f"eyechart: {one}" for one in problems] or [*fine, *lacking]))
         say(*(() if both is None else _shared_words(both)))
     if problems or unlike:
         raise typer.Exit(1)
+
+
+def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str]]:
+    """Return which controls of a bank could not be drawn, and which of its channels no policy is asked about."""
+    from eyechart.channels import unshown_channels
+    from eyechart.conditions import undrawn_controls
+    from eyechart.frames import open_bank
+
+    bank = open_bank(folder)
+    return undrawn_controls(bank), {} if bank.manifest.motion is None else unshown_channels(bank)
 
 
 def _shared_words(both: "Shared") -> list[str]:

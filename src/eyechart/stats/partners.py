@@ -47,36 +47,44 @@ def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, s
     return found
 
 
-def matched_partners(episodes: Sequence[object], states: npt.ArrayLike, *, within: float = SIMILAR) -> Places:
+def matched_partners(
+    episodes: Sequence[object],
+    states: npt.ArrayLike,
+    values: Sequence[object] | None = None,
+    *,
+    within: float = SIMILAR,
+) -> Places:
     """Return for each frame the place of the frame of another episode whose state is nearest, shape (n,).
 
-    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. `NOBODY` where none is
-    similar: nearer than a share ``within`` of the squared distance of two states at random. ValueError where the
-    lengths differ.
+    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. Where ``values`` are
+    given, labels of one a frame, the other frame has another. `NOBODY` where none is similar: nearer than a share
+    ``within`` of the squared distance of two states at random. ValueError where the lengths differ.
     """
-    episode, scaled = _numbered(episodes), _scaled(episodes, states)
+    episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
     most = within * 2 * np.count_nonzero(scaled.std(axis=0))
     for rows in chunks(len(episode), scaled.size):
         far = ((scaled[rows, None, :] - scaled[None]) ** 2).sum(axis=2)
-        far[episode[rows, None] == episode[None]] = np.inf
+        far[(episode[rows, None] == episode[None]) | (value[rows, None] == value[None])] = np.inf
         nearest = far.argmin(axis=1)
         there = np.take_along_axis(far, nearest[:, None], axis=1)[:, 0] <= most
         found[rows] = np.where(there, nearest, NOBODY)
     return found
 
 
-def near_partners(episodes: Sequence[object], states: npt.ArrayLike, matched: Places) -> Places:
+def near_partners(
+    episodes: Sequence[object], states: npt.ArrayLike, matched: Places, values: Sequence[object] | None = None
+) -> Places:
     """Return for each frame the place of one of its own episode, as far off in its state as its match, shape (n,).
 
-    ``matched`` are `matched_partners`; of all other frames of the episode it is the one whose distance is nearest to
-    theirs. `NOBODY` where a frame has no match, or is alone in its episode.
+    ``matched`` are `matched_partners` of the same ``values``; of all other frames of the episode that have another it
+    is the one whose distance is nearest to theirs. `NOBODY` where a frame has no match, or no such frame is there.
     """
-    episode, scaled = _numbered(episodes), _scaled(episodes, states)
+    episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
     for place in map(int, np.flatnonzero(matched != NOBODY)):
         own = np.flatnonzero(episode == episode[place])
-        own = own[own != place]
+        own = own[value[own] != value[place]]
         if len(own):
             far = np.sqrt(((scaled[own] - scaled[place]) ** 2).sum(axis=1))
             wanted = np.sqrt(((scaled[matched[place]] - scaled[place]) ** 2).sum())
@@ -91,6 +99,13 @@ def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np
         raise ValueError(f"{len(episodes)} episodes and states of shape {given.shape}: give one row a frame")
     spread = given.std(axis=0)
     return np.asarray((given - given.mean(axis=0)) / np.where(spread > 0, spread, 1.0))
+
+
+def _valued(episodes: Sequence[object], values: Sequence[object] | None) -> Places:
+    """Return values as numbers, one a frame; without any each frame has its own."""
+    if values is not None and len(values) != len(episodes):
+        raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
+    return np.arange(len(episodes)) if values is None else _numbered(values)
 
 
 def _numbered(labels: Sequence[object]) -> Places:

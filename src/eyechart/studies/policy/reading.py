@@ -103,7 +103,8 @@ class Motions:
         own = np.array([self._places[frame.id] for frame in self.plan.frames])
         if base not in PARTNERS:
             return own
-        theirs = partners(self.plan.bank.frames, *whose(base, channel))[own]
+        bank = self.plan.bank
+        theirs = partners(bank.frames, *whose(base, channel), bank.manifest.images)[own]
         return np.where(theirs == NOBODY, own, theirs)
 
     @cached_property

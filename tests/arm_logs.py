@@ -1,0 +1,53 @@
+"""Logs of an arm of any number of joints, imported: a front camera that shows the arm, and a side one if wanted."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from eyechart.frames import FrameBank
+from eyechart.importing import Choices, import_table, read_rig
+
+SIDES = ("", "still", "moving")
+
+
+def arm_bank(
+    folder: Path,
+    *,
+    joints: int = 2,
+    episodes: int = 8,
+    length: int = 6,
+    side: str = "",
+    tasks: Sequence[str] = ("go", "leave"),
+) -> FrameBank:
+    """Return a bank of an arm that goes home from somewhere; the pictures of a side camera are all alike if ``still``.
+
+    The brightness of the front picture's left half is the episode's, that of the right half the step's.
+    """
+    assert side in SIDES
+    rng, cameras = np.random.default_rng(7), ("front", *(("side",) if side else ()))
+    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"j{number}" for number in range(joints)]
+    lines = [",".join([*cameras, "drive", "step", "task", *names, *(f"a{name}" for name in names)])]
+    for drive in range(episodes):
+        bright, state = int(rng.integers(40, 210)), rng.normal(size=joints)
+        for step in range(length):
+            pixels = np.full((6, 8, 3), bright, np.uint8)
+            pixels[:, 4:] = 20 * step + drive
+            files = [f"{drive}-{step}-{name}.png" for name in cameras]
+            Image.fromarray(pixels).save(folder / files[0])
+            if side:
+                shown = np.full_like(pixels, 90) if side == "still" else 255 - pixels
+                Image.fromarray(shown).save(folder / files[1])
+            action = -0.3 * state + (bright - 125) / 100
+            cells = [*files, drive, step, tasks[drive % len(tasks)], *np.round([*state, *action], 5)]
+            lines.append(",".join(map(str, cells)))
+            state = state + 0.5 * action + 0.05 * rng.normal(size=joints)
+    (folder / "t.csv").write_text("\n".join(lines))
+    rig = [f'[[camera]]\nname = "{name}"\ncolumn = "{name}"\n' for name in cameras]
+    rig += [f"[state]\njoints = {names}\n[motion]\nhorizon = 2\nkind = 'delta'\nrate_hz = 10\n".replace("'", '"')]
+    rig += [f'[[motion.number]]\ncolumn = "a{name}"\n' for name in names]
+    (folder / "rig.toml").write_text("\n".join(rig))
+    chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",))
+    return import_table(folder, folder / "t.csv", folder / "bank", chosen)
