@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +16,15 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
 from eyechart.simulators import open_bank_simulator
+from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, share_difference
 from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy import Extent
-from eyechart.studies.policy.course import course_of, step_of
+from eyechart.studies.policy.course import Change, Course, course_of, step_of
+from eyechart.studies.policy.course import Checkpoint as OneCheckpoint
+from eyechart.studies.policy.figures import training
+from policies_by_hand import IGNORED, NOT_ONE_BIT, verdict
+from policies_by_hand import OPEN as OPEN_SHARE
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +46,17 @@ class Checkpoint:
 
 early, middle, late, again = (Checkpoint(*one) for one in ((100, 1.0), (200, 0.5), (300, 0.0), (400, 0.0)))
 HERE = "python:test_policy_course"
+
+
+class Halted(Checkpoint):
+    """One that stays where it is."""
+
+    def __call__(self, images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Return nothing but its last bits."""
+        return 1e-9 * super().__call__(images, state, instruction)
+
+
+halted = Halted(150, 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +88,65 @@ def test_the_step_at_which_a_policy_stopped_looking_is_named(bank: FrameBank, tm
     assert f"from {HERE}:late, step 300 on it ignores its cameras" in said["says"]
     printed = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two")])
     assert "on it ignores its cameras" in printed.stdout.replace("\n", " ")
+
+
+@pytest.mark.usefixtures("_here")
+def test_a_checkpoint_whose_guard_failed_is_not_compared(bank: FrameBank, tmp_path: Path) -> None:
+    """It neither looks nor stops looking; its guard is named, and no share of it stands in a table or a figure."""
+    specs = [f"{HERE}:{name}" for name in ("early", "halted", "late")]
+    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
+    course = course_of([policy.score(tmp_path / "run")])
+    said = list(course.says())
+    assert said[0].endswith(f"not compared: guard constant of {specs[1]}, step 150")
+    assert said[1].endswith(f"not compared: guard constant of {specs[1]}, step 150")
+    assert not any("on it" in one for one in said)
+    assert course.changes[0].labels["guards"] == ("", "constant")
+    assert not course.replicated
+    shares, _ = course.tables()
+    row = next(row for row in shares.rows if row[0] == specs[1])
+    assert row[2].text == "constant"
+    assert set(row[3:]) == {None}
+    assert " at 150" not in training(course).description
+
+
+def _checkpoint(name: str, step: int | None, **changed: Statistic | None) -> OneCheckpoint:
+    return OneCheckpoint(SimpleNamespace(model=name, version="1"), verdict(**changed), step)  # type: ignore[arg-type]
+
+
+IGNORING = {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "steps", "said"),
+    [
+        ({}, IGNORING, (1, 2), ["from b, step 2 on it ignores its cameras"]),
+        (IGNORING, {}, (1, 2), ["from b, step 2 on it no longer ignores its cameras"]),
+        ({"matched": None}, IGNORING, (1, 2), ["from b, step 2 on it ignores its cameras"]),
+        (IGNORING, {"swap": OPEN_SHARE}, (1, 2), []),
+        (IGNORING, IGNORING | {"swap": NOT_ONE_BIT}, (1, 2), []),
+        ({}, IGNORING, (None, None), []),
+    ],
+)
+def test_that_it_stopped_looking_is_said_between_what_is_settled(
+    first: dict[str, Statistic | None],
+    second: dict[str, Statistic | None],
+    steps: tuple[int | None, int | None],
+    said: list[str],
+) -> None:
+    """And only of checkpoints that have steps: others are no training."""
+    pair = _checkpoint("a", steps[0], **first), _checkpoint("b", steps[1], **second)
+    assert list(Course(pair, (pair,), ()).says()) == said
+
+
+def test_a_difference_that_is_rounding_is_none() -> None:
+    """However small its p: where every frame rounds alike, no test takes it for chance."""
+
+    def change(apart: float) -> Change:
+        return Change("a", "b", {}, {"cameras": Statistic(apart, 72, p=1e-4)}, {"cameras": 2e-4})
+
+    assert change(-1e-11).changed == ()
+    assert change(-1e-11).says() == "no share differs (Holm)"
+    assert change(-0.01).changed == ("cameras",)
 
 
 @pytest.mark.usefixtures("_here")

@@ -14,10 +14,12 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scoring import OnePolicy, PolicyScore, difference, judge
 from eyechart.studies.policy.tables import mark
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.channels import OPEN, PolicyVerdict, used
 
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""
+LEAST = 0.001
+"""A share differs by this or more: rounding differs in every frame alike, and no test takes that for chance."""
 
 _STEP = re.compile(
     r"(?<![a-z])(?:step|checkpoint|ckpt|iteration|iter|epoch)s?[ _=:-]*(\d[\d_,]*)(k|m)?(?!\w|\.\d)", re.IGNORECASE
@@ -45,6 +47,20 @@ class Checkpoint:
         cameras = {f"camera:{name}": judged.label for name, judged in one.cameras.items()}
         return {"camera": one.camera.label, **cameras, "state": one.state.label, "instruction": one.instruction.label}
 
+    @property
+    def looks(self) -> bool | None:
+        """Return whether its cameras count, None where that is not settled: a guard failed, or no margin is passed."""
+        if self.verdict.guards:
+            return None
+        if (label := self.verdict.camera.label) not in OPEN:
+            return label != "ignores_camera"
+        return True if used(self.verdict.channels.get("cameras")) else None
+
+    @property
+    def shares(self) -> Mapping[str, Statistic]:
+        """Return the share of each channel, of none where a guard failed."""
+        return {} if self.verdict.guards else self.verdict.channels
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         shares = {name: picked(one, "T=value ci n") for name, one in self.verdict.channels.items()}
@@ -54,18 +70,34 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Change(Plain):
-    """One checkpoint and the next: the labels that changed, and each channel's difference with its p after Holm."""
+    """One checkpoint and the next: the labels that changed, and each channel's difference with its p after Holm.
+
+    Of one whose guard failed no share is compared; ``failed`` names the guards, with whose they are.
+    """
 
     before: str
     after: str
     labels: Mapping[str, tuple[str, str]]
     channels: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+    failed: tuple[str, ...] = ()
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return the channels whose share differs significantly, after correction."""
-        return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA)
+        """Return the channels whose share differs significantly, after correction, and by more than rounding."""
+        return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA and self._differs(name))
+
+    def _differs(self, name: str) -> bool:
+        value = self.channels[name].value
+        return value is not None and abs(value) >= LEAST
+
+    def says(self) -> str:
+        """Return what changed, in a sentence; of what was not compared, why."""
+        if self.failed:
+            return f"not compared: {'; '.join(self.failed)}"
+        labels = (f"{axis} {old}, then {new}" for axis, (old, new) in self.labels.items())
+        shares = f"differs in {', '.join(self.changed)}" if self.changed else "no share differs (Holm)"
+        return "; ".join([*labels, shares])
 
 
 @dataclass(frozen=True)
@@ -84,13 +116,11 @@ class Course:
     def says(self) -> Iterator[str]:
         """Yield a sentence for each change, and when the pictures stopped or began to count."""
         for one in self.changes:
-            labels = (f"{axis} {old}, then {new}" for axis, (old, new) in one.labels.items())
-            shares = f"differs in {', '.join(one.changed)}" if one.changed else "no share differs (Holm)"
-            yield f"{one.before} → {one.after}: {'; '.join([*labels, shares])}"
-        for pair in self.compared:
-            before, after = (one.verdict.camera.label == "ignores_camera" for one in pair)
-            if before != after:
-                yield f"from {pair[1].name} on it {'ignores its cameras' if after else 'no longer ignores its cameras'}"
+            yield f"{one.before} → {one.after}: {one.says()}"
+        for pair in self.compared if self.stepped else ():
+            before, after = (one.looks for one in pair)
+            if None not in (before, after) and before != after:
+                yield f"from {pair[1].name} on it {'no longer ignores its cameras' if after else 'ignores its cameras'}"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -106,7 +136,7 @@ class Course:
     @property
     def channels(self) -> tuple[str, ...]:
         """Return the channels of which any policy has a share."""
-        return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.verdict.channels))
+        return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.shares))
 
     def tables(self) -> list[Table]:
         """Return the shares of every checkpoint, and what changed from each to the next."""
@@ -114,8 +144,8 @@ class Course:
             (
                 one.policy.model,
                 one.step,
-                mark(one.labels["camera"]),
-                *(one.verdict.channels.get(name) for name in self.channels),
+                mark(", ".join(one.verdict.guards) or one.labels["camera"]),
+                *(one.shares.get(name) for name in self.channels),
             )
             for one in self.checkpoints
         ]
@@ -221,10 +251,12 @@ def _checkpoints(score: PolicyScore, given: Mapping[str, int]) -> Iterator[Check
 
 def _change(before: Checkpoint, after: Checkpoint) -> Change:
     names = [name for name in before.verdict.channels if name in after.verdict.channels]
-    scored = not (before.verdict.guards or after.verdict.guards)
-    apart = {name: difference(before.policy, after.policy, name) for name in names if scored}
+    failed = [f"guard {', '.join(one.verdict.guards)} of {one.name}" for one in (before, after) if one.verdict.guards]
+    apart = {name: difference(before.policy, after.policy, name) for name in names if not failed}
     labels = {
         axis: (old, after.labels[axis]) for axis, old in before.labels.items() if old != after.labels.get(axis, old)
     }
+    if before.verdict.guards.keys() != after.verdict.guards.keys():
+        labels["guards"] = ", ".join(before.verdict.guards), ", ".join(after.verdict.guards)
     corrected = dict(zip(apart, holm([one.p for one in apart.values()]), strict=True))
-    return Change(before.name, after.name, labels, apart, corrected)
+    return Change(before.name, after.name, labels, apart, corrected, tuple(failed))

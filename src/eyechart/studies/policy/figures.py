@@ -83,7 +83,7 @@ def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
 
 def training(course: Course) -> Drawing:
     """Draw each channel's share against the step of the training, a row each, with the margins that `shares` has."""
-    names, points = course.channels, [(one.step or 0, one.verdict.channels) for one in course.checkpoints]
+    names, points = course.channels, [(one.step or 0, one.shares) for one in course.checkpoints]
     far = max([1.2, *(one.ci[1] for _, each in points for one in each.values() if one.ci is not None)])
     high = 0.95
     with style():

@@ -5,13 +5,22 @@ from dataclasses import replace
 
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
+from eyechart.report.charts import Drawing
 from eyechart.report.page import Opening, Said, Section, page_of, parted
 from eyechart.report.table import Table
 from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
 from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, tone, verdict_table
+from eyechart.studies.policy.settling import CHANNEL_OF, settling
+from eyechart.studies.policy.tables import (
+    channel_table,
+    parts_table,
+    statistics_table,
+    steps_table,
+    tone,
+    verdict_table,
+)
 from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, MISFIT, STATE_LABELS, PolicyVerdict
 
 Shown = tuple[PolicyScore, FrameBank | None]
@@ -26,7 +35,13 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
     if course is not None:
         shares, changes = course.tables()
         intro = "Checkpoints of one training, in the order of their steps: when did it stop looking, or listening?"
-        told = Section("Over the training", intro, [training(course)], [shares, changes], list(course.says()))
+        told = Section(
+            "Over the training",
+            intro,
+            [training(course)] if course.channels else [],
+            [shares, changes],
+            list(course.says()),
+        )
         sections, tables = [told, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
     page = page_of("Does it look, and does it listen?", title, sections, notes, _opening(runs))
@@ -35,22 +50,23 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
 
 def _opening(runs: Sequence[Shown]) -> Opening:
     """Return what the page says first: who looks, what each does, what to do next, and one moment of the first."""
-    judged = [(spec, one) for score, _ in runs for spec, one in judge(score).items()]
+    judged = [(spec, one, score) for score, _ in runs for spec, one in judge(score).items()]
     said = [
         Said(
             spec,
             "no verdict" if one.guards else f"{one.camera.label}; {one.instruction.label}".replace("_", " "),
             _tone(one),
-            f"{_answer(one)} Next: {_next(one)[0]}",
+            f"{_answer(one)} Next: {_next(one, score)[0]}",
             "" if one.guards or not one.camera.why_not else f"{one.camera.why_not}.",
         )
-        for spec, one in judged
+        for spec, one, score in judged
     ]
     alone = judged and f"{_answer(judged[0][1])}"
     sentence = parted(said, _LOOKS, "policies") if len(said) > 1 else alone or "The run names no policy."
     score, pictures = runs[0]
-    spec = next(iter(score.models), None)
-    drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), *shares(spec, score.models[spec])]
+    first = next(iter(judge(score).values()), None)
+    spec = "" if first is None else first.model
+    drawn = [] if first is None else [*moments(spec, score.models[spec], pictures), *_shares(score, first)]
     return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
@@ -72,18 +88,26 @@ def _tables(score: PolicyScore) -> list[Table]:
     """Return what is written beside the page."""
     verdicts = judge(score)
     costs = costs_table(score.accounting, every=True)
-    return [verdict_table(verdicts), channel_table(verdicts), statistics_table(score), parts_table(score), costs]
+    parts = [parts_table(score), steps_table(score)]
+    return [verdict_table(verdicts), channel_table(verdicts), statistics_table(score), *parts, costs]
 
 
 def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) -> Iterator[Section]:
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
-        drawings = [*shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
-        yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one)))
+        drawings = [*_shares(score, one), *moments(spec, score.models[spec], pictures)]
+        yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
-    yield Section(f"Every statistic{of}", tables=[*statistics_table(score).split(), parts_table(score)])
+    parts = [parts_table(score), steps_table(score)]
+    yield Section(f"Every statistic{of}", tables=[*statistics_table(score).split(), *parts])
     yield Section(f"What the calls took{of}", tables=[costs_table(score.accounting, every=False)])
+
+
+def _shares(score: PolicyScore, one: PolicyVerdict) -> Iterator[Drawing]:
+    """Draw the shares of a policy, none of one whose guard failed: nothing is said of what it uses."""
+    if not one.guards:
+        yield from shares(one.model, score.models[one.model])
 
 
 def _labels_of(one: PolicyVerdict) -> str:
@@ -103,9 +127,9 @@ def _answer(one: PolicyVerdict) -> str:
     return " ".join(said)
 
 
-def _why(one: PolicyVerdict) -> Iterator[str]:
+def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
     """Yield what to do next, why, axis by axis, and what stands in the way of more, once for all axes that share it."""
-    yield from (f"Next: {advice}" for advice in _next(one))
+    yield from (f"Next: {advice}" for advice in _next(one, score))
     yield from (f"{name}: {why}." for name, why in one.guards.items())
     axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
     axes |= {"state": one.state, "instruction": one.instruction}
@@ -119,10 +143,13 @@ def _why(one: PolicyVerdict) -> Iterator[str]:
     yield f"Scope: {one.scope}"
 
 
-def _next(one: PolicyVerdict) -> list[str]:
+def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
-    labels = {*one.guards, *(each.label for each in (one.camera, one.state, one.instruction) if not one.guards)}
+    axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
+    labels = {*one.guards, *(each.label for each in axes.values())}
     found = [advice for label, advice in NEXT.items() if label in labels]
+    still_open = [name for name, each in axes.items() if each.label == "undecided"]
+    found += dict.fromkeys(settling(score, one.model, CHANNEL_OF[name]) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
     if len(spare) == 1 and not one.guards:
         found.append(f"leave out the {spare[0]} camera, or find out why: a crop, a dark picture, another key.")
@@ -130,11 +157,10 @@ def _next(one: PolicyVerdict) -> list[str]:
         found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may tell the same.")
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "undecided" != one.camera.label:
-            found.append(f"what the {name} camera is used for is open: {SETTLE}")
+            found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
     return found or [FINE if one.misfit is None or one.misfit < MISFIT else UNFIT]
 
 
-SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
 FINE = (
     "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
     "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
@@ -154,6 +180,5 @@ NEXT = {
     "pose_only": "train with objects in more places: what it sees now tells it only where its own arm is.",
     "camera_presence": "train with pictures that differ where the action does.",
     "instruction_ignored": "train with several instructions in one scene, so that the picture does not tell the task.",
-    "undecided": SETTLE,
 }
 """What somebody who trains policies could do next, by label."""

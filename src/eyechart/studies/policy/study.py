@@ -58,6 +58,7 @@ class Policies(OfFrames[PolicyScore]):
         yield tables.channel_table(verdicts)
         yield from tables.statistics_table(score).split()
         yield tables.parts_table(score)
+        yield tables.steps_table(score)
         yield costs_table(score.accounting, every=False)
 
     def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:

@@ -1,0 +1,78 @@
+"""What would settle an axis of a policy that is undecided: more episodes, other questions, or a look at the road."""
+
+from collections.abc import Iterator
+
+from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, conditions_of
+from eyechart.conditions import OVER
+from eyechart.studies.policy.scoring import PolicyScore
+from eyechart.verdicts.channels import ALPHA, USED, used
+
+SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
+CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
+"""The channel of each axis of its own."""
+
+
+def settling(score: PolicyScore, spec: str, channel: str) -> str:
+    """Return what would settle the axis of a channel."""
+    return next(
+        iter((*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel), SETTLE))
+    )
+
+
+def _to_ask(score: PolicyScore, channel: str) -> Iterator[str]:
+    """Yield what the bank or the run lacks."""
+    what = _in_words(channel)
+    if channel not in channels_of(score.bank):
+        yield f"ask about a bank with {what.replace('its', 'an', 1)}: this one has none."
+    elif missing := ", ".join(_not_asked(score, channel)):
+        yield f"ask what this run left out ({missing}): 'eyechart run policy' without --conditions asks all."
+    elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
+        yield f"take a bank in which every frame finds {what.replace('its', 'another', 1)} in another episode."
+
+
+def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
+    """Yield what speaks for a fault before the policy, or against its words."""
+    statistics = score.models[spec].statistics
+    swap, told = statistics.get(f"T.swapped{OVER}{channel}"), statistics.get("follow.told")
+    if swap is not None and (swap.detail or {}).get("same") == 1.0:
+        yield (
+            f"ask 'eyechart doctor SPEC --frames BANK' whether {_in_words(channel)} reaches it; a policy that is not "
+            "to read it declares the channels that it reads."
+        )
+    if channel == INSTRUCTION and told is not None and told.ci is not None and told.ci[1] < 0:
+        yield "look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told."
+    if swap is not None and swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
+        yield "ask each moment more often (--answers): its answers are drawn, and the difference may be chance."
+
+
+def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
+    """Yield what would tell content from pose, of pictures that are used."""
+    statistics, lacking = score.models[spec].statistics, conditions_of(score.bank)[1]
+    if channel in {STATE, INSTRUCTION} or not used(statistics.get(f"T.swapped{OVER}{channel}")):
+        return
+    if any(f"{name}{OVER}{channel}" in lacking for name in BY_STATE):
+        yield (
+            "ask about frames at which the robot stands alike in several episodes: without them no picture is told "
+            "from its pose."
+        )
+    if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
+        yield (
+            "ask about frames in which objects stand elsewhere while the robot stands alike, or a world that moves "
+            "them: more of the same need not tell what it sees from its pose."
+        )
+
+
+def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
+    """Yield the conditions that a label of a channel rests on, that the bank can show and the run did not ask."""
+    able, asked = conditions_of(score.bank)[0], score.manifest.conditions
+    wanted = ["real_repeat", f"swapped{OVER}{channel}"]
+    if channel not in {STATE, INSTRUCTION}:
+        over = f"{OVER}{channel.removeprefix(CAMERA)}" if channel.startswith(CAMERA) else ""
+        wanted += [*(f"{name}{OVER}{channel}" for name in BY_STATE), f"blank{over}"]
+    yield from (name for name in wanted if name in able and name not in asked)
+
+
+def _in_words(channel: str) -> str:
+    if channel.startswith(CAMERA):
+        return f"its picture of the {channel.removeprefix(CAMERA)} camera"
+    return {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}[channel]
