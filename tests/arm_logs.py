@@ -1,6 +1,6 @@
 """Logs of an arm of any number of joints, imported: a front camera that shows the arm, and a side one if wanted."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,12 @@ from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
 
 SIDES = ("", "still", "moving")
+
+
+def by_front(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do as the log does."""
+    del instruction
+    return np.stack([-0.3 * state + (float(images["front"][0, 0, 0]) - 125) / 100] * 2)
 
 
 def arm_bank(
@@ -51,3 +57,11 @@ def arm_bank(
     (folder / "rig.toml").write_text("\n".join(rig))
     chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",))
     return import_table(folder, folder / "t.csv", folder / "bank", chosen)
+
+
+def declared(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do as the log does, and declare it."""
+    return by_front(images, state, instruction)
+
+
+declared.channels = ("camera:front", "state")  # type: ignore[attr-defined]

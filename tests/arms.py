@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -163,3 +164,31 @@ def seedless(images: Images, state: np.ndarray, instruction: str | None) -> np.n
 
 
 seedless.seedable = True  # type: ignore[attr-defined]
+
+
+middle_undeclared, reach_undeclared, deaf_undeclared = partial(middle), partial(reach), partial(deaf)
+
+
+def front(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Declare a camera that the bank has not."""
+    return reach(images, state, instruction)
+
+
+def secret(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Read the instruction, and declare that it does not."""
+    return reach(images, state, instruction)
+
+
+front.channels = ("camera:front",)  # type: ignore[attr-defined]
+secret.channels = ("camera:top", "state")  # type: ignore[attr-defined]
+
+
+def nearly_still(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Move by rounding alone."""
+    return 1e-7 * reach(images, state, instruction)
+
+
+def trembling(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Draw its answer, whatever it is shown, as large as the log's."""
+    del images, state, instruction
+    return np.random.default_rng().normal(size=(8, 3)) * 0.6

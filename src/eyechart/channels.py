@@ -70,6 +70,21 @@ def channels_of(bank: FrameBank) -> tuple[str, ...]:
     return (*found, *([INSTRUCTION] if instruction_column(bank) else []))
 
 
+def reads(channel: str, declared: Sequence[str]) -> bool:
+    """Return whether a channel is among the declared ones; ``cameras`` stand for each, and any one for all together."""
+    if channel == CAMERAS:
+        return any(one == channel or one.startswith(CAMERA) for one in declared)
+    return channel in declared or (channel.startswith(CAMERA) and CAMERAS in declared)
+
+
+def require_channels(spec: str, declared: Sequence[str], bank: FrameBank) -> None:
+    """Raise SpecError where a policy declares a channel that the bank has not; a single camera may be named."""
+    there = dict.fromkeys((*channels_of(bank), *(f"{CAMERA}{one.name}" for one in bank.frames[0].cameras)))
+    for name in declared:
+        if name not in there:
+            raise SpecError(f"'{spec}' declares the channel '{name}', and the bank has {', '.join(there)}")
+
+
 def instruction_column(bank: FrameBank) -> str | None:
     """Return the prompt column that tells a policy what to do: ``instruction``, or the one that there is, or none.
 

@@ -1,15 +1,17 @@
 """The doctor of policies: each fault is named in words, and a sound policy is found sound."""
 
+import asyncio
 import json
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from arm_logs import arm_bank
 from eyechart.cli.app import app
-from eyechart.errors import BankError
+from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.probe.policies import MOST_CALLS, _Asked, examine_policy
+from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _Asked, examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import MotionSpace
 
@@ -27,12 +29,19 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
         ("half", {"motions"}, "(4, 3), and the bank's motions (8, 3)"),
         ("broken", {"motions"}, "KeyError: 'left'"),
         ("raw", {"camera:wrist", "unit"}, "times as large as in the log"),
-        ("middle", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
-        ("deaf", {"instruction", "camera:wrist"}, "another instruction changes not one bit"),
+        ("middle_undeclared", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
+        ("deaf_undeclared", {"instruction", "camera:wrist"}, "another instruction changes not one bit"),
         ("queue", {"same"}, "answer from a queue"),
         ("liar", {"same"}, "two answers to one seed"),
         ("still", {"cameras", "grey", "instruction", "state", "camera:top", "camera:wrist", "constant"}, "same answer"),
-        ("reach", {"camera:wrist"}, "changes not one bit"),
+        ("reach_undeclared", {"camera:wrist"}, "changes not one bit"),
+        ("secret", {"instruction"}, "it declares that it does not read this, and the answer changes with it"),
+        ("nearly_still", {"constant"}, "times as much as the log: it is constant, or nearly so"),
+        (
+            "broken",
+            {"motions"},
+            "(it is given the cameras top, wrist, a state of 3 numbers (state) and an instruction)",
+        ),
     ],
 )
 def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words: str) -> None:
@@ -43,7 +52,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
     assert words in " ".join(one.says for one in found.findings if one.fine is False)
     assert found.exit_code == 1
     assert found.calls <= MOST_CALLS
-    if name in {"raw", "deaf", "reach", "middle", "still"}:
+    if name.partition("_")[0] in {"raw", "deaf", "reach", "middle", "still"}:
         assert said["motions"].fine
         assert said["same"].fine
 
@@ -130,3 +139,38 @@ def test_the_command_prints_it_and_exits_so(bank: FrameBank, tmp_path) -> None: 
     assert json.loads(amiss.stdout)["findings"][0]["outcome"] == "amiss"
     with pytest.raises(BankError, match="does not say what a motion is"):
         examine_policy("trained:sees", open_bank_simulator("rover").build(tmp_path / "r", seeds=(0,), steps=4))
+
+
+def test_a_channel_that_it_declares_not_to_read_is_not_amiss(bank: FrameBank) -> None:
+    """Nor is a camera of another bank accepted, as a run does not."""
+    found = examine_policy("python:arms:reach", bank)
+    said = {one.name: one for one in found.findings}
+    assert (found.exit_code, said["camera:wrist"].fine) == (0, True)
+    assert said["camera:wrist"].says == "it declares that it does not read this, and nothing changes with it"
+    assert all(one.fine for one in examine_policy("python:arms:deaf", bank).findings if one.name == "instruction")
+    with pytest.raises(SpecError, match="declares the channel 'camera:front', and the bank has cameras, camera:top"):
+        examine_policy("python:arms:front", bank)
+
+
+def test_noise_is_not_taken_for_variation(bank: FrameBank) -> None:
+    """As large as the log's, and at one moment as large as between moments: nobody can say whether it is constant."""
+    said = {one.name: one for one in examine_policy("python:arms:trembling", bank).findings}
+    assert said["constant"].fine is None
+    assert "noise hides whether it is constant" in said["constant"].says
+
+
+def test_a_camera_whose_pictures_are_all_alike_is_not_amiss(tmp_path: Path) -> None:
+    """What cannot be exchanged is said to be so."""
+    still = arm_bank(tmp_path / "arm", side="still")
+    said = {one.name: one for one in examine_policy("python:arm_logs:by_front", still).findings}
+    assert said["camera:front"].fine
+    assert (said["camera:side"].fine, "the same in every other episode" in said["camera:side"].says) == (None, True)
+
+
+def test_it_is_asked_where_an_event_loop_runs_already(bank: FrameBank) -> None:
+    """As in a notebook."""
+
+    async def cell() -> PolicyDiagnosis:
+        return examine_policy("trained:sees", bank)
+
+    assert asyncio.run(cell()) == examine_policy("trained:sees", bank)

@@ -8,10 +8,11 @@ import numpy as np
 
 from eyechart.attempts import close
 from eyechart.calls import Query, Reply
-from eyechart.channels import flat_state, instruction_column
+from eyechart.channels import CAMERAS, flat_state, instruction_column, reads, require_channels
 from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
+from eyechart.loops import in_own_loop
 from eyechart.models import Model, ask, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, policy_prompt
@@ -25,6 +26,8 @@ _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 """Numbers so many times the log's, or a mean so many of its spreads away, are of another unit."""
 _FAINT, _ROUNDING = 0.02, 1e-4
 """Of what another moment changes: a channel that changes less is next to none, and two answers differ by rounding."""
+_CONSTANT, _NOISY = 0.02, 0.5
+"""Answers that vary less than this share of the log's are the same; those to one moment may vary this much of it."""
 _FITS, _BETTER = 0.25, 0.25
 """An error below this share of the log's variance fits; another form of the pictures fits better by this factor."""
 
@@ -62,14 +65,22 @@ class PolicyDiagnosis:
 def examine_policy(spec: str, bank: FrameBank, *, timeout_s: float | None = None) -> PolicyDiagnosis:
     """Ask a policy about a few frames of a bank, and say what is amiss.
 
-    Raises SpecError for an unknown policy, and BankError for a bank that declares no motion or has one episode.
+    Raises SpecError for an unknown policy, or one that declares a channel that the bank has not, and BankError for a
+    bank that declares no motion or has one episode.
     """
     mode = RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s)
     model = open_model(spec, mode, answering="policy")
     space = bank.manifest.motion
     if space is None:
         raise BankError(f"the bank {bank.root} does not say what a motion is, so no answer can be held against it")
-    return asyncio.run(_examine(spec, model, _Asked(bank, space)))
+    require_channels(spec, declared := _declared(model), bank)
+    asked = _Asked(bank, space)
+    return in_own_loop(lambda: asyncio.run(_examine(spec, model, asked, declared)))
+
+
+def _declared(model: Model) -> tuple[str, ...]:
+    """Return the channels that a policy declares to read, none where it declares nothing."""
+    return tuple(filter(None, model.facts.get("channels", "").split(", ")))
 
 
 def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
@@ -98,6 +109,19 @@ class _Asked:
         told = [frame for frame in others if frame.fields != self.first.fields]
         self.other = (told or others)[len(told or others) // 2]
         self.further = _spread(bank.frames)
+
+    def other_by(self, cameras: Sequence[str]) -> Frame | None:
+        """Return a frame of another episode whose picture of any of these cameras is another; None where all are alike.
+
+        It is the one of which all else is shown too, where that differs.
+        """
+        images = self.bank.manifest.images
+
+        def seen(frame: Frame) -> list[str]:
+            return [images.get(file, file) for file in (frame.pictures[name] for name in cameras)]
+
+        others = (frame for frame in self.bank if frame.drive != self.first.drive)
+        return next((one for one in (self.other, *others) if seen(one) != seen(self.first)), None)
 
     def of(self, frame: Frame) -> Stimulus:
         """Return all that a frame is."""
@@ -142,17 +166,34 @@ class _Asked:
         return float((((found - wanted) / spread) ** 2).mean())
 
     def changed(self) -> Iterator[tuple[str, Stimulus]]:
-        """Yield the first moment with one thing changed: a channel of the other's, or a key that is missing."""
+        """Yield the first moment with one thing changed: a channel of another's, or a grey picture."""
         mine, theirs = self.of(self.first), self.of(self.other)
         cameras = list(mine.images)
-        yield "cameras", replace(mine, images=theirs.images)
+        if (other := self.other_by(cameras)) is not None:
+            yield CAMERAS, replace(mine, images=self.bank.images(other))
         yield "grey", show("blank", self.first, self.bank, 0)
         if mine.state and mine.state != theirs.state:
             yield "state", replace(mine, state=theirs.state)
         if mine.fields and mine.fields != theirs.fields:
             yield "instruction", replace(mine, fields=theirs.fields)
         for name in cameras if len(cameras) > 1 else ():
-            yield f"camera:{name}", replace(mine, images={**mine.images, name: theirs.images[name]})
+            if (other := self.other_by([name])) is not None:
+                yield f"camera:{name}", replace(mine, images={**mine.images, name: self.bank.images(other)[name]})
+
+    def alike(self) -> Iterator[str]:
+        """Yield the channels of cameras whose pictures are the same in every other episode."""
+        names = [one.name for one in self.first.cameras]
+        if self.other_by(names) is None:
+            yield CAMERAS
+        yield from (f"camera:{name}" for name in names if len(names) > 1 and self.other_by([name]) is None)
+
+    @property
+    def given(self) -> str:
+        """Return in words what a policy is given."""
+        state = {name: len(numbers) for name, numbers in self.first.state.items()}
+        numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
+        told = "an instruction" if self.first.fields else "no instruction"
+        return f"the cameras {', '.join(one.name for one in self.first.cameras)}, {numbers} and {told}"
 
 
 @dataclass
@@ -175,7 +216,7 @@ class _Calls:
         return self.asked.space.read(reply)
 
 
-async def _examine(spec: str, model: Model, asked: _Asked) -> PolicyDiagnosis:
+async def _examine(spec: str, model: Model, asked: _Asked, declared: tuple[str, ...]) -> PolicyDiagnosis:
     calls = _Calls(model, asked)
     try:
         mine, theirs = asked.of(asked.first), asked.of(asked.other)
@@ -190,8 +231,11 @@ async def _examine(spec: str, model: Model, asked: _Asked) -> PolicyDiagnosis:
     if order[0].action is not None:
         varies = len({one.action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
-        findings += [_again(order, varies=varies, seeded=seeded), *_reached(order, changed)]
-        findings += [_varies(order), _unit(asked, further), _form(forms)]
+        findings += [_again(order, varies=varies, seeded=seeded)]
+        findings += [_as_declared(one, declared) for one in _reached(order, changed)]
+        alike = "its pictures are the same in every other episode, so that nothing can be exchanged"
+        findings += [Finding(name, None, alike) for name in asked.alike()]
+        findings += [_varies(asked, order, further), _unit(asked, further), _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
@@ -206,7 +250,7 @@ def _motions(calls: _Calls, answers: list[Decision[Motion]]) -> Finding:
         "unparsed: wrong_shape": f"its answers have the shape {', '.join(sorted(shapes))}, and the bank's motions "
         f"{calls.asked.space.shape}",
         "unparsed: not_finite": "it answers with numbers that are none (NaN or infinite)",
-        "error": f"it fails: {errors[0]}" if errors else "it fails",
+        "error": f"it fails: {errors[0] if errors else 'nobody knows why'} (it is given {calls.asked.given})",
     }
     reasons = dict.fromkeys(str(one.reason) for one in without)
     said = "; ".join(words.get(reason, reason) for reason in reasons)
@@ -263,6 +307,17 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
             yield Finding(name, True, "it reaches the policy: the answer changes with it")
 
 
+def _as_declared(found: Finding, declared: tuple[str, ...]) -> Finding:
+    """Return what is said of a channel, as the policy declares whether it reads it."""
+    channel = CAMERAS if found.name == "grey" else found.name
+    if not declared or reads(channel, declared) or found.fine is None:
+        return found
+    if found.fine:
+        said = "it declares that it does not read this, and the answer changes with it: declare it too"
+        return Finding(found.name, False, said)
+    return Finding(found.name, True, "it declares that it does not read this, and nothing changes with it")
+
+
 def _apart(one: Motion, other: Motion) -> float:
     return float(np.sqrt(np.mean((one.array - other.array) ** 2)))
 
@@ -301,14 +356,30 @@ def _form(errors: Mapping[str, list[float]]) -> Finding:
     return Finding("pictures", None, "its answers are not the log's, and none of the forms that were tried mends that")
 
 
-def _varies(order: list[Decision[Motion]]) -> Finding:
-    first, other = order[0].action, order[2].action
-    if other is None or first is None:
+def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]) -> Finding:
+    """Say whether the answers to several moments vary, held against the log's, and against those to one moment."""
+    given = {asked.first.id: order[0], asked.other.id: order[2]} | dict(further)
+    answers = [(asked.bank.frame(name), one.action.array) for name, one in given.items() if one.action is not None]
+    if len(answers) < 2:
         return Finding("constant", None, "another moment got no motion")
-    apart = float(np.abs(first.array - other.array).max())
-    if apart == 0:
-        return Finding("constant", False, "two moments of different episodes get the same answer")
-    return Finding("constant", True, f"two moments of different episodes differ by up to {apart:.3g}")
+    numbers = asked.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
+    if (numbers == numbers[0]).all():
+        return Finding("constant", False, "moments of different episodes get the same answer")
+    logged = asked.logged(kept) if (kept := [frame for frame in asked.bank if frame.motion]) else np.zeros((0, 1, 1))
+    spread = logged.std(axis=(0, 1)) if len(logged) else numbers.std(axis=(0, 1))
+    units = np.where(spread > 0, spread, 1.0)
+    varies = float((numbers / units).var(axis=0, ddof=1).mean())
+    again = np.stack([one.action.array for one in (order[0], order[1], order[3]) if one.action is not None])
+    noise = float((again / units).var(axis=0, ddof=1).mean()) if len(again) > 1 else 0.0
+    usual = float((logged / units).var(axis=0).mean()) if len(logged) else 0.0
+    if usual and varies < _CONSTANT * usual:
+        said = f"its answers to {len(answers)} moments vary {varies / usual:.2g} times as much as the log"
+        return Finding("constant", False, f"{said}: it is constant, or nearly so")
+    if noise > _NOISY * varies:
+        said = f"its answers to one moment differ {noise / varies:.2g} times as much as those to {len(answers)}"
+        return Finding("constant", None, f"{said}: noise hides whether it is constant")
+    size = f"{varies / usual:.2g} times as much as the log" if usual else "and there is no log to hold them against"
+    return Finding("constant", True, f"its answers to {len(answers)} moments vary {size}")
 
 
 def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
