@@ -26,7 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("calls", "conditions", "modes"),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras"),
+    ("stats", "cameras", "loops"),
     ("errors", "seeds", "records", "keys"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.

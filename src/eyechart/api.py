@@ -4,12 +4,9 @@ What the command line does step by step is done here in one call each; the steps
 `eyechart.verdicts` and the other modules that the docs name, and there is no third way.
 """
 
-import asyncio
 import secrets
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -19,6 +16,7 @@ from typing import Any, TypedDict, Unpack
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
+from eyechart.loops import make_calls
 from eyechart.manifest import LEDGER
 from eyechart.models import Opened
 from eyechart.models.prices import read_prices
@@ -227,7 +225,7 @@ def run_battery(
     planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
     how_to = {"concurrency": concurrency, "again": again, "sequential": sequential}
-    _make_calls(partial(battery.run, planned, **how_to), progress)
+    make_calls(partial(battery.run, planned, **how_to), progress)
     return _read_report(out)
 
 
@@ -305,47 +303,3 @@ def _ask(mode: RequestMode, sample: Sample, most: float | None, *, fixed: Sequen
     drawn = secrets.randbelow(10**6)
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(find_mode, mode, fixed=fixed, sample=sample, seed=drawn, max_cost=most).result()
-
-
-def _make_calls(run: Callable[..., object], progress: Progress | None) -> None:
-    """Run a battery, where an event loop is running already, as in a notebook, in a thread with a loop of its own."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        run(progress=progress)
-        return
-    calls = _Calls(progress)
-    with ThreadPoolExecutor(1) as thread:
-        running = thread.submit(run, progress=calls.move)
-        try:
-            running.result()
-        except KeyboardInterrupt:
-            calls.stop()
-            raise
-
-
-class _Calls:
-    """The calls that another thread makes, so that an interrupt of this one can end them."""
-
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress = progress
-        self._stopped = threading.Event()
-        self._main: tuple[asyncio.AbstractEventLoop, asyncio.Task[object]] | None = None
-
-    def move(self, done: int, total: int) -> None:
-        """Pass the progress on; the first time it is told by the task that all others belong to."""
-        task = asyncio.current_task()
-        if self._main is None and task is not None:
-            self._main = (task.get_loop(), task)
-        if self._stopped.is_set():
-            raise KeyboardInterrupt
-        if self._progress is not None:
-            self._progress(done, total)
-
-    def stop(self) -> None:
-        """Cancel the calls under way; in the ledger they stand as sent, with their outcome unknown."""
-        self._stopped.set()
-        if self._main is not None:
-            loop, task = self._main
-            with suppress(RuntimeError):  # the loop has ended meanwhile
-                loop.call_soon_threadsafe(task.cancel)

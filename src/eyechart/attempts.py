@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
+from eyechart.loops import require_no_loop
 from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
@@ -109,9 +110,14 @@ async def close(model: Model) -> None:
 
 
 def to_the_end(run: Coroutine[Any, Any, T]) -> T:
-    """Return what a run comes to in an event loop of its own; raises the first error inside groups, which ended it."""
+    """Return what a run comes to in an event loop of its own; raises the first error inside groups, which ended it.
+
+    SpecError where one is running already.
+    """
     try:
-        return asyncio.run(run)
+        with contextlib.closing(run):
+            require_no_loop()
+            return asyncio.run(run)
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None
     except BaseExceptionGroup as group:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from eyechart.calls import Reply, is_cut
 from eyechart.limits import Spent
+from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
@@ -104,7 +105,7 @@ def doctor(
     ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
     """
     asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, max_cost=max_cost, tell=tell)
-    return asyncio.run(_examine(asker, seed))
+    return in_own_loop(lambda: asyncio.run(_examine(asker, seed)))
 
 
 async def _examine(asker: Asker, seed: int) -> Diagnosis:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from eyechart.calls import REFUSED, Emptiness, Reply, is_cut
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
+from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
@@ -80,7 +81,7 @@ def probe(
     Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
     asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, fixed=fixed, max_cost=max_cost, tell=tell)
-    return asyncio.run(_Probe(asker, sample or default_sample(), fixed, seed).find())
+    return in_own_loop(lambda: asyncio.run(_Probe(asker, sample or default_sample(), fixed, seed).find()))
 
 
 @dataclass

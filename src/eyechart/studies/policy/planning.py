@@ -2,15 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
 from eyechart.calls import CallKey, Reply
-from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column, subset_conditions
+from eyechart.channels import conditions_of, find_exchange, instruction_column, require_channels, subset_conditions
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
+from eyechart.loops import Progress, make_calls
 from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, versions
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
@@ -88,7 +90,7 @@ def plan(
     bank = open_whole(bank_path)
     _require_asked(bank)
     for spec, model in models.items():
-        _require_channels(spec, model.facts.get("channels", ""), bank)
+        require_channels(spec, tuple(filter(None, model.facts.get("channels", "").split(", "))), bank)
     supplied, left_out = conditions_of(bank)
     asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
     assert bank.manifest.motion is not None
@@ -152,14 +154,6 @@ def _require_asked(bank: FrameBank) -> None:
         )
 
 
-def _require_channels(spec: str, declared: str, bank: FrameBank) -> None:
-    """Raise SpecError where a policy declares a channel that the bank has not."""
-    there = channels_of(bank)
-    for name in filter(None, declared.split(", ")):
-        if name not in there:
-            raise SpecError(f"'{spec}' declares the channel '{name}', and the bank has {', '.join(there)}")
-
-
 def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
     """Return the plan of a run's manifest, as long as nobody knows who draws."""
     found = plan_of(manifest, bank)
@@ -221,9 +215,15 @@ def run(planned: PolicyRun, *, again: bool = False, **how: Unpack[Calling]) -> O
 
     With ``again``, those that ended in a failure of the road are made once more before.
 
-    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    Where an event loop is running, as in a notebook, the calls are made in a thread with a loop of its own. Raises
+    LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
-    asked: Calling = {"concurrency": 1, **how}
+    progress = how.pop("progress", None)
+    return make_calls(partial(_run, planned, again=again, how=how), progress)
+
+
+def _run(planned: PolicyRun, *, again: bool, how: Calling, progress: Progress | None) -> Outcome:
+    asked: Calling = {"concurrency": 1, **how, "progress": progress}
     with writing(planned.out, planned.manifest, planned.plan.bank) as (manifest, ledger):
         begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
         stages = _Again(begun, manifest, ledger)

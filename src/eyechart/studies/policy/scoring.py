@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from eyechart.channels import (
     BY_STATE,
+    CAMERA,
     CAMERAS,
     INSTRUCTION,
     MOVES,
@@ -191,6 +192,23 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
         )
         for spec, one in found.models.items()
     }
+
+
+def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
+    """Return the verdict on every policy as plain JSON values, with each camera by its name.
+
+    A single camera is all of them: what is said of them is said of it.
+    """
+    said = {spec: one.as_dict() for spec, one in judge(found).items()}
+    names = [one.name for one in found.bank.frames[0].cameras]
+    for one in said.values() if len(names) == 1 else ():
+        own = f"{CAMERA}{names[0]}"
+        one["cameras"] = {names[0]: one["camera"]}
+        for key, whole in (("channels", CAMERAS), ("axes", "camera")):
+            every = one[key]
+            assert isinstance(every, dict)
+            one[key] = every | ({own: every[whole]} if whole in every else {})
+    return said
 
 
 def drawn_of(ledger: Ledger, manifest: RunManifest, bank: FrameBank) -> MotionPlan:

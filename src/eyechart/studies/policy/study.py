@@ -10,7 +10,7 @@ from eyechart.models.prices import Prices
 from eyechart.studies import NO_DRIVES, Course, Finding, Made, Packed, Reading, Tell, Took
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.policy.planning import STUDY
-from eyechart.studies.policy.scoring import PolicyScore, judge, require_scorable, score, score_run, took
+from eyechart.studies.policy.scoring import PolicyScore, judge, judged_json, require_scorable, score, score_run, took
 from eyechart.verdicts.channels import REQUIREMENTS
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Policies(OfFrames[PolicyScore]):
         yield costs_table(score.accounting, every=False)
 
     def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:
-        return {"policies": {spec: one.as_dict() for spec, one in judge(score).items()}}
+        return {"policies": judged_json(score)}
 
     def verdict_printed(self, score: PolicyScore) -> "Iterator[Table | Text | str]":
         from rich.text import Text

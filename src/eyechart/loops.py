@@ -1,0 +1,80 @@
+"""Calls are made in an event loop of their own; where one is running already, as in a notebook, in another thread."""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import TypeVar
+
+from eyechart.errors import SpecError
+
+T = TypeVar("T")
+Progress = Callable[[int, int], None]
+
+
+def running() -> bool:
+    """Return whether an event loop is running in this thread."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
+
+
+def require_no_loop() -> None:
+    """Raise SpecError where an event loop is running in this thread, so that no other can."""
+    if running():
+        raise SpecError(
+            "an event loop is running already, as in a notebook, and this needs one of its own: call it in a thread "
+            "(await asyncio.to_thread(...)), or use eyechart.api.run_battery or eyechart.studies.policy.run"
+        )
+
+
+def in_own_loop(call: Callable[[], T]) -> T:
+    """Return what a call gives that runs an event loop: in a thread where one is running already."""
+    if not running():
+        return call()
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(call).result()
+
+
+def make_calls(run: Callable[..., T], progress: Progress | None) -> T:
+    """Run a study, which takes ``progress``: in a thread where an event loop is running; an interrupt ends that too."""
+    if not running():
+        return run(progress=progress)
+    calls = _Calls(progress)
+    with ThreadPoolExecutor(1) as thread:
+        making = thread.submit(run, progress=calls.move)
+        try:
+            return making.result()
+        except KeyboardInterrupt:
+            calls.stop()
+            raise
+
+
+class _Calls:
+    """The calls that another thread makes, so that an interrupt of this one can end them."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress = progress
+        self._stopped = threading.Event()
+        self._main: tuple[asyncio.AbstractEventLoop, asyncio.Task[object]] | None = None
+
+    def move(self, done: int, total: int) -> None:
+        """Pass the progress on; the first time it is told by the task that all others belong to."""
+        task = asyncio.current_task()
+        if self._main is None and task is not None:
+            self._main = (task.get_loop(), task)
+        if self._stopped.is_set():
+            raise KeyboardInterrupt
+        if self._progress is not None:
+            self._progress(done, total)
+
+    def stop(self) -> None:
+        """Cancel the calls under way; in the ledger they stand as sent, with their outcome unknown."""
+        self._stopped.set()
+        if self._main is not None:
+            loop, task = self._main
+            with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(task.cancel)
