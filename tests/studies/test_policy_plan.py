@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from arm_logs import arm_bank
 from eyechart.calibrate.policies import power
+from eyechart.calibrate.reach import matches, reachable, unreachable
 from eyechart.cli.app import app
 from eyechart.simulators import open_bank_simulator
 
@@ -38,3 +40,44 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     assert (said["episodes"], said["frames"]) == (8, 32)
     assert said["calls"] % 32 == 0
     assert said["said"]["same"]["0"][0] > 0.5
+
+
+def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of fourteen joints no frame has a match: no use of a camera gets a label there, and the table promises none."""
+    monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
+    bank = arm_bank(tmp_path / "arm", joints=14, side="still")
+    found = CliRunner().invoke(app, ["plan", str(bank.root), "--json"])
+    said = json.loads(found.stdout)
+    assert said["matches"] == {"cameras": 0, "camera:front": 0, "camera:side": 0}
+    assert said["matched"] == 0
+    assert {pair[1] for shares in said["said"].values() for pair in shares.values()} == {0.0}
+    assert {"camera_content", "pose_only", "object_grounded"} <= set(said["unreachable"])
+    assert said["unreachable"]["pose_only"].endswith("frames have no frame of another episode at a similar state")
+    assert "differs there" in said["unreachable"]["ignores_camera of camera:side"]
+    assert {"ignores_camera", "camera_presence", "state_shortcut", "instruction_ignored"} <= set(said["reachable"])
+    printed = " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
+    assert "frames with a match at a similar state, of 48: cameras 0, camera:front 0, camera:side 0" in printed
+    assert "labels that a policy may get: camera_presence, ignores_camera, state_shortcut" in printed
+    assert "not reachable: object_grounded, camera_content, pose_only, " in printed
+
+
+def test_labels_are_reachable_where_the_bank_can_show_them(tmp_path: Path) -> None:
+    """All of them on the tabletop; of two joints those of pictures, but no object is moved; of five episodes none."""
+    table = open_bank_simulator("tabletop").build(tmp_path / "table", steps=4)
+    assert unreachable(table) == {}
+    assert "object_grounded" in reachable(table)
+    few = arm_bank(tmp_path / "few", episodes=5)
+    assert reachable(few) == ()
+    assert "6 are the least" in unreachable(few)["camera_content"]
+    arm = arm_bank(tmp_path / "arm", tasks=("go",), length=10, episodes=16)
+    assert set(unreachable(arm)) == {"object_grounded", "instruction_followed", "instruction_ignored"}
+    assert 0 < matches(arm)["cameras"] <= len(arm)
+
+
+def test_fewer_matches_settle_less() -> None:
+    """That a camera is used is told by the frames that have one alone; that it is ignored, by all."""
+    every, few, none = (
+        power(12, 72, 1, {}, draws=6, matched=one).said["same"]["0.2"] for one in (None, (20, 8), (0, 0))
+    )
+    assert every[0] == few[0] == none[0]
+    assert every[1] >= few[1] > none[1] == 0

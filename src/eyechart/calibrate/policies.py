@@ -44,6 +44,8 @@ NOISES, ANSWERS = (0.05, 0.25, 1.0), (2, 4)
 TRUE_OF_THESE, WHOLE = ", true of these episodes", ", of the data set"
 """Stands after a label of absence that the episodes drawn deserve, if not all; and after one said of all."""
 _BATCH = 100
+LEAST_SIMULATED = 3
+"""Of fewer episodes nothing is simulated: without each in turn too few are left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,7 +426,8 @@ class PolicyPower(Plain):
 
     ``calls`` are those of a policy that answers alike to the same. ``said`` maps ``same`` (it answers alike, or takes a
     seed) and ``drawn`` (noise of a quarter of the variance, four answers) to shares, and these to how often the camera
-    is called ignored, and used. Of ``draws`` simulated data sets each.
+    is called ignored, and used. Of ``draws`` simulated data sets each. ``matched`` are the frames with a match at a
+    similar state: a camera that is used gets no label without them.
     """
 
     episodes: int
@@ -433,6 +436,7 @@ class PolicyPower(Plain):
     left_out: Mapping[str, str]
     said: Mapping[str, Mapping[str, tuple[float, float]]]
     draws: int
+    matched: int
 
     def table(self) -> Table:
         """Return a share a row."""
@@ -444,12 +448,27 @@ class PolicyPower(Plain):
         head = (Column("answers", "word"), Column("share of the camera", "number", 2))
         title = f"how often {self.episodes} episodes ({self.frames} frames) settle it"
         note = f"of {self.draws} simulated data sets each; every frame responds"
+        if self.matched < self.frames:
+            note = f"{note}; used is told by the {self.matched} frames with a match at a similar state"
         ends = (Column("ignored", "number", 2), Column("used", "number", 2))
         return Table("power", title, (*head, *ends), tuple(rows), note)
 
 
-def power(episodes: int, frames: int, calls: int, left_out: Mapping[str, str], *, draws: int = 60) -> PolicyPower:
-    """Simulate what a bank can say of a policy's cameras, by the share that they carry."""
+def power(
+    episodes: int,
+    frames: int,
+    calls: int,
+    left_out: Mapping[str, str],
+    *,
+    draws: int = 60,
+    matched: tuple[int, int] | None = None,
+) -> PolicyPower:
+    """Simulate what a bank can say of a policy's cameras, by the share that they carry.
+
+    ``matched`` are the frames with a match at a similar state, and their episodes: all unless given, and none where the
+    bank cannot show them. That a camera is used is simulated as if these alone had been asked.
+    """
+    told, of = (frames, episodes) if matched is None else matched
     kinds = {"same": Setting(), "drawn": Setting(noise=0.25, answers=4)}
     said: dict[str, dict[str, tuple[float, float]]] = {}
     for kind, base in kinds.items():
@@ -457,8 +476,12 @@ def power(episodes: int, frames: int, calls: int, left_out: Mapping[str, str], *
             setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
             labels = _batch(setting, 0, 0, draws)
             uses = sum(labels[label] for label in _USES)
+            if told < frames:
+                fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(told, LEAST_SIMULATED))
+                by_match = _batch(fewer, 0, 0, draws) if told else Counter[str]()
+                uses = labels["camera_presence"] + by_match["camera_content"] + by_match["pose_only"]
             said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
-    return PolicyPower(episodes, frames, calls, left_out, said, draws)
+    return PolicyPower(episodes, frames, calls, left_out, said, draws, told)
 
 
 def table(tried: Sequence[Tried]) -> Table:

@@ -261,6 +261,7 @@ def plan(
 def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
+    from eyechart.calibrate.reach import matched_of, matches, reachable, unreachable
     from eyechart.channels import channels_of, conditions_of, subset_conditions
     from eyechart.cli.terminal import print_each
     from eyechart.stats.guarantees import share_bound
@@ -271,15 +272,24 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     episodes = len({frame.drive for frame in bank})
     bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
     whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
-    found = power(episodes, len(bank), len(conditions) * len(bank), left_out)
+    found = power(episodes, len(bank), len(conditions) * len(bank), left_out, matched=matched_of(bank))
+    never = unreachable(bank)
     if json:
-        print_json(found.as_dict())
+        labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
+        print_json({**found.as_dict(), **labels})
         return
     print_each([found.table()])
+    alike = ", ".join(f"{channel} {count}" for channel, count in matches(bank).items())
+    why_not: dict[str, list[str]] = {}
+    for label, why in never.items():
+        why_not.setdefault(why, []).append(label)
     print_each(
         [
             f"channels: {', '.join(channels_of(bank))}",
             f"calls: {found.calls} ({len(conditions)} conditions); about four times as many of who draws its answers",
+            f"frames with a match at a similar state, of {len(bank)}: {alike}",
+            f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
+            *(f"not reachable: {', '.join(labels)}: {why}" for why, labels in why_not.items()),
             *(f"not asked: {name}: {why}" for name, why in left_out.items() if "frame" in why),
             *([f"--shapley asks {more * len(bank)} calls more"] if more else []),
             f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",

@@ -1,0 +1,75 @@
+"""Which labels a bank can lead to: how many frames have a match at a similar state, and what it cannot show."""
+
+from collections.abc import Iterator
+
+from eyechart.channels import CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, conditions_of, partners
+from eyechart.frames import FrameBank
+from eyechart.stats.partners import NOBODY
+from eyechart.verdicts.channels import AXES, LEAST_EPISODES, OPEN
+
+LEAST_GROUNDED = 7
+"""Below so many episodes no test of a moved object can reach .01."""
+BY_MATCH = ("object_grounded", "camera_content", "pose_only")
+"""The labels of cameras that rest on pictures at a similar state."""
+
+
+def matches(bank: FrameBank) -> dict[str, int]:
+    """Return of all cameras, and of each, how many frames have a frame of another episode at a similar state."""
+    cameras = [name for name in channels_of(bank) if name not in {STATE, INSTRUCTION}]
+    if not bank.manifest.state:
+        return dict.fromkeys(cameras, 0)
+    images = bank.manifest.images
+    return {name: int((partners(bank.frames, "matched", name, images) != NOBODY).sum()) for name in cameras}
+
+
+def matched_of(bank: FrameBank) -> tuple[int, int]:
+    """Return how many frames are asked with a match of all their cameras, and of how many episodes they are."""
+    if f"matched@{CAMERAS}" not in conditions_of(bank)[0]:
+        return 0, 0
+    there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images) != NOBODY
+    asked = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
+    return len(asked), len(set(asked))
+
+
+def unreachable(bank: FrameBank) -> dict[str, str]:
+    """Return the labels that no policy can get on a bank, with why; of one camera alone as ``LABEL of camera:NAME``."""
+    found: dict[str, str] = {}
+    for label, why in (*_of_episodes(bank), *_of_cameras(bank), *_of_the_rest(bank)):
+        found.setdefault(label, why)
+    return found
+
+
+def reachable(bank: FrameBank) -> tuple[str, ...]:
+    """Return the labels that a policy may get on a bank."""
+    never = unreachable(bank)
+    return tuple(label for labels in AXES.values() for label in labels if label not in OPEN and label not in never)
+
+
+def _of_episodes(bank: FrameBank) -> Iterator[tuple[str, str]]:
+    count = len({frame.drive for frame in bank})
+    if count < LEAST_EPISODES:
+        why = f"{count} episodes bound nothing; {LEAST_EPISODES} are the least"
+        yield from ((label, why) for labels in AXES.values() for label in labels if label not in OPEN)
+    if count < LEAST_GROUNDED:
+        yield "object_grounded", f"below {LEAST_GROUNDED} episodes no test can tell"
+
+
+def _of_cameras(bank: FrameBank) -> Iterator[tuple[str, str]]:
+    left_out = conditions_of(bank)[1]
+    for channel in matches(bank):
+        of = "" if channel == CAMERAS else f" of {channel}"
+        labels = [one for one in AXES["camera"] if one not in OPEN and not (of and one == "object_grounded")]
+        if why := left_out.get(f"swapped@{channel}", ""):
+            yield from ((f"{label}{of}", why) for label in labels)
+        elif why := left_out.get(f"matched@{channel}", ""):
+            yield from ((f"{label}{of}", why) for label in labels if label in BY_MATCH)
+    if any(why := left_out.get(name, "") for name in MOVES):
+        yield "object_grounded", f"the bank moves no object: {why}"
+
+
+def _of_the_rest(bank: FrameBank) -> Iterator[tuple[str, str]]:
+    left_out = conditions_of(bank)[1]
+    for channel in (STATE, INSTRUCTION):
+        absent = "" if channel in channels_of(bank) else f"the bank has no {channel}"
+        if why := absent or left_out.get(f"swapped@{channel}", ""):
+            yield from ((label, why) for label in AXES[channel] if label not in OPEN)
