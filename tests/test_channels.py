@@ -21,7 +21,9 @@ from eyechart.channels import (
     conditions_of,
     find_exchange,
     flat_state,
+    further_conditions,
     instruction_column,
+    listed_conditions,
     partner_of,
     partners,
     reflected,
@@ -34,6 +36,7 @@ from eyechart.cli.app import app
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode
 from eyechart.importing import costs
+from eyechart.report.contact_sheet import contact_sheet, write_frame
 from eyechart.simulators import open_bank_simulator
 
 
@@ -238,3 +241,37 @@ def test_a_partners_picture_differs_where_it_can(tmp_path: Path) -> None:
             if shown(f"{how}@camera:side", frame, bank):
                 other = partner_of(frame, bank, how, "camera:side")
                 assert digests[other.pictures["side"]] != digests[frame.pictures["side"]]
+
+
+def test_one_camera_is_kept_or_noise_where_that_is_asked_by_name(bank: FrameBank) -> None:
+    """Neither is asked of itself; kept, it alone is the frame's own."""
+    further = ("noise@top", "kept@camera:top", "noise@wrist", "kept@camera:wrist")
+    assert further_conditions(bank) == further
+    assert not {*further} & {*conditions_of(bank)[0]}
+    frame = bank.frames[0]
+    kept, other = show("kept@camera:wrist", frame, bank, 0), partner_of(frame, bank, "kept", "camera:wrist")
+    assert other.drive != frame.drive
+    images = {**bank.images(other), "wrist": bank.images(frame)["wrist"]}
+    assert kept == Stimulus(images, other.fields, other.state)
+    noisy = show("noise@top", frame, bank, 0)
+    assert noisy.images["wrist"] == bank.images(frame)["wrist"]
+    assert noisy.images["top"] != bank.images(frame)["top"]
+    assert {"swapped@CHANNEL", "near@CHANNEL", "noise@CAMERA", "exchanged@CAMERA", "decoys"} <= set(listed_conditions())
+
+
+def test_a_sheet_has_all_cameras_and_what_a_policy_is_told(bank: FrameBank, tmp_path: Path) -> None:
+    """Side by side, reflected too; the caption has three lines where there are motions."""
+    frame = bank.frames[0]
+    write_frame(bank, frame, tmp_path / "one.png")
+    both = decode((tmp_path / "one.png").read_bytes(), "one")
+    top, wrist = (decode(one, name) for name, one in bank.images(frame).items())
+    assert np.array_equal(both, np.concatenate([top, wrist], axis=1))
+    write_frame(bank, frame, tmp_path / "other.png", mirrored=True)
+    mirrored = decode((tmp_path / "other.png").read_bytes(), "other")
+    assert np.array_equal(mirrored, np.concatenate([top[:, ::-1], wrist[:, ::-1]], axis=1))
+    contact_sheet(bank, tmp_path / "sheet.png")
+    plain = replace(bank, manifest=replace(bank.manifest, motion=None))
+    contact_sheet(plain, tmp_path / "plain.png")
+    tall, less = (decode((tmp_path / f"{name}.png").read_bytes(), name).shape[0] for name in ("sheet", "plain"))
+    rows = len({one.episode for one in bank})
+    assert tall - less == 2 * 18 * rows

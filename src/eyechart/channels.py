@@ -119,6 +119,26 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
     return tuple(name for name in every if name not in left_out), left_out
 
 
+def further_conditions(bank: FrameBank) -> tuple[str, ...]:
+    """Return the conditions that a bank can show and that are asked only where they are named.
+
+    Noise in place of one camera's pictures, and that camera's alone kept; of several cameras.
+    """
+    names = [one.removeprefix(CAMERA) for one in channels_of(bank) if one.startswith(CAMERA)]
+    wanted = [one for name in names for one in (f"noise{OVER}{name}", f"kept{OVER}{CAMERA}{name}")]
+    return tuple(one for one in wanted if not _lacking(one, bank))
+
+
+def listed_conditions() -> dict[str, str]:
+    """Return the conditions of policies that stand over a channel or a camera, or are drawn, each in words."""
+    found = {f"{name}{OVER}CHANNEL": f"{image}: {asks}" for name, (image, asks) in _ASKS.items()}
+    found |= {name: f"{image}: {asks}" for name, (image, asks) in _DRAWN.items()}
+    for name in ("blank", "noise", EXCHANGED):
+        one = find_exchange(name)
+        found[f"{name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
+    return found
+
+
 def unshown_channels(bank: FrameBank) -> dict[str, str]:
     """Return the channels of a bank that cannot be exchanged, with why: of a camera, that its pictures are alike."""
     left_out = conditions_of(bank)[1]

@@ -11,6 +11,7 @@ from eyechart.report.table import Table
 from eyechart.simulators import open_bank_simulator
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import Reading, policy, study_of
+from eyechart.studies.policy.figures import _boxes
 from eyechart.studies.policy.page import made
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.studies.policy.settling import SETTLE, settling
@@ -106,6 +107,9 @@ def test_the_page_draws_no_share_of_who_failed_and_says_what_settles_what_is_ope
         )
     assert "names that were exchanged" in settling(scored, contrary, "instruction")
     assert "names that were exchanged" in html
+    assert "with one thing changed of what it is shown" in html
+    assert html.count("pictures-python-test-policy-tables-unread-") > 0
+    assert "another top, another wrist" in html
     assert "whether its picture reaches it" in html
 
 
@@ -124,3 +128,29 @@ def test_what_was_not_asked_is_to_be_asked(
     policy.run(policy.plan(root, [spec], tmp_path / "whole"))
     assert "objects stand elsewhere" in settling(policy.score(tmp_path / "whole"), spec, "cameras")
     assert SETTLE.startswith("ask more episodes")
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_kept_or_noise_is_scored_where_it_is_named(scored: PolicyScore, tmp_path: Path) -> None:
+    """All but the top camera from elsewhere changes who goes by its state; noise on the wrist changes nothing."""
+    root, spec = Path(scored.bank.root).parent.parent / "bank", "python:arms:reach"
+    asked = ("real", "noise@wrist", "noise@top", "kept@camera:top")
+    policy.run(policy.plan(root, [spec], tmp_path / "run", conditions=asked))
+    found = policy.score(tmp_path / "run").models[spec].statistics
+    assert found["T.noise@wrist"].value == 0
+    assert (found["T.noise@top"].value or 0) > 0.1
+    assert (found["T.kept@camera:top"].value or 0) > 0.1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 8, 9])
+def test_the_pictures_of_all_cameras_have_a_place_each(count: int) -> None:
+    """None upon another, and all on the figure."""
+    boxes = _boxes(count)
+    assert len(boxes) == count
+    for left, low, wide, high in boxes:
+        assert 0 <= left < left + wide < 1.45 / 4.4
+        assert 0 <= low < low + high <= 3.2 / 3.3
+    for place, (left, low, wide, high) in enumerate(boxes):
+        for other in boxes[:place]:
+            apart = left >= other[0] + other[2] or other[0] >= left + wide
+            assert apart or low >= other[1] + other[3] or other[1] >= low + high

@@ -206,7 +206,10 @@ def show(
     counterfactual: Annotated[str | None, typer.Option(help="lead_near, lead_far, recoloured, or a control.")] = None,
     limit: Annotated[int | None, typer.Option(help="At most so many frames, from every episode in turn.")] = None,
 ) -> None:
-    """Write a contact sheet, one row an episode, each frame with its gap and demand; or the picture of one FRAME."""
+    """Write a contact sheet, one row an episode, each frame with its gap and demand; or the pictures of one FRAME.
+
+    Several cameras stand side by side; a frame for policies has its instruction, state and motion above it.
+    """
     from dataclasses import replace
 
     from eyechart.frames import open_bank

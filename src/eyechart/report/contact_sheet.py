@@ -1,6 +1,7 @@
 """A contact sheet shows a bank at a glance: one row an episode, each frame with its gap and what it demands.
 
-One frame alone is shown as it is, reflected, or in the calibrated view.
+Of several cameras all pictures stand side by side, and of a frame for policies also what it tells, its state and its
+motion. One frame alone is shown as it is, reflected, or in the calibrated view.
 """
 
 from pathlib import Path
@@ -11,9 +12,10 @@ from PIL import Image, ImageDraw, ImageFont
 from eyechart.conditions import CONTROLS, flip
 from eyechart.destination import whole
 from eyechart.errors import BankError
-from eyechart.frames import Frame, FrameBank, decode
+from eyechart.frames import RGB, Frame, FrameBank, decode
 from eyechart.perception.view import CALIBRATED, view_for
 
+_Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 _CELL_PX = 300
 _CAPTION_PX = 18
 _MARGIN_PX = 6
@@ -30,9 +32,10 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     if not frames:
         raise BankError(f"no frame of {bank.root} has a counterfactual picture '{counterfactual}'")
     rows = _rows(frames, columns)
-    first = decode(bank.image(frames[0], counterfactual), frames[0].file)
+    first = _pixels(bank, frames[0], counterfactual)
     height = max(1, round(first.shape[0] * _CELL_PX / first.shape[1]))
-    step = height + _CAPTION_PX + _MARGIN_PX
+    caption = _CAPTION_PX * (1 if bank.manifest.motion is None else 1 + _TOLD_LINES)
+    step = height + caption + _MARGIN_PX
     width = _MARGIN_PX + max(len(row) for row in rows) * (_CELL_PX + _MARGIN_PX)
     if len(rows) * step > _MOST_PX:
         raise BankError(f"a sheet of {len(frames)} frames is too tall; show fewer with --limit")
@@ -40,10 +43,12 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for y, row in enumerate(rows):
         for x, frame in enumerate(row):
-            pixels = np.ascontiguousarray(decode(bank.image(frame, counterfactual), frame.file))
+            pixels = np.ascontiguousarray(_pixels(bank, frame, counterfactual))
             left, top = _MARGIN_PX + x * (_CELL_PX + _MARGIN_PX), _MARGIN_PX + y * step
-            draw.text((left, top), _caption(frame, bank, counterfactual), fill="black", font=font)
-            sheet.paste(Image.fromarray(pixels).resize((_CELL_PX, height)), (left, top + _CAPTION_PX))
+            lines = [_caption(frame, bank, counterfactual), *(_told(frame) if bank.manifest.motion else ())]
+            for number, line in enumerate(lines):
+                draw.text((left, top + number * _CAPTION_PX), _cut(line, draw, font), fill="black", font=font)
+            sheet.paste(Image.fromarray(pixels).resize((_CELL_PX, height)), (left, top + caption))
     _save(sheet, out)
 
 
@@ -56,17 +61,58 @@ def write_frame(
     view: bool = False,
     mirrored: bool = False,
 ) -> None:
-    """Write one frame's picture as PNG, or its reflection, as it is or in its simulator's calibrated view.
+    """Write one frame's pictures side by side as PNG, or their reflection, as they are.
 
-    Raises BankError where there is no such picture, SpecError where there is no such view or mirror axis.
+    Or that of its first camera in its simulator's calibrated view. Raises BankError where there is no such picture,
+    SpecError where there is no such view or mirror axis.
     """
-    pixels = decode(bank.image(frame, counterfactual), frame.file)
     shown = view_for(CALIBRATED, bank.manifest.simulator) if view else None
-    if mirrored:
-        pixels = flip(pixels, frame.mirror_axis)
-    if shown is not None:
-        pixels = shown.show(pixels, frame.file)
+    if shown is None:
+        pixels = _pixels(bank, frame, counterfactual, mirrored=mirrored)
+    else:
+        first = decode(bank.image(frame, counterfactual), frame.file)
+        pixels = shown.show(flip(first, frame.mirror_axis) if mirrored else first, frame.file)
     _save(Image.fromarray(np.ascontiguousarray(pixels)), out)
+
+
+def _pixels(bank: FrameBank, frame: Frame, counterfactual: str | None, *, mirrored: bool = False) -> RGB:
+    """Return the pictures of all cameras of a frame beside each other, as high as the first, or their reflection."""
+    images = bank.images(frame, counterfactual)
+    seen = {name: decode(one, frame.pictures[name]) for name, one in images.items()}
+    if mirrored:
+        cameras = [one for one in frame.cameras if one.name in seen]
+        sources = {one.name: one.mirrors if one.mirrors in seen else one.name for one in cameras}
+        axes = {one.name: one.mirror_axis for one in frame.cameras}
+        seen = {name: flip(seen[source], axes[source]) for name, source in sources.items()}
+    first, *others = seen.values()
+    high = first.shape[0]
+    scaled = [Image.fromarray(np.ascontiguousarray(one)) for one in others]
+    more = [np.asarray(one.resize((max(1, round(one.width * high / one.height)), high))) for one in scaled]
+    return np.concatenate([first, *more], axis=1) if more else first
+
+
+def _told(frame: Frame) -> tuple[str, str]:
+    """Return what a policy is told of a frame, and what was done from there: its first and last step."""
+    said = "; ".join(map(str, frame.fields.values())) or "no instruction"
+    state = "; ".join(f"{name} {_numbers(numbers)}" for name, numbers in frame.state.items()) or "no state"
+    ends = (frame.motion[0], frame.motion[-1]) if frame.motion else ()
+    motion = " … ".join(map(_numbers, ends)) or "no logged motion"
+    return f"{said}, {state}", f"motion {motion}"
+
+
+_TOLD_LINES = 2
+
+
+def _numbers(numbers: tuple[float, ...]) -> str:
+    return " ".join(f"{one:.2g}" for one in numbers)
+
+
+def _cut(line: str, draw: ImageDraw.ImageDraw, font: _Font) -> str:
+    """Return as much of a line as stands above one picture."""
+    kept = len(line)
+    while kept > 1 and draw.textlength(line[:kept], font=font) > _CELL_PX:
+        kept -= 1
+    return line if kept == len(line) else f"{line[: kept - 1]}…"
 
 
 def _save(picture: Image.Image, out: Path) -> None:

@@ -1,13 +1,13 @@
 """Figures of policies: how much each channel carries, and what one moment becomes when a channel is exchanged."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eyechart.channels import CAMERAS, INSTRUCTION, STATE
+from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import BLUE, INK, LINE, MUTED, SOFT, VERMILLION, Drawing, canvas, named_rows, style
@@ -27,6 +27,18 @@ _SHOWN = {
     "named_plus": ("its object moved", BLUE, "-"),
 }
 """The conditions of which a moment's motion is drawn: what each is, its colour and its line."""
+_PICTURES = {
+    "real": ("its answer", INK, "-"),
+    f"matched@{CAMERAS}": ("another's at a like state", BLUE, "--"),
+    "blank": ("grey pictures", MUTED, ":"),
+    "exchanged": ("colours exchanged", BLUE, "-."),
+    "other_plus": ("the other object moved", BLUE, ":"),
+    "recoloured": ("another table", MUTED, "-."),
+    "decoys": ("further objects", MUTED, "--"),
+}
+"""Those of pictures alone, of which the first moment is drawn once more, with each camera's exchanged."""
+_LINES = ("-", "--", "-.", ":")
+Shown = Mapping[str, tuple[str, str, str]]
 _MOMENTS = 2
 
 
@@ -151,12 +163,21 @@ def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
 def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
     """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged."""
     found = policy.motions
-    names = [name for name in _SHOWN if name in found.answers]
-    if "real" not in names or len(names) < 2:
-        return []
-    return [
-        made for place in _telling(found) if (made := _moment(spec, found, int(place), names, pictures)) is not None
+    places = [int(place) for place in _telling(found)]
+    cameras = [name for name in channels_of(found.plan.bank) if name.startswith(CAMERA)]
+    each = {
+        f"swapped@{name}": (f"another {name.removeprefix(CAMERA)}", VERMILLION, _LINES[turn % len(_LINES)])
+        for turn, name in enumerate(cameras)
+    }
+    drawn = [("moment", place, _SHOWN) for place in places] + [
+        ("pictures", place, _PICTURES | each) for place in places[:1]
     ]
+    made = []
+    for kind, place, shown in drawn:
+        asked = {name: how for name, how in shown.items() if name in found.answers}
+        if "real" in asked and len(asked) > 1:
+            made.append(_moment(f"{kind}-{spec}", found, place, asked, pictures))
+    return [one for one in made if one is not None]
 
 
 def _telling(found: Motions) -> Sequence[int]:
@@ -173,19 +194,21 @@ def _telling(found: Motions) -> Sequence[int]:
     return [int(good[0]), *(int(place) for place in middle[: _MOMENTS - 1])]
 
 
-def _moment(spec: str, found: Motions, place: int, names: Sequence[str], pictures: FrameBank | None) -> Drawing | None:
+def _moment(name: str, found: Motions, place: int, shown: Shown, pictures: FrameBank | None) -> Drawing | None:
     frame, space = found.plan.frames[place], found.plan.motions
     seen = {} if pictures is None else _pictures(pictures, frame.id)
     left = 1.35 if seen else 0.1
     with style():
-        figure = Figure(figsize=(4.4, 3.3))
-        for turn, (camera, picture) in enumerate(list(seen.items())[:2]):
-            axes = figure.add_axes((0.05 / 4.4, (1.95 - 1.5 * turn) / 3.3, 1.1 / 4.4, 1.1 / 3.3))
+        below = 0.17 * max(0, -(-len(shown) // 2) - _LEGEND_ROWS)
+        high = 3.3 + below
+        figure = Figure(figsize=(4.4, high))
+        for (camera, picture), box in zip(seen.items(), _boxes(len(seen), below), strict=True):
+            axes = figure.add_axes(box)
             axes.imshow(picture, interpolation="nearest")
-            axes.set_title(camera, fontsize=8.5)
+            axes.set_title(camera, fontsize=8.5 if len(seen) <= _ONE_COLUMN else 6)
             axes.set_axis_off()
-        axes = figure.add_axes(((left + 0.4) / 4.4, 1.0 / 3.3, (3.85 - left) / 4.4, 2.1 / 3.3))
-        drawn = _paths(axes, found, place, names) if len(space.axes) > 1 else _curves(axes, found, place, names)
+        axes = figure.add_axes(((left + 0.4) / 4.4, (1.0 + below) / high, (3.85 - left) / 4.4, 2.1 / high))
+        drawn = _paths(axes, found, place, shown) if len(space.axes) > 1 else _curves(axes, found, place, shown)
         axes.legend(
             loc="upper center",
             bbox_to_anchor=(0.45, -0.2),
@@ -199,8 +222,28 @@ def _moment(spec: str, found: Motions, place: int, names: Sequence[str], picture
         return None
     told = f"“{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "no instruction"
     title = f"{frame.id}, {told}"
-    says = "Its motion as it was, and with one channel of another episode: " + ", ".join(drawn)
-    return Drawing(_slug(f"moment-{spec}-{frame.id}"), title, says, figure)
+    says = "Its motion as it was, and with one thing changed of what it is shown: " + ", ".join(drawn)
+    return Drawing(_slug(f"{name}-{frame.id}"), title, says, figure)
+
+
+_ONE_COLUMN, _LEGEND_ROWS = 2, 3
+
+
+def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, float]]:
+    """Return where so many pictures stand, from above, left in a figure of 4.4 by 3.3 inches and ``below`` more."""
+    columns = 1 if count <= _ONE_COLUMN else 2 if count <= 4 * _ONE_COLUMN else 3
+    rows = max(2, -(-count // columns))
+    wide, step = 1.2 / columns - 0.1, 3.0 / rows
+    size = min(wide, step - 0.25)
+    return [
+        (
+            (0.05 + (turn % columns) * (wide + 0.1)) / 4.4,
+            (below + 3.05 - step * (turn // columns) - size) / (below + 3.3),
+            size / 4.4,
+            size / (below + 3.3),
+        )
+        for turn in range(count)
+    ]
 
 
 def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
@@ -212,20 +255,19 @@ def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
         return {}
 
 
-def _paths(axes: Axes, found: Motions, place: int, names: Sequence[str]) -> list[str]:
+def _paths(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:
     """Draw where motions lead along the first two axes of the world, y downwards as in a picture."""
     space, drawn = found.plan.motions, []
     across, down = space.axes[:2]
-    for name in names:
+    for name, (words, colour, line) in shown.items():
         raw = found.raw(name)
         if raw is None or not np.isfinite(raw[0, place]).all():
             continue
-        words, colour, line = _SHOWN[name]
         ways = [
             [0.0, *(float(space.displacement(raw[0, place][:end], axis)) for end in range(1, space.horizon + 1))]
             for axis in (across, down)
         ]
-        axes.plot(*ways, color=colour, linestyle=line, linewidth=1.8 if name == "real" else 1.4, label=words)
+        axes.plot(*ways, color=colour, linestyle=line, linewidth=2.4 if name == "real" else 1.3, label=words)
         axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=colour, zorder=3)
         drawn.append(words)
     axes.scatter([0], [0], s=26, facecolors="none", edgecolors=INK, zorder=4)
@@ -235,17 +277,17 @@ def _paths(axes: Axes, found: Motions, place: int, names: Sequence[str]) -> list
     return drawn
 
 
-def _curves(axes: Axes, found: Motions, place: int, names: Sequence[str]) -> list[str]:
+def _curves(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:
     """Draw every dimension over the horizon, one below the other, each in its own scale."""
     drawn = []
-    for name in names:
+    for name, (words, colour, line) in shown.items():
         answers = found.of(name)
         if answers is None or not np.isfinite(answers[0, place]).all():
             continue
-        words, colour, line = _SHOWN[name]
         for number_of, column in enumerate(answers[0, place].T):
             label = words if number_of == 0 else None
-            axes.plot(column - 3.0 * number_of, color=colour, linestyle=line, linewidth=1.3, label=label)
+            wide = 2.4 if name == "real" else 1.3
+            axes.plot(column - 3.0 * number_of, color=colour, linestyle=line, linewidth=wide, label=label)
         drawn.append(words)
     dimensions = [one.name for one in found.plan.motions.dimensions]
     axes.set_yticks([-3.0 * turn for turn in range(len(dimensions))], dimensions)

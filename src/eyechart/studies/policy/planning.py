@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Unpack
 
 from eyechart.calls import CallKey, Reply
-from eyechart.channels import conditions_of, find_exchange, instruction_column, require_channels, subset_conditions
+from eyechart.channels import (
+    conditions_of,
+    find_exchange,
+    further_conditions,
+    instruction_column,
+    require_channels,
+    subset_conditions,
+)
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
@@ -129,13 +136,13 @@ def plan(
 def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -> tuple[str, ...]:
     """Return the conditions of a run; raises SpecError or BankError where one is unknown or cannot be shown."""
     supplied, left_out = conditions_of(bank)
-    every = subset_conditions(bank)
+    every, further = subset_conditions(bank), further_conditions(bank)
     if shapley and not every:
         raise BankError(f"the bank {bank.root} has no channel but its cameras, and --shapley divides among several")
     asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
     for name in asked:
         find_exchange(name)
-        if name not in supplied and not (name in every.values() and name not in left_out):
+        if name not in {*supplied, *further} and not (name in every.values() and name not in left_out):
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name, 'the bank has no such channel')}")
     return tuple(asked)
 
