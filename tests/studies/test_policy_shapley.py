@@ -92,5 +92,5 @@ def test_a_bank_of_pictures_alone_has_nothing_to_divide(
     assert set(subset_conditions(bank).values()) == {"real", "swapped@cameras", "kept@cameras"}
     monkeypatch.setattr(channels, "channels_of", lambda _: ("cameras", "camera:top", "camera:wrist"))
     with pytest.raises(BankError, match="no channel but its cameras"):
-        policy.plan(bank.root, ["python:arms:reach"], tmp_path / "run", extent=policy.Extent(shapley=True))
+        policy.plan(bank.root, ["python:arms:reach_undeclared"], tmp_path / "run", extent=policy.Extent(shapley=True))
     assert not (tmp_path / "run").exists()
