@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from eyechart.channels import CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, conditions_of, partners
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
-from eyechart.verdicts.channels import AXES, LEAST_EPISODES, OPEN
+from eyechart.verdicts.channels import AXES, OPEN
+from eyechart.verdicts.uses import LEAST_EPISODES
 
 LEAST_GROUNDED = 7
 """Below so many episodes no test of a moved object can reach .01."""

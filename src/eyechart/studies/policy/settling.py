@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER
 from eyechart.studies.policy.scoring import PolicyScore
-from eyechart.verdicts.channels import ALPHA, USED, used
+from eyechart.verdicts.uses import ALPHA, USED, used
 
 SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
 CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
