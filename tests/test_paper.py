@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 import shutil
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,6 +16,10 @@ from eyechart.costs import Account
 from eyechart.errors import SpecError
 from eyechart.paper import LABELS, WRITTEN, artefacts, write
 from eyechart.report.accounts import deployment_table
+from eyechart.report.table import Column, Table, stacked
+from eyechart.studies import battery, structured
+from eyechart.studies.structured import online
+from eyechart.studies.structured.tables import POSITIVE, crashes_table, paper_tables
 
 MADE = Path(__file__).parent / "old" / "0.1.0" / "made"
 KINDS = ("battery", "drives", "ladder", "hierarchy", "structured", "online", "prompts")
@@ -118,3 +123,93 @@ def test_a_model_that_is_billed_costs_so_much_a_thousand_decisions() -> None:
     assert "idle draw" in table.note
     assert "Energy" not in deployment_table({"a": replace(account, energy_j=None, energy_measured=0)}).note
     assert (other[2], other[7], third[2]) == (None, None, None)
+
+
+def test_every_table_says_of_how_many_it_is(out: Path) -> None:
+    """In its caption, as the paper's do: frames and conditions, pairs and episodes, queries, worlds, decisions."""
+    captions = {path.stem: path.read_text(encoding="utf-8").splitlines()[0] for path in out.glob("t-*.md")}
+    for stem, says in {
+        "t-frontier": r"\d+ frames × 8 of the paper's conditions per model",
+        "t-qwenorder": r"\d+ real frames per model",
+        "t-controller-local": r"\d+ pairs of original and mirror per estimator; online, \d+ episodes per estimator",
+        "t-prompts": r"\d+ queries with the real picture per cell",
+        "t-mpc-intent": r"\d+ paired worlds per source",
+        "t-baselines": r"\d+ episodes per policy",
+        "t-degeneracy": r"\d+( or | to )?\d* decisions per cell",
+    }.items():
+        assert re.search(says, captions[stem]), captions[stem]
+    assert "the paper's rows are of 32 episodes" in (out / "baselines-beside.md").read_text(encoding="utf-8")
+
+
+def test_runs_of_other_sizes_say_theirs_in_a_row(tmp_path: Path) -> None:
+    """A number of twelve frames does not stand beside one of two as if they were alike."""
+    for limit in (2, 3):
+        planned = battery.plan(
+            MADE / "highway", ["scripted:depth"], tmp_path / f"of{limit}", extent=battery.Extent(limit)
+        )
+        battery.run(planned)
+    (table,) = (one for one in artefacts([tmp_path / "of2", tmp_path / "of3"]).tables if one.label == "t:frontier")
+    assert "2 or 3 frames × 8 of the paper's conditions per model" in table.caption
+    assert table.rows[0] == ("frames", "2", "3")
+    assert table.rows[1][0] == "unparsed rate"
+
+
+def test_a_column_says_n_where_rows_differ() -> None:
+    """And the caption the fewest and the most; where all are alike, the caption alone."""
+    table = Table("", "Some", (Column("who"),), (("a",), ("b",), ("c",)))
+    assert (alike := table.counted([4, None, 4], "pairs", "each")).caption == "Some, 4 pairs each"
+    assert alike.columns == table.columns
+    other = table.counted([4, 2, 9], "pairs")
+    assert other.caption == "Some, 2 to 9 pairs"
+    assert other.rows == (("a", 4), ("b", 2), ("c", 9))
+
+
+def test_sixteen_pairs_of_admission_are_not_the_papers_table() -> None:
+    """Which is of 288 pairs: they stand in a table of their own, and the label is missing."""
+    scored = structured.score(MADE / "structured")
+    assert [one.label for one in paper_tables({"run": scored})] == ["t:controller-local"]
+    (table,) = paper_tables({"run": replace(scored, manifest=replace(scored.manifest, study="admission"))})
+    assert (table.label, table.name) == ("", "admission")
+
+
+def test_what_worlds_were_vetted_by_is_the_row_of_the_positive_control() -> None:
+    """One row in the table, as in the paper; of two runs none for the vetting where it drove itself."""
+    scored = online.score(MADE / "online")
+    assert online.CONTROL in scored.driven
+    assert [row[0] for row in crashes_table({"run": scored}).rows] == [POSITIVE, *scored.manifest.models]
+    assert [row[0] for row in crashes_table({"run": scored, "again": scored}).rows].count(POSITIVE) == 1
+    own = replace(scored, driven={**scored.driven, POSITIVE: replace(scored.driven[online.CONTROL], errors=1)})
+    both = crashes_table({"run": scored, "own": own}).rows
+    assert [row[0] for row in both if POSITIVE in str(row[0])] == [POSITIVE]
+
+
+def test_notes_of_stacked_tables_are_joined_in_any_order() -> None:
+    """A price that only one of the runs lacks is not lost."""
+    tables = {
+        "a": Table("", "", (Column("who"),), (("x",),), "— not known"),
+        "b": Table("", "", (Column("who"),), (("y",),), "— not known. Price unknown: none has it"),
+    }
+    for order in (("a", "b"), ("b", "a")):
+        assert stacked({name: tables[name] for name in order}).note == "— not known. Price unknown: none has it"
+
+
+def test_entropy_against_information_is_drawn_of_models_only() -> None:
+    """As Table t:degeneracy has them: a ladder of policies writes neither."""
+    found = artefacts([MADE / "ladder"])
+    assert "fgr-mi" not in {one.name for one in found.drawings}
+    assert {"fgr:mi", "t:degeneracy"} <= found.missing.keys()
+    (drawn,) = (one for one in artefacts([MADE / "drives"]).drawings if one.name == "fgr-mi")
+    assert "constant:" not in drawn.description
+    assert "oracle" not in drawn.description
+
+
+def test_numbers_of_the_frontier_stand_unrounded_with_interval_and_n(out: Path) -> None:
+    """A row each; so do medians of gaps and the audit's numbers in their own tables."""
+    with (out / "frontier-numbers.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["statistic"] == "agree.blank"]
+    assert all(int(row["n"]) and row["interval low"] for row in rows)
+    for stem, name in (("t-qwenorder", "med. gap (m)"), ("t-degeneracy", "modal")):
+        with (out / f"{stem}.csv").open(encoding="utf-8", newline="") as file:
+            (row, *_) = csv.DictReader(file)
+        assert {f"{name} low", f"{name} high", f"{name} n"} <= row.keys()
+        assert int(row[f"{name} n"])

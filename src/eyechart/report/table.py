@@ -145,19 +145,36 @@ class Table:
     note: str = ""
     label: str = ""
 
-    def labelled(self, label: str, caption: str) -> "Table":
-        """Return the table as the paper's of that label, under which its files are written."""
-        return replace(self, name=label.replace(":", "-"), caption=caption, label=label)
+    def labelled(self, label: str, caption: str = "") -> "Table":
+        """Return the table as the paper's of that label, under which its files are written, captioned anew if told."""
+        return replace(self, name=label.replace(":", "-"), caption=caption or self.caption, label=label)
+
+    def counted(self, counts: Sequence[int | None], unit: str, each: str = "") -> "Table":
+        """Return the table whose caption says of how many ``unit`` each row is; a last column does where they differ.
+
+        ``counts`` are by row, None where one holds none; ``each`` stands behind the unit, as "per model".
+        """
+        says = " ".join(filter(None, (of_each(counts), unit, each)))
+        table = replace(self, caption=f"{self.caption}{'. ' if '. ' in self.caption else ', '}{says}")
+        if len({one for one in counts if one is not None}) < 2:
+            return table
+        rows = tuple((*row, count) for row, count in zip(self.rows, counts, strict=True))
+        return replace(table, columns=(*self.columns, Column(unit, "count")), rows=rows)
 
     def joined(self, other: "Table") -> "Table":
-        """Return the table with the columns of another, row by row after the first column; a row may be in one only."""
+        """Return the table with the columns of another, row by row after the first column; a row may be in one only.
+
+        A caption that begins like the other's up to a colon says what follows in both.
+        """
         mine, theirs = ({self.head(row): row[1:] for row in one.rows} for one in (self, other))
         none = [(None,) * (len(one.columns) - 1) for one in (self, other)]
         heads = {self.head(row): row[0] for row in (*other.rows, *self.rows)}
         order = dict.fromkeys((*mine, *theirs))
         rows = tuple((heads[name], *mine.get(name, none[0]), *theirs.get(name, none[1])) for name in order)
         note = " ".join(filter(None, (self.note, other.note)))
-        return replace(self, columns=(*self.columns, *other.columns[1:]), rows=rows, note=note)
+        (about, _, says), (also, _, more) = (one.caption.partition(": ") for one in (self, other))
+        caption = f"{about}: {says}; {more}" if about == also and says != more else self.caption
+        return replace(self, caption=caption, columns=(*self.columns, *other.columns[1:]), rows=rows, note=note)
 
     @staticmethod
     def head(row: "tuple[Cell, ...]") -> str:
@@ -320,7 +337,8 @@ def _spoken(name: str) -> str:
 def stacked(tables: Mapping[str, Table]) -> Table:
     """Return tables of the same columns, by name, as one: what stands first in rows of several is named with its table.
 
-    Raises ValueError where there is no table, or columns differ.
+    Below it stands every sentence that stands below one of them, once. Raises ValueError where there is no table, or
+    columns differ.
     """
     first, *others = tables.values()
     if any(one.columns != first.columns for one in others):
@@ -334,7 +352,15 @@ def stacked(tables: Mapping[str, Table]) -> Table:
         return replace(cell, text=f"{name} · {cell.text}") if isinstance(cell, Mark) else f"{name} · {cell}"
 
     rows = tuple((named(name, row[0]), *row[1:]) for name, one in tables.items() for row in one.rows)
-    return replace(first, rows=rows)
+    told = dict.fromkeys(part for one in tables.values() for part in one.note.rstrip(".").split(". ") if part)
+    note = first.note if all(one.note == first.note for one in others) else ". ".join(told)
+    return replace(first, rows=rows, note=note)
+
+
+def of_each(counts: Iterable[int | None]) -> str:
+    """Return in words how many each of several holds: one number, two, or from the fewest to the most."""
+    found = sorted({one for one in counts if one is not None})
+    return f"{found[0]} to {found[-1]}" if len(found) > 2 else " or ".join(map(str, found)) or "0"
 
 
 def files_of(tables: Sequence[Table]) -> dict[str, bytes]:

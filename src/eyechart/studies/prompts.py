@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
 
+NO_FLOOR = "s and IDI_adj need the same picture twice: ask for it with --conditions real,real_repeat,blank"
+
 _ALIKE = ("study", "models", "fingerprint", "conditions", "limit", "seed")
 """What the manifests of the cells of one study have in common."""
 CONDITIONS = ("real", "blank")
@@ -320,8 +322,14 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
     return Table("prompts", "Table t:prompts", named, tuple(rows), note)
 
 
-def paper_table(cells: Sequence[CellScore]) -> Table:
-    """Return Table t:prompts in the paper's form, a row a cell."""
+def paper_table(scores: Mapping[str, Sequence[CellScore]]) -> Table:
+    """Return Table t:prompts in the paper's form, of the cells of studies by name, a row a cell."""
+    made = stacked({name: _as_published(cells) for name, cells in scores.items()})
+    counts = [cell.statistics["modal_share"].n for cells in scores.values() for cell in cells]
+    return made.counted(counts, "queries", "with the real picture per cell").labelled("t:prompts")
+
+
+def _as_published(cells: Sequence[CellScore]) -> Table:
     names = ("modal_share", "distinct_outputs", "idi", "noise_floor", "idi_adj")
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (cell.model, cell.name, *(cell.statistics[name] for name in names)) for cell in cells
@@ -331,7 +339,8 @@ def paper_table(cells: Sequence[CellScore]) -> Table:
         *(Column("n_a", "estimate", 0, beside=""), *columns("estimate", "IDI", "s", "IDI_adj", digits=2, beside="")),
     )
     caption = "Prompt ablation. Modal share 1.00 is a constant policy; n_a is the number of distinct outputs"
-    return Table("", "", named, rows).labelled("t:prompts", caption)
+    lacking = any(cell.statistics["noise_floor"].value is None for cell in cells)
+    return Table("", caption, named, rows, NO_FLOOR if lacking else "")
 
 
 @dataclass(frozen=True)
@@ -437,7 +446,7 @@ class Prompts(OfFrames[PromptsScore]):
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""
         del banks
-        yield stacked({name: paper_table(one.cells) for name, one in self.scored(runs, reading, tell)})
+        yield paper_table({name: one.cells for name, one in self.scored(runs, reading, tell)})
 
     def printed(self, score: PromptsScore) -> Iterator[Table | str]:
         """Yield a table a model, the marks of its cells, and what each took."""

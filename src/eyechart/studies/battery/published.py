@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -296,6 +296,31 @@ class Published:
             resamples=self.how.resamples,
             enumerate_up_to=ENUMERATE,
         )
+
+
+def median_gaps(answers: Answers, *, resamples: int = 5000) -> Statistics:
+    """Return the median true gap of each action on real frames, resampled over episodes; none without gaps.
+
+    A frame without a lead counts as the farthest. Source: paper, Table t:qwenorder.
+    """
+    if answers.gaps is None or answers.gap is None:
+        return {}
+    finite = answers.gaps[np.isfinite(answers.gaps)]
+    capped = np.where(np.isfinite(answers.gaps), answers.gaps, finite.max() if finite.size else 0.0)
+    real, found = answers.actions("real"), {}
+    for action in map(str, np.unique(real[real != ABSENT])):
+        mine = real == action
+        numbers, episodes = np.unique(answers.episodes[mine], return_inverse=True)
+        median = float(np.median(capped[mine]))
+        one = episode_bootstrap(
+            len(numbers),
+            partial(median_by_counts, capped[mine], episodes),
+            seed=key_seed("median gap", action),
+            resamples=resamples,
+            enumerate_up_to=ENUMERATE,
+        )
+        found[action] = replace(one, value=median, n=int(mine.sum()), unit=answers.gap.unit)
+    return found
 
 
 class _Coded(NamedTuple):

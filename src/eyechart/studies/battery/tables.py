@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import BATTERY, CONDITIONS
 from eyechart.report.table import (
     MARK,
     STATISTIC,
@@ -15,11 +15,13 @@ from eyechart.report.table import (
     columns,
     marked,
     number,
+    of_each,
     p_value,
     statistic_cells,
 )
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import median_gaps
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, Verdict
 
@@ -131,21 +133,56 @@ def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
         "t:conditions", "Blind-input conditions; only the image changes"
     )
     frontier = frontier_table(judged_of(everyone))
-    kept = replace(frontier, rows=tuple(row for row in frontier.rows if row[0] not in UNPRINTED))
-    yield kept.labelled("t:frontier", "The battery. s is the rate of disagreement with itself on the identical image")
+    kept = tuple(row for row in frontier.rows if row[0] not in UNPRINTED)
+    counts, words = _counts(everyone)
+    caption = f"The battery, {words}. s is the rate of disagreement with itself on the identical image"
+    yield replace(frontier, rows=(*counts, *kept)).labelled("t:frontier", caption)
+    yield numbers_table(everyone)
     if (order := order_table(everyone)).rows:
         yield order
+
+
+def _counts(everyone: Sequence[Subject]) -> tuple[list[tuple[Cell, ...]], str]:
+    """Return how many frames and how many of the paper's conditions each model is asked about, and that in words.
+
+    A row of either stands in the table only where models differ in it.
+    """
+    asked = [[name for name in BATTERY if name in who.run.conditions] for who in everyone]
+    found = {
+        "frames": [len(who.model.answers.frames) for who in everyone],
+        "conditions": [len(names) for names in asked],
+    }
+    rows: list[tuple[Cell, ...]] = [(name, *map(str, counts)) for name, counts in found.items() if len(set(counts)) > 1]
+    return (
+        rows,
+        f"{of_each(found['frames'])} frames × {of_each(found['conditions'])} of the paper's conditions per model",
+    )
+
+
+def numbers_table(everyone: Sequence[Subject]) -> Table:
+    """Return the numbers of Table t:frontier unrounded, a row each, with interval, n, p and how they were found."""
+    every = statistics_table(judged_of(everyone))
+    place = every.names.index("statistic")
+    kept = tuple(row for row in every.rows if row[place] in PRINTED)
+    return replace(every, name="frontier-numbers", caption="Every number of Table t:frontier", rows=kept)
+
+
+PRINTED = (
+    *("unparsed_rate", "noise_floor", "agree.blank", "agree.noise", "agree.text_only", "agree.cross_scenario"),
+    *("cramers_v", "idi_adj", "clears_floor", "mirror_swap_rate", "mutual_information.decision", "obstacle.decision"),
+)
+"""The statistics in it."""
 
 
 def order_table(everyone: Sequence[Subject]) -> Table:
     """Return Table t:qwenorder: each action's frames and median gap, and what reflection made of the directions.
 
-    A frame without a lead counts as the farthest gap. Actions stand by how often they were given.
+    A frame without a lead counts as the farthest gap. Actions stand by how often they were given. The interval of a
+    median resamples episodes.
     """
     rows: list[tuple[Cell, ...]] = []
     for who in everyone:
-        answers, found = who.model.answers, (who.model.statistics["gap_order"].detail or {}).get("median_by_action")
-        medians = found if isinstance(found, dict) else {}
+        answers, medians = who.model.answers, median_gaps(who.model.answers)
         real, mirrored, _ = answers.both("real", "mirrored", "response")
         turned = {name: Counter(mirrored[real == name].tolist()) for name in answers.partners}
         counts = Counter(answers.actions("real").tolist())
@@ -155,9 +192,10 @@ def order_table(everyone: Sequence[Subject]) -> Table:
     unit = next((who.model.answers.gap.unit for who in everyone if who.model.answers.gap is not None), "m")
     named = (
         *(Column("model"), Column("action", "word"), Column("n", "count")),
-        *(Column(f"med. gap ({unit})", "number", 1), Column("under reflection")),
+        *(Column(f"med. gap ({unit})", "estimate", 1, beside=""), Column("under reflection")),
     )
-    caption = "Emitted action against the true gap, real frames only, and under reflection"
+    frames = of_each(len(who.model.answers.frames) for who in everyone)
+    caption = f"Emitted action against the true gap, {frames} real frames per model, and under reflection"
     return Table("", "", named, tuple(rows)).labelled("t:qwenorder", caption)
 
 

@@ -56,7 +56,7 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
         return {
             "ladder": [_dots(rungs[:MOST_ROWS], name) for name in _BEST] if rungs else [],
             "blind": [_paired(blind, name) for name in _DRAWN] if blind else [],
-            "information": _information(score.audit),
+            "information": information(score.audit),
         }
 
 
@@ -83,7 +83,8 @@ def _paired(found: Mapping[str, Blind], name: str, across: float = WIDE) -> Draw
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 
 
-def _information(rows: Sequence[Degeneracy]) -> list[Drawing]:
+def information(rows: Sequence[Degeneracy]) -> list[Drawing]:
+    """Draw the entropy of actions against what they hold of the scene (figure fgr:mi), each driver by its name."""
     points = []
     for row in rows:
         x, y = row.statistics["entropy_bits"].value, row.statistics["information_bits"].value

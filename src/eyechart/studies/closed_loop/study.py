@@ -274,11 +274,11 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
     def paper(
         self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
     ) -> "Iterator[Table | Drawing]":
-        from eyechart.studies.closed_loop.page import drives_figures
-        from eyechart.studies.closed_loop.tables import paper_tables
+        from eyechart.studies.closed_loop.page import information
+        from eyechart.studies.closed_loop.tables import audited, paper_tables
 
         del banks
         tell("scoring")
         scored = score(runs, against_policy=reading.against)
         yield from paper_tables(scored)
-        yield from (one.labelled("fgr:mi") for one in drives_figures(scored)["information"])
+        yield from (one.labelled("fgr:mi") for one in information(audited(scored)))

@@ -185,12 +185,17 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
     if rungs:
         yield baselines_table(rungs)
     if beside := beside_paper(score.ladder):
-        yield replace(paper_table(beside), name="baselines-beside")
-    asked = {one.driver for one in score.drives if one.asked and one.driver.condition == "real"}
-    if rows := [one for one in score.audit if one.driver in asked]:
+        yield replace(paper_table(beside), name="baselines-beside", note=unlike(beside))
+    if rows := audited(score):
         yield audited_table(rows)
     if score.replays:
         yield complete_replay_table(score.replays)
+
+
+def audited(score: ClosedLoopScore) -> list[Degeneracy]:
+    """Return the audit of the models that drove with real pictures, as Table t:degeneracy and figure fgr:mi have it."""
+    asked = {one.driver for one in score.drives if one.asked and one.driver.condition == "real"}
+    return [one for one in score.audit if one.driver in asked]
 
 
 def baselines_table(rungs: Sequence[Rung]) -> Table:
@@ -200,10 +205,9 @@ def baselines_table(rungs: Sequence[Rung]) -> Table:
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (one.driver.label, *(one.statistics[name] for name in names)) for one in far
     )
-    counts = sorted({one.statistics["reward"].n for one in rungs})
-    caption = f"Closed-loop baseline ladder, {' or '.join(map(str, counts))} episodes per policy"
     forms = (replace(MEASURES[name], beside="") for name in names)
-    return Table("", "", (Column("policy"), *forms), rows).labelled("t:baselines", caption)
+    made = Table("", "Closed-loop baseline ladder", (Column("policy"), *forms), rows)
+    return made.counted([one.statistics["reward"].n for one in far], "episodes", "per policy").labelled("t:baselines")
 
 
 def audited_table(rows: Sequence[Degeneracy]) -> Table:
@@ -217,19 +221,21 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
     naive, safe = (holm([row.statistics[name].p if _varies(row) else None for row in rows]) for name in tests)
     made = []
     for row, *told in zip(rows, naive, safe, strict=True):
-        found, varied = [row.statistics[name].value for name in names], _varies(row)
+        found, varied = [row.statistics[name] for name in names], _varies(row)
         made.append(
             (row.driver.simulator, row.driver.label, *found[:2], *(found[2:] if varied else (None, None)), *told)
         )
     named = (
-        *(Column("platform", "word"), Column("model"), Column("modal", "number"), Column("H (b)", "number", 2)),
-        *(*columns("number", "MI (b)", "MI/H"), *columns("p", "p", "p (episodes)")),
+        *(Column("platform", "word"), Column("model")),
+        *(Column("modal", "estimate", beside=""), Column("H (b)", "estimate", 2, beside="")),
+        *(*columns("estimate", "MI (b)", "MI/H", beside=""), *columns("p", "p", "p (episodes)")),
     )
     caption = (
         "Policy degeneracy audit on closed-loop logs. MI/H is the fraction of the model's own action variability "
         "explained by scene geometry. Both p are Holm-corrected over the cells that vary"
     )
-    return Table("", "", named, tuple(made)).labelled("t:degeneracy", caption)
+    counts = [row.statistics["modal_share"].n for row in rows]
+    return Table("", caption, named, tuple(made)).counted(counts, "decisions", "per cell").labelled("t:degeneracy")
 
 
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.report.table import Cell, Column, Mark, Table, columns, stacked
+from eyechart.report.table import Cell, Column, Mark, Table, columns, of_each, stacked
 from eyechart.studies.closed_loop import Paired
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
@@ -56,15 +56,16 @@ def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
     The second one is printed in the paper's text only. Beside each stand the paper's rows.
     """
     titles = {
-        "primary": ("t:mpc-intent", "Intent-source controls with the state-constrained MPC fixed, paired worlds"),
+        "primary": ("t:mpc-intent", "Intent-source controls with the state-constrained MPC fixed"),
         "second": ("", "The second ablation: without the keep-out constraints, but for mpc-oracle"),
     }
     for ablation, (label, caption) in titles.items():
         mine = {name: of_ablation(one.sources, ablation) for name, one in scores.items()}
         found = {name: _as_published(sources) for name, sources in mine.items() if sources}
         if found:
-            made = stacked(found)
-            yield made.labelled(label, caption) if label else replace(made, name="mpc-intent-second", caption=caption)
+            n = of_each(one.goals.n for sources in mine.values() for one in sources)
+            made = replace(stacked(found), caption=f"{caption}, {n} paired worlds per source")
+            yield made.labelled(label) if label else replace(made, name="mpc-intent-second")
         for name, one in scores.items():
             if mine[name]:
                 title = f"{TITLES[ablation]}, beside the paper's{f' ({name})' if len(scores) > 1 else ''}"

@@ -68,13 +68,12 @@ class Structured(OfFrames[StructuredScore]):
     def paper(
         self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
     ) -> "Iterator[Table | Drawing]":
-        from eyechart.report.table import stacked
         from eyechart.studies.battery.subjects import read_evidence
         from eyechart.studies.structured.figures import interface
-        from eyechart.studies.structured.tables import paper_table
+        from eyechart.studies.structured.tables import paper_tables
 
         evidence = read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell)
-        yield stacked({one.name: paper_table(one.score.models) for one in evidence})
+        yield from paper_tables({one.name: one.score for one in evidence})
         yield from interface(evidence)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
@@ -146,11 +145,10 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         return first_of({run.resolve().name: online.score(run) for run in runs})
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
-        from eyechart.report.table import stacked
         from eyechart.studies.structured.tables import crashes_table
 
         del banks
-        yield stacked({name: crashes_table(one) for name, one in self.scored(runs, reading, tell)})
+        yield crashes_table(dict(self.scored(runs, reading, tell)))
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop.tables import served_words

@@ -1,18 +1,24 @@
 """Tables of scene estimates: Table t:controller-local, the clauses of admission, every figure, and online driving."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
-from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
+from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, stacked, statistic_cells
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import CallsScore
 from eyechart.studies.battery.subjects import OfModel, RunEvidence
 from eyechart.studies.structured import EstimatorScore
-from eyechart.studies.structured.online import OnlineScore
+from eyechart.studies.structured.online import CONTROL, OnlineScore
+from eyechart.studies.structured.planning import ADMISSION
 from eyechart.verdicts.admission import CLAUSES, Held
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
 0.167 of its 12 online episodes."""
-CONTROLLERS = "Task-calibrated estimators: static original and mirror pairs, and online episodes"
-"""The caption of Table t:controller-local, whose columns are of two kinds of run."""
+CONTROLLERS = "Task-calibrated estimators"
+"""How the caption of Table t:controller-local begins, whose columns are of two kinds of run."""
+POSITIVE = "scripted:scene_positive_control"
+"""The image-only positive control as an estimator: who drives where worlds are vetted."""
 _ROW = {
     "parse": "parse",
     "bal. acc.": "balanced_accuracy",
@@ -58,13 +64,36 @@ def controller_table(everyone: Sequence[Scored]) -> Table:
     return Table("controllers", caption, (*named, Column("unfinished")), tuple(rows), note)
 
 
-def paper_table(models: Mapping[str, EstimatorScore]) -> Table:
-    """Return Table t:controller-local in the paper's form; the swap rate's denominator stands in parentheses."""
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (spec, *(score.statistics[name] for name in _ROW.values())) for spec, score in models.items()
+def paper_tables(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Iterator[Table]:
+    """Yield Table t:controller-local of runs by name; those of admission, of sixteen pairs, stand in a table apart.
+
+    The swap rate's denominator stands in parentheses.
+    """
+    whole, admission = (
+        {name: one for name, one in scores.items() if (one.manifest.study == ADMISSION) is small}
+        for small in (False, True)
     )
+    if whole:
+        yield _estimators(whole).labelled("t:controller-local")
+    if admission:
+        yield replace(_estimators(admission), name="admission")
+
+
+def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
+    """Return a row an estimator in the paper's form, whose caption says on how many pairs."""
     form = (Column(name, "estimate", beside="n" if name == "swap" else "") for name in _ROW)
-    return Table("", "", (Column("estimator"), *form), rows).labelled("t:controller-local", CONTROLLERS)
+    named = (Column("estimator"), *form)
+    models = {name: one.models for name, one in scores.items()}
+    found = {
+        name: Table("", f"{CONTROLLERS}: static", named, tuple(_figures(*each) for each in held.items()))
+        for name, held in models.items()
+    }
+    counts = [one.statistics["scene_equivariance"].n for held in models.values() for one in held.values()]
+    return stacked(found).counted(counts, "pairs", "of original and mirror per estimator")
+
+
+def _figures(spec: str, score: EstimatorScore) -> tuple[Cell, ...]:
+    return (spec, *(score.statistics[name] for name in _ROW.values()))
 
 
 def clauses_words(found: Iterable[tuple[str, bool | None, str]]) -> str:
@@ -147,11 +176,27 @@ def met_table(score: OnlineScore) -> Table:
     return _held_table("met", "The clauses of admission, held against what each estimator met online", held)
 
 
-def crashes_table(score: OnlineScore) -> Table:
-    """Return the online column of Table t:controller-local: an estimator's crash rate."""
-    rows = tuple((spec, one.crash_rate) for spec, one in score.driven.items())
-    named = (Column("estimator"), Column("crash", "estimate", beside=""))
-    return Table("", "", named, rows).labelled("t:controller-local", CONTROLLERS)
+def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
+    """Return the online column of Table t:controller-local, of runs by name: an estimator's crash rate.
+
+    The drives by which worlds were vetted are the positive control's, whose row they are unless it drove as an
+    estimator; of runs in the same worlds they count once.
+    """
+    drove = any(POSITIVE in one.driven for one in scores.values())
+    found, vettings = {}, []
+    for name, score in scores.items():
+        rows = []
+        for spec, one in score.driven.items():
+            if spec != CONTROL:
+                rows.append((spec, one.crash_rate))
+            elif not drove and score.vetted not in vettings:
+                vettings.append(score.vetted)
+                rows.append((POSITIVE, one.crash_rate))
+        named = (Column("estimator"), Column("crash", "estimate", beside=""))
+        found[name] = Table("", f"{CONTROLLERS}: online", named, tuple(rows))
+    table = stacked(found)
+    counts = [row[1].n if isinstance(row[1], Statistic) else None for row in table.rows]
+    return table.counted(counts, "episodes", "per estimator").labelled("t:controller-local")
 
 
 def reading_words(score: EstimatorScore) -> list[str]:
