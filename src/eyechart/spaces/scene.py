@@ -26,7 +26,7 @@ from eyechart.spaces.space import (
 )
 
 CLOSE_GAP_M = 18.0
-"""A lead nearer than this, centre to centre, is close (paper, section The Input-Ablation Battery)."""
+"""A lead nearer than this is close (paper, section The Input-Ablation Battery); that it is centre to centre is ours."""
 
 STOP_GAP_M = 12.0
 """Nearer than this the safe action is STOP whatever the sides are."""

@@ -9,13 +9,15 @@ from eyechart.verdicts.labels import MARGIN, SWAP_RATE
 from eyechart.verdicts.ruling import Ruling, and_p, decided, number
 
 PAPER_ALPHA = 0.05
+"""Below this p a test counts, in the rules as we read them. The level is ours: the paper prints none, calls a p of .041
+significant and one of .120 not."""
 PAPER_UNPARSED = 0.20
-"""Above this unparsed rate over all calls the paper's rules do not score. The paper prints no cut: any in
-(.05, .28) gives the five verdicts of Table t:frontier."""
+"""Above this unparsed rate over all calls the rules as we read them do not score. The cut is ours: the paper prints
+none, and any in (.05, .28) gives the five verdicts of Table t:frontier."""
 
 
 def paper_rules(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling:
-    """Return the paper's label, by its rules as we read them, with its own alpha of .05.
+    """Return the paper's label, by its rules as we read them; alpha, .05, and the other cuts are ours.
 
     ``corrected`` holds the p of Cramér's V corrected over the models. A refusal effect compares a model with itself,
     so its decision level is not corrected: over other models it would have another family than the response level.

@@ -46,7 +46,7 @@ Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 ALPHA = 0.05
-"""The paper's level of significance."""
+"""The level of significance of the paper's tests, which is ours: the paper prints none."""
 
 ONE_EPISODE = "one episode shows no spread: the interval takes its frames as independent"
 
