@@ -213,3 +213,24 @@ def test_numbers_of_the_frontier_stand_unrounded_with_interval_and_n(out: Path) 
             (row, *_) = csv.DictReader(file)
         assert {f"{name} low", f"{name} high", f"{name} n"} <= row.keys()
         assert int(row[f"{name} n"])
+
+
+def test_rows_of_the_papers_model_stand_below_ones_own(out: Path) -> None:
+    """In both ablations, with the share of STOP where the paper prints one."""
+    with (out / "mpc-intent-primary-beside.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["intent source"]: row for row in csv.DictReader(file)}
+    theirs = rows["VLM, mirrored (the paper's)"]
+    assert (theirs["paper's goal"], theirs["paper's dist."], theirs["paper's STOP"]) == ("8/25", "47.1", "0.812")
+    assert theirs["goal"] == theirs["STOP"] == ""
+    assert rows["random intent"]["STOP"]
+    assert rows["random intent"]["paper's STOP"] == "0.214"
+    with (out / "mpc-intent-second-beside.csv").open(encoding="utf-8", newline="") as file:
+        second = {row["intent source"]: row["paper's crash"] for row in csv.DictReader(file)}
+    assert second["lateral VLM intent (the paper's)"] == "32/32"
+    assert second["full VLM intent (the paper's)"] == "11/32"
+
+
+def test_prompts_without_the_noise_floor_say_what_to_ask(out: Path) -> None:
+    """Both numbers are empty where no picture was shown twice."""
+    text = (out / "t-prompts.md").read_text(encoding="utf-8")
+    assert "with --conditions real,real\\_repeat,blank" in text

@@ -16,6 +16,7 @@ import pytest
 
 from eyechart.studies.closed_loop.tables import PUBLISHED as LADDER
 from eyechart.studies.hierarchy.scoring import PUBLISHED as INTENT
+from eyechart.studies.hierarchy.scoring import PUBLISHED_MODELS as MODELS
 from eyechart.studies.structured.tables import PAPER as CONTROL
 
 ROOT = Path(__file__).parents[2]
@@ -185,8 +186,9 @@ def test_rows_that_stand_beside_ours_are_the_papers() -> None:
     ladder = [value for row in LADDER.values() for name, value in row.items() if name != "crash_rate"]
     assert all(value in NUMBERS for value in ladder)
     assert all(round(100 * row["crash_rate"], 1) in NUMBERS for row in LADDER.values())
-    assert {count for goals, crashes, _, _ in INTENT.values() for count in (goals, crashes)} <= COUNTS
-    numbers = [one for *_, metres, stops in INTENT.values() for one in (metres, stops and round(100 * stops, 1))]
+    intents = [*INTENT.values(), *(row for rows in MODELS.values() for row in rows.values())]
+    assert {count for goals, crashes, _, _ in intents for count in (goals, crashes)} <= COUNTS
+    numbers = [one for *_, metres, stops in intents for one in (metres, stops and round(100 * stops, 1))]
     assert all(one in NUMBERS for one in numbers if one is not None)
     assert all(float(value) in NUMBERS for value in CONTROL)
 

@@ -137,3 +137,20 @@ def test_a_number_in_a_cell_can_be_read_on_its_colour(name: str, share: float) -
     (face,), (text,) = axes.patches, axes.texts
     dark, light = sorted((luminance(face.get_facecolor()), luminance(text.get_color())))
     assert (light + 0.05) / (dark + 0.05) >= 4.5
+
+
+def test_reflections_as_the_paper_prints_them_are_grey(
+    everyone: list[Subject], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who is right to keep straight on in the reflection is not painted as one who cannot see."""
+    painted: dict[bool, list[object]] = {}
+    for as_paper in (True, False):
+        found: list[object] = painted.setdefault(as_paper, [])
+        monkeypatch.setattr(drawn, "cell", lambda *given, found=found: found.append(given[-1]))
+        says = drawn.agreement(everyone[:1], as_paper=as_paper).description
+        assert ("Grey columns" in says) is as_paper
+    conditions = [name for name in everyone[0].run.conditions if name != "real"]
+    place = conditions.index("mirrored")
+    assert painted[True][place] is drawn._MOVED
+    assert painted[False][place] is drawn._STAYS
+    assert painted[True][conditions.index("blank")] is drawn._REDS

@@ -108,7 +108,9 @@ def prompts(
     json_mode: Annotated[
         list[str] | None, typer.Option(help="none, json_object or json_schema; again to compare them.")
     ] = None,
-    conditions: Annotated[str, typer.Option(help="With commas; 'all' for a whole battery a cell.")] = "real,blank",
+    conditions: Annotated[
+        str, typer.Option(help="With commas; real_repeat too gives s and IDI_adj; 'all': a battery.")
+    ] = "real,blank",
     limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
     seed: options.Seed = 0,
     concurrency: options.Concurrency = 8,

@@ -52,8 +52,9 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
     """Draw how often each condition gets the action of the real frame (figure bicb).
 
     A reflection is held against the action that it calls for, left and right exchanged; ``as_paper`` against the action
-    of the real frame, as the paper has it. Red is the same action where nothing of the frame is to be seen, and another
-    one where the answer should stay; green is an answer that stays where it should.
+    of the real frame, as the paper has it, and in grey: who keeps straight on does so in the reflection too. Red is the
+    same action where nothing of the frame is to be seen, and another one where the answer should stay; green is an
+    answer that stays where it should.
     """
     conditions = list(dict.fromkeys(name for who in everyone for name in who.run.conditions if name != "real"))
     shares = [
@@ -65,8 +66,7 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
     figure, axes = canvas(width, height, (left, 0.75, 0.05, 0.95))
     for y, row in enumerate(shares):
         for x, (name, share) in enumerate(zip(conditions, row, strict=True)):
-            stays = name in STAYS or (_base(name) == "mirrored" and not as_paper)
-            cell(axes, x, y, share, number(share, 2), _STAYS if stays else _MOVED if _base(name) in MOVED else _REDS)
+            cell(axes, x, y, share, number(share, 2), _colours(name, as_paper=as_paper))
     if "real_repeat" in conditions:
         x = conditions.index("real_repeat")
         axes.add_patch(Rectangle((x - 0.5, -0.5), 1, len(everyone), fill=False, edgecolor=INK, linewidth=1.6, zorder=5))
@@ -79,7 +79,19 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
     )
     title = "Agreement with the action given to the real frame"
     says = f"Red means the same action whether or not it can see. Rows are models, columns conditions. {told}"
+    if as_paper and "mirrored" in conditions:
+        says = (
+            f"Grey columns, mirrored among them, say nothing alone: the frame decides whether an answer stays. {says}"
+        )
     return Drawing("agreement", title, says, figure, wide=True)
+
+
+def _colours(condition: str, *, as_paper: bool) -> LinearSegmentedColormap:
+    """Return how a condition is painted: green where the answer should stay, grey where the frame decides, else red."""
+    reflected = _base(condition) == "mirrored"
+    if condition in STAYS or (reflected and not as_paper):
+        return _STAYS
+    return _MOVED if reflected or _base(condition) in MOVED else _REDS
 
 
 def _base(condition: str) -> str:

@@ -56,6 +56,20 @@ PUBLISHED: Mapping[str, Printed] = {
 
 UNPUBLISHED: Printed = ("", "", None, None)
 
+PUBLISHED_MODELS: Mapping[str, Mapping[str, Printed]] = {
+    "primary": {
+        "Gemma4 VLM": ("8/25", "0/25", 46.3, 0.816),
+        "VLM, mirrored": ("8/25", "0/25", 47.1, 0.812),
+        "VLM, blank": ("0/25", "0/25", 0.2, 1.0),
+    },
+    "second": {
+        "lateral VLM intent": ("0/32", "32/32", None, None),
+        "lateral VLM intent, mirrored": ("5/32", "27/32", None, None),
+        "full VLM intent": ("0/32", "11/32", None, None),
+    },
+}
+"""What the paper prints of its model, by ablation: in Table t:mpc-intent, and in the text below it."""
+
 
 @dataclass(frozen=True)
 class Source(Written):

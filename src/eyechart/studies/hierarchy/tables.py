@@ -8,7 +8,7 @@ from eyechart.studies.closed_loop import Paired
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
 from eyechart.studies.hierarchy.planning import PARTS, name_of
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED, count_of
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, PUBLISHED_MODELS, UNPUBLISHED, count_of
 
 TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
@@ -69,8 +69,21 @@ def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
         for name, one in scores.items():
             if mine[name]:
                 title = f"{TITLES[ablation]}, beside the paper's{f' ({name})' if len(scores) > 1 else ''}"
-                beside = source_table(one.sources, ablation)
+                beside = beside_table(one.sources, ablation)
                 yield replace(beside, name=f"mpc-intent-{ablation}-beside", caption=title)
+
+
+def beside_table(sources: Sequence[Source], ablation: str) -> Table:
+    """Return the rows of one ablation with the share of STOP, the paper's beside them, and those of its model below."""
+    mine, table = of_ablation(sources, ablation), source_table(sources, ablation)
+    rows: list[tuple[Cell, ...]] = [
+        (*row, one.stop_share, PUBLISHED.get(one.name, UNPUBLISHED)[3])
+        for row, one in zip(table.rows, mine, strict=True)
+    ]
+    for name, (goals, crashes, distance, stops) in PUBLISHED_MODELS[ablation].items():
+        rows.append((f"{name} (the paper's)", None, None, goals, None, None, crashes, None, distance, None, stops))
+    stop = (Column("STOP", "estimate", 1, 100, "%"), Column("paper's STOP", "number", 1, 100, "%"))
+    return replace(table, columns=(*table.columns, *stop), rows=tuple(rows))
 
 
 def _as_published(sources: Sequence[Source]) -> Table:
