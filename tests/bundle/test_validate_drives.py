@@ -76,13 +76,11 @@ def _hierarchy(folder: Path) -> Path:
     return folder / "study"
 
 
-def _online(folder: Path) -> Path:
-    passed = (Vetted("offset", 0, 24, "goal", {"STRAIGHT": 1}, 0.0),)
-    planned = online.plan("rover", ["scripted:scene_side_blind"], folder / "run", episodes=1, vetted=passed)
-    world = online.vet(
-        planned.episodes.setup and online.open_simulator("rover"), "offset", 0, planned.episodes.drivers.view
-    )
-    online.run(replace(planned, vetted=(world,)))
+def _online(folder: Path, seeds: tuple[int, ...] = (0,)) -> Path:
+    passed = tuple(Vetted("offset", seed, 24, "goal", {"STRAIGHT": 1}, 0.0) for seed in seeds)
+    planned = online.plan("rover", ["scripted:scene_side_blind"], folder / "run", episodes=len(seeds), vetted=passed)
+    simulator, view = online.open_simulator("rover"), planned.episodes.drivers.view
+    online.run(replace(planned, vetted=tuple(online.vet(simulator, "offset", seed, view) for seed in seeds)))
     online.check_seen(folder / "run")
     return folder / "run"
 
@@ -121,6 +119,22 @@ def test_a_bundle_of_each_kind_holds_in_a_fresh_process_elsewhere(kind: str, tmp
     if driven:
         assert re.search(r"driving (\d+) of \1 episodes of \S+ again: \d+ steps in 1 process, none longer", done.stderr)
         assert int(driven[1]) > 0
+    more = {
+        "online": r"; then in one process: 1 world vetted again, [1-9]\d* steps, and [1-9]\d* frames checked anew",
+        "prompts": r"recomputing 24 requests and what follows from their replies, of 2 models in 2 cells: no call",
+    }
+    assert re.search(more.get(kind, ""), done.stderr)
+    assert ("vetted again" in done.stderr) == (kind == "online")
+
+
+def test_a_sample_bounds_the_worlds_that_are_vetted_again(tmp_path: Path) -> None:
+    """As it does the episodes; what is left out is said, and the bound counts what is done."""
+    write_bundle(_online(tmp_path, (0, 1)), tmp_path / "online.zip", resamples=100)
+    heard: list[str] = []
+    found = validate(tmp_path / "online.zip", again=Again(sample=1, announce=heard.append))
+    assert (found.differences, found.compared["vetted worlds"]) == ([], 1)
+    assert "1 of 2 vetted worlds" in found.uncompared
+    assert "1 world vetted again" in heard[0]
 
 
 def test_the_same_drives_give_the_same_bytes(run: Path, packed: Path, tmp_path: Path) -> None:

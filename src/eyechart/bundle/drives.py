@@ -17,8 +17,8 @@ from eyechart.perception.view import find_view
 from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import Simulator
 from eyechart.studies import Tell
-from eyechart.studies.structured.online import read_vetting, vet
-from eyechart.studies.structured.seen import check, read_seen
+from eyechart.studies.structured.online import Vetted, read_vetting, vet
+from eyechart.studies.structured.seen import Seen, check, read_seen
 
 MOST_EPISODES = 100_000
 MOST_STEPS = 5_000_000
@@ -27,6 +27,8 @@ MOST_DRIVEN = 1_000_000
 """Steps of worlds that are driven again; of more, episodes are drawn until so many are reached."""
 
 MOST_VETTED = 1_000
+UNVETTED = "how worlds were vetted"
+"""What is not compared where other versions vetted."""
 _ACTION_MAP = "action map"
 """What the world of a ``gym:`` run calls the digest of its action map, among its versions."""
 
@@ -35,7 +37,7 @@ _ACTION_MAP = "action map"
 class Again:
     """How drives are driven again: in so many ``processes``, and a ``sample`` of so many episodes a run, None for all.
 
-    ``announce`` is told the bound of the work before it begins.
+    A sample bounds the worlds that are vetted again too. ``announce`` is told the bound of the work before it begins.
     """
 
     processes: int = 1
@@ -91,12 +93,9 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
         found.differences.append(Difference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
     words = "; ".join(f"{name} {made}, here {here}" for name, (made, here) in apart.items())
     same = exact and not apart
-    chosen = _chosen(run, manifest, episodes, how, found)
-    steps, worlds = sum(len(one.steps) for one in chosen), manifest.simulator
-    how.announce(
-        f"driving {len(chosen)} of {len(episodes)} episodes of {worlds} again: {steps} steps in {how.processes} "
-        f"{'process' if how.processes == 1 else 'processes'}, none longer than {PATIENCE_S:g} s"
-    )
+    chosen, worlds = _chosen(run, manifest, episodes, how, found), manifest.simulator
+    vetted, seen = _vetted(run, how, found, same=same), _seen(run, chosen, same=same)
+    how.announce(_bound(chosen, len(episodes), worlds, how) + _online_bound(vetted, seen))
     repeats = repeat(
         run,
         manifest,
@@ -107,8 +106,8 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     )
     found.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
     _hold(repeats, found, words if exact else words or "another eyechart", same_pictures=same_pictures)
-    _hold_vetting(run, manifest, simulator, found, same=same)
-    _hold_seen(run, manifest, simulator, chosen, found)
+    _hold_vetting(vetted, manifest, simulator, found)
+    _hold_seen(seen, manifest, simulator, found, told=bool(read_seen(run)))
     _say(run, manifest, episodes, found)
     return found
 
@@ -214,15 +213,48 @@ def _difference(one: Mismatch) -> Difference:
     return Difference(one.where, one.recorded, one.driven)
 
 
-def _hold_vetting(run: Path, manifest: EpisodesManifest, simulator: Simulator, found: Found, *, same: bool) -> None:
-    """Let the positive control drive again in every world that an online run vetted."""
-    vetted = read_vetting(run)
-    if vetted is None:
-        return
+def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again) -> str:
+    steps, processes = sum(len(one.steps) for one in chosen), "process" if how.processes == 1 else "processes"
+    return (
+        f"driving {len(chosen)} of {of} episodes of {worlds} again: {steps} steps in {how.processes} {processes}, none "
+        f"longer than {PATIENCE_S:g} s"
+    )
+
+
+def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]) -> str:
+    """Return in words what an online run adds: worlds that are vetted again, and frames that are checked anew."""
+    if not vetted and not seen:
+        return ""
+    steps, frames = sum(one.frames for one in vetted), sum(len(one.steps) for _, one in seen)
+    worlds = f"{len(vetted)} {'world' if len(vetted) == 1 else 'worlds'} vetted again, {steps} steps"
+    return f"; then in one process: {worlds}, and {frames} frames checked anew"
+
+
+def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vetted]:
+    """Return the worlds of an online run in which the positive control drives again: all, or some by chance."""
+    vetted = read_vetting(run) or ()
     if len(vetted) > MOST_VETTED:
         raise BundleError(f"it has {len(vetted)} vetted worlds, more than the {MOST_VETTED} that are vetted again")
-    if not same:
-        found.uncompared.append("how worlds were vetted")
+    if vetted and not same:
+        found.uncompared.append(UNVETTED)
+        return ()
+    kept = random.SystemRandom().sample(vetted, min(len(vetted), how.sample or len(vetted)))
+    if left := len(vetted) - len(kept):
+        found.uncompared.append(f"{left} of {len(vetted)} vetted worlds")
+        found.notes.append(f"{left} worlds were not vetted again; those that were are drawn by chance")
+    return kept
+
+
+def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[Seen, Episode]]:
+    """Return the chosen episodes whose every frame an online run says it checked, with what it says."""
+    told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
+    found = ((told.get((one.key.policy, one.key.scenario, one.key.seed)), one) for one in chosen)
+    return [(mine, one) for mine, one in found if mine is not None and one.ended != "error"]
+
+
+def _hold_vetting(vetted: Sequence[Vetted], manifest: EpisodesManifest, simulator: Simulator, found: Found) -> None:
+    """Let the positive control drive again in worlds that an online run vetted."""
+    if not vetted:
         return
     view = find_view(manifest.view)
     for one in vetted:
@@ -241,24 +273,24 @@ def _apart(where: str, mine: object, again: object, names: Sequence[str]) -> Ite
 
 
 def _hold_seen(
-    run: Path, manifest: EpisodesManifest, simulator: Simulator, chosen: Sequence[Episode], found: Found
+    seen: Sequence[tuple[Seen, Episode]],
+    manifest: EpisodesManifest,
+    simulator: Simulator,
+    found: Found,
+    *,
+    told: bool,
 ) -> None:
-    """Check every frame of the chosen episodes anew that an online run says it checked."""
-    told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)}
+    """Check every frame of episodes anew that an online run says it checked; ``told`` is whether it says so of any."""
     if not told:
         return
-    if "how worlds were vetted" in found.uncompared:
+    if UNVETTED in found.uncompared:
         found.uncompared.append("how frames were checked")
         return
-    view, compared = find_view(manifest.view), 0
-    for episode in chosen:
-        mine = told.get((episode.key.policy, episode.key.scenario, episode.key.seed))
-        if mine is None or episode.ended == "error":
-            continue
-        compared += 1
+    view = find_view(manifest.view)
+    for mine, episode in seen:
         where = f"frames seen in '{episode.key.policy} {episode.key.world}'"
         found.differences += _apart(where, mine, check(simulator, episode, view), ("frames", "why", "gap_mae_m"))
-    found.compared["episodes whose frames were checked"] = compared
+    found.compared["episodes whose frames were checked"] = len(seen)
 
 
 def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: Found) -> None:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -133,6 +133,23 @@ def _require_bounded(run: Path, manifest: RunManifest) -> None:
             raise BundleError(f"it has {count} {what}, more than the {most} that are validated: nothing is recomputed")
 
 
+def _announce(runs: Sequence[Path], again: Again) -> None:
+    """Say the bound of the work on runs whose calls are recomputed, before it begins."""
+    if not runs:
+        return
+    calls, models = 0, set[tuple[Path, str]]()
+    for run in runs:
+        manifest = read_manifest(run)
+        _require_bounded(run, manifest)
+        models |= {(run, spec) for spec in manifest.models}
+        with Ledger(run / LEDGER, sound=False) as ledger:
+            calls += ledger.held().requests
+    where = "" if len(runs) == 1 else f" in {len(runs)} cells"
+    again.announce(
+        f"recomputing {calls} requests and what follows from their replies, of {len(models)} models{where}: no call"
+    )
+
+
 def _read_index(file: Path, folder: Path) -> dict[str, object]:
     try:
         index = json.loads((folder / INDEX).read_bytes())
@@ -155,8 +172,8 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
 
 def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again) -> None:
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
-    del again
     run = folder / RUN_FOLDER
+    _announce([run], again)
     manifest, asked, bank = _check_calls(run, recipe, mine := Found([], [], [], {}), tell)
     made = recipe.elsewhere(manifest.prompt.readers)
     _add(mine, found)
@@ -173,6 +190,7 @@ def _recompute_parts(
     """Recompute from the runs of a study and compare; drives are driven again, in worlds whose code is ours."""
     run, held, made = folder / RUN_FOLDER, set[str](), recipe.elsewhere()
     study = study_of(run, "bundle")
+    _announce([part for part in study.runs(run).values() if not is_episodes(part)], again)
     for name, part in study.runs(run).items():
         here, said = (f"{RUN_FOLDER}/{name}" if name else RUN_FOLDER), f"{name}: " if name else ""
         if is_episodes(part):

@@ -140,7 +140,8 @@ def validate(
         int | None, typer.Option(min=1, help="Processes that drive episodes again; default: one a processor.")
     ] = None,
     sample: Annotated[
-        int | None, typer.Option(min=1, help="Drive only so many episodes of each run again, drawn by chance.")
+        int | None,
+        typer.Option(min=1, help="Drive, and vet, only so many episodes and worlds of each run again, by chance."),
     ] = None,
 ) -> None:
     """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
