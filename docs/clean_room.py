@@ -3,7 +3,8 @@
     python docs/clean_room.py run.zip
 
 It imports nothing of eyechart: what it does is the description of the table and of the six numbers, in code. It prints
-each number beside the one in the bundle, and exits with 1 where two differ by more than 1e-12.
+each number beside the one in the bundle, and exits with 1 where two differ by more than 1e-12; of a prompt study cell
+by cell. A bundle without a table of decisions, as of drives, is said to have none, with exit 2.
 """
 
 import csv
@@ -14,7 +15,6 @@ import sys
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 BATTERY = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
 """The conditions of the paper's Table t:conditions; a run may hold others, which these numbers do not read."""
@@ -39,9 +39,9 @@ NAMES = {
 """What a bundle calls each number, and the paper."""
 
 
-def read_table(bundle: zipfile.ZipFile) -> dict[str, Answers]:
-    """Return the rows of ``tables/decisions.csv`` by model, condition and frame."""
-    text = io.StringIO(bundle.read("tables/decisions.csv").decode("utf-8"), newline="")
+def read_table(bundle: zipfile.ZipFile, cell: str = "") -> dict[str, Answers]:
+    """Return the rows of ``tables/decisions.csv``, or of a prompt study's cell, by model, condition and frame."""
+    text = io.StringIO(bundle.read(f"tables/decisions{cell and '-'}{cell}.csv").decode("utf-8"), newline="")
     models: dict[str, Answers] = {}
     for row in csv.DictReader(text):
         models.setdefault(row["model"], {}).setdefault(row["condition"], {})[row["frame"]] = row
@@ -143,16 +143,17 @@ def statistics(answers: Answers, partner: Mapping[str, str]) -> dict[str, float 
     }
 
 
-def compared(path: Path) -> Iterable[tuple[str, str, float | None, float | None]]:
-    """Yield model, number, what was recomputed and what the bundle holds."""
-    with zipfile.ZipFile(path) as bundle:
-        table = read_table(bundle)
-        pairs = json.loads(bundle.read("run/bank/manifest.json"))["action_space"]["mirror_pairs"]
-        held = json.loads(bundle.read("results.json"))["score"]["models"]
-    partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
-    for model, one in held.items():
-        for name, value in statistics(table.get(model, {}), partner).items():
-            yield model, name, value, one["statistics"][name]["value"]
+def compared(bundle: zipfile.ZipFile) -> Iterable[tuple[str, str, float | None, float | None]]:
+    """Yield model, number, what was recomputed and what the bundle holds; of a cell only the numbers that it holds."""
+    score = json.loads(bundle.read("results.json"))["score"]
+    held = [(one["cell"], one["model"], one["statistics"]) for one in score.get("cells", ())]
+    held += [("", model, one["statistics"]) for model, one in score.get("models", {}).items()]
+    for cell, model, found in held:
+        bank = json.loads(bundle.read(f"run/{cell}{cell and '/'}bank/manifest.json"))
+        partner = {a: b for pair in bank["action_space"]["mirror_pairs"] for a, b in (pair, pair[::-1])}
+        for name, value in statistics(read_table(bundle, cell).get(model, {}), partner).items():
+            if name in found or not cell:
+                yield f"{model} in {cell}" if cell else model, name, value, found[name]["value"]
 
 
 def same(one: float | None, other: float | None) -> bool:
@@ -161,14 +162,21 @@ def same(one: float | None, other: float | None) -> bool:
 
 
 def main(path: str) -> int:
-    """Print every number beside the bundle's; return 1 where two differ."""
+    """Print every number beside the bundle's; return 1 where two differ, 2 where there is nothing to count."""
     differ = 0
-    for model, name, value, held in compared(Path(path)):
-        differ += not same(value, held)
-        word = "same" if same(value, held) else "DIFFERS"
-        sys.stdout.write(f"{word:<8} {model}  {NAMES[name]}  {value!r}  bundle {held!r}\n")
+    if not zipfile.is_zipfile(path):
+        sys.stdout.write(f"{path} is no bundle\n")
+        return 2
+    with zipfile.ZipFile(path) as bundle:
+        if not any(name.startswith("tables/decisions") for name in bundle.namelist()):
+            sys.stdout.write(f"{path} holds no table of decisions; of drives 'eyechart validate' drives them again\n")
+            return 2
+        for model, name, value, held in compared(bundle):
+            differ += not same(value, held)
+            word = "same" if same(value, held) else "DIFFERS"
+            sys.stdout.write(f"{word:<8} {model}  {NAMES[name]}  {value!r}  bundle {held!r}\n")
     return int(differ > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(sys.argv[1]) if len(sys.argv) == 2 else "usage: python clean_room.py FILE.zip")

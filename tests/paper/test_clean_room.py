@@ -57,6 +57,26 @@ def test_every_number_comes_out_of_the_table_again(bundles: list[Path]) -> None:
         assert (code, {line.split()[0] for line in lines}) == (0, {"same"})
 
 
+def test_a_prompt_study_is_counted_cell_by_cell(tmp_path: Path) -> None:
+    """Each number that a cell holds, of every model under every prompt."""
+    write_bundle(MADE / "prompts", tmp_path / "prompts.zip", banks=[MADE / "highway"], resamples=100)
+    code, lines = counted(tmp_path / "prompts.zip")
+    cells = json.loads(zipfile.ZipFile(tmp_path / "prompts.zip").read("results.json"))["score"]["cells"]
+    assert len(lines) == 3 * len(cells)
+    assert (code, {line.split()[0] for line in lines}) == (0, {"same"})
+    assert any(f"{cells[0]['model']} in {cells[0]['cell']}  IDI  " in line for line in lines)
+
+
+def test_a_bundle_without_decisions_is_said_to_have_none(tmp_path: Path) -> None:
+    """In words and not in a traceback: of drives, and of what is no bundle."""
+    with zipfile.ZipFile(tmp_path / "drives.zip", "w") as out:
+        out.writestr("results.json", "{}")
+    (tmp_path / "none.zip").write_text("none")
+    for name, words in (("drives.zip", "holds no table of decisions"), ("none.zip", "is no bundle")):
+        code, (line,) = counted(tmp_path / name)
+        assert (code, words in line) == (2, True)
+
+
 def test_a_decision_that_is_changed_shows_in_the_numbers(bundles: list[Path], tmp_path: Path) -> None:
     """One reply to a real picture of one model, whose numbers alone differ."""
     changed = tmp_path / "changed.zip"

@@ -12,6 +12,7 @@ from eyechart.bundle.contents import (
     ALONE,
     RUN_FOLDER,
     SOURCE,
+    TABLES,
     Derived,
     Recipe,
     digests,
@@ -22,7 +23,9 @@ from eyechart.manifest import BESIDE, LEDGER, RUN
 from eyechart.models.prices import read_prices
 from eyechart.records import plain
 from eyechart.studies import Reading, Tell, run_json, study_of
+from eyechart.studies.battery.tables import decisions_table
 from eyechart.studies.probed import is_episodes
+from eyechart.studies.prompts import PromptsScore
 
 OF_DRIVES = (RUN, EPISODES, LEDGER, ACTION_MAP, *BESIDE)
 """The files of a run of drives; only the first is always there."""
@@ -34,7 +37,7 @@ _HOW = """This is a bundle of eyechart: drives, or a study of several runs, and 
 run/            what was driven, asked and answered: run.json, episodes.jsonl, ledger.sqlite; a folder a run
 results.json    every statistic, and what each run says of itself
 report.html     the same for people, in any browser
-tables/         the same as CSV, Markdown and LaTeX
+tables/         the same as CSV, Markdown and LaTeX; of prompts every decision, in decisions-CELL.csv
 source/         the source of the controllers and the worlds, to be read; a validation runs its own and compares
 bundle.json     how the results were made, and a digest of every file
 
@@ -97,7 +100,16 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
             },
         }
         drives = any(is_episodes(run) for run in runs.values())
-    return Derived.of(results, made, _HOW, sources() if drives else {}, runs=len(runs))
+    return Derived.of(results, made, _HOW, (sources() if drives else {}) | _decisions(score), runs=len(runs))
+
+
+def _decisions(score: object) -> dict[str, bytes]:
+    """Return every decision of the cells of a prompt study, a table each; nothing of drives, which are driven again."""
+    cells = score.batteries if isinstance(score, PromptsScore) else {}
+    return {
+        f"{TABLES}decisions-{name}.csv": decisions_table(one).csv().encode("utf-8", "backslashreplace")
+        for name, one in cells.items()
+    }
 
 
 def _episodes(run: Path) -> dict[str, str]:
