@@ -1,6 +1,7 @@
 """Comparing runs, and holding external scores against them."""
 
 import json
+import re
 import shutil
 import sqlite3
 import sys
@@ -150,6 +151,8 @@ def test_the_commands_answer_in_words_in_json_and_by_exit_code(
     assert "mean of" not in twice, "one run under two names is one run"
     assert "Pearson r = " in out
     assert "Spearman r = " in out
+    assert re.search(r"Pearson r = .*, p \S+ \(t test; over all orders \S+\), n 4", out)
+    assert re.search(r"Spearman r = .*, p \S+ \(exact, over all orders\), n 4", out)
 
 
 def moved_bank(bank: FrameBank, out: Path) -> FrameBank:

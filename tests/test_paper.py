@@ -234,3 +234,15 @@ def test_prompts_without_the_noise_floor_say_what_to_ask(out: Path) -> None:
     """Both numbers are empty where no picture was shown twice."""
     text = (out / "t-prompts.md").read_text(encoding="utf-8")
     assert "with --conditions real,real\\_repeat,blank" in text
+
+
+def test_a_folder_of_runs_is_taken_for_the_runs_in_it(tmp_path: Path) -> None:
+    """And what is missing is said beside the run that is given, not as if it were not."""
+    shutil.copytree(MADE / "structured", tmp_path / "runs" / "structured")
+    shutil.copytree(MADE / "prompts", tmp_path / "runs" / "prompts")
+    words = ["paper", str(tmp_path / "runs"), "--frames", str(MADE / "highway"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert {"t-prompts.tex", "t-controller-local.tex"} <= {one.name for one in (tmp_path / "out").iterdir()}
+    says = "missing  t:positive-guardian: needs the run of eyechart run structured with --guardian, a file of eyechart"
+    assert says in done.stdout

@@ -14,7 +14,7 @@ from eyechart.costs import ALL
 from eyechart.destination import write_files
 from eyechart.errors import SpecError
 from eyechart.models.prices import Prices, read_prices
-from eyechart.studies import Reading, Study, Tell, each_once, names_of, study_of
+from eyechart.studies import Reading, Study, Tell, each_once, names_of, run_json, study_of
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -89,13 +89,25 @@ def artefacts(
     tables = tuple(_joined([one for one in made if isinstance(one, Table)]))
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
-    missing = {label: needs(label) for label in LABELS if label not in have}
+    commands = _commands({kind: mine for kind, (_, mine) in by_kind.items()})
+    missing = {label: needs(label, commands) for label in LABELS if label not in have}
     return Artefacts(tables, drawings, missing)
 
 
-def needs(label: str) -> str:
-    """Return in words what determines the table or figure of a label."""
-    return ", ".join(filter(None, (f"needs a run of {LABELS[label]}", BESIDES.get(label))))
+def needs(label: str, given: Collection[str] = ()) -> str:
+    """Return in words what determines the table or figure of a label, beside the commands whose runs are ``given``."""
+    besides = BESIDES.get(label)
+    if LABELS[label] in given and besides:
+        return f"needs the run of {LABELS[label]} {besides}"
+    return ", ".join(filter(None, (f"needs a run of {LABELS[label]}", besides)))
+
+
+def _commands(kinds: Mapping[str, Sequence[Path]]) -> set[str]:
+    """Return the commands that made runs, by the kind of study; an admission is none of ``eyechart run structured``."""
+    made = {"BatteryStudy": "battery", "ClosedLoop": "closed-loop"}
+    found = {f"eyechart run {name}" for kind, name in made.items() if kind in kinds}
+    whole = any(run_json(run).get("study") == "structured" for run in kinds.get("Structured", ()))
+    return found | ({"eyechart run structured"} if whole else set())
 
 
 def _guardian(path: Path, given: Iterable[Path], reading: Reading) -> "Table":

@@ -355,6 +355,11 @@ def test_sources_arms_worlds_and_seeds_are_chosen(tmp_path: Path) -> None:
     assert set(single) == {"primary"}  # the second ablation has no such world
 
 
+def test_sources_are_named_in_any_letters() -> None:
+    """As mpc-only for MPC-only, which the tables write in capitals."""
+    assert hierarchy.read_choice("mpc-only") == hierarchy.read_choice("MPC-only")
+
+
 def test_a_model_drives_alone_where_no_source_is_wanted(tmp_path: Path) -> None:
     """In every arm of models, or in those that are chosen; an arm without models has none to drive."""
     model = [RequestMode(SEEING)]
@@ -374,6 +379,10 @@ def test_a_model_drives_alone_where_no_source_is_wanted(tmp_path: Path) -> None:
         ({"worlds": "offset,maze"}, "--worlds takes one or more of offset, single, slalom, gate, clutter"),
         ({"worlds": " , "}, "--worlds takes one or more of"),
         ({"sources": "mirrored:route", "arms": "primary"}, "nobody is left to drive"),
+        (
+            {"sources": "route,random", "arms": "primary,constrained"},
+            r"nobody drives in the arm 'constrained' in this choice; its scripted sources are 'mpc-oracle'",
+        ),
         ({"sources": "none"}, "nobody is left to drive"),
     ],
 )

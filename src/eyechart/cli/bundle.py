@@ -64,7 +64,7 @@ def report(
 def paper(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Folders of runs, of any kinds; with --guardian, tables of votes too.", metavar="RUN..."),
+        typer.Argument(help="Runs of any kinds, or a folder of them; with --guardian, votes too.", metavar="RUN..."),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write in.")],
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
@@ -84,9 +84,11 @@ def paper(
     removed where nobody changed it. Costs, latency and energy of all models stand in costs.tex.
     Example: eyechart paper run-hosted run-drives --out artefacts
     """
+    from eyechart.overview import find_runs, holds_runs
     from eyechart.paper import artefacts, write
     from eyechart.studies import Reading
 
+    runs = [run for one in runs for run in (find_runs(one) if holds_runs(one) else [one])]
     with patience("paper") as tell:
         reading = Reading(independent, reread, against)
         found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices)

@@ -1,13 +1,16 @@
 """``eyechart score``, ``verdict``, ``costs``, ``gate``, ``compare`` and ``transfer`` read runs and change nothing."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import print_each, print_json, print_line
 from eyechart.errors import SpecError
+
+if TYPE_CHECKING:
+    from eyechart.stats.statistic import Statistic
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -207,10 +210,20 @@ def transfer(
     for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
         interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
         why = f" ({one.note})" if one.note else ""
-        exact = (one.detail or {}).get("p_exact")
-        more = f" (over all orders {p_value(exact)})" if isinstance(exact, float) else ""
-        lines.append(
-            f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}{more}, n {one.n}{why}"
-        )
+        p = f"p {p_value(one.p)}{_how_found(one)}"
+        lines.append(f"{name} r = {number(one.value)}, 95 % interval {interval}, {p}, n {one.n}{why}")
     names = {name for study, run in zip(studies, runs, strict=True) for name in study.models(run)}
     print_each(lines, names=sorted(names | set(external)))
+
+
+def _how_found(correlation: "Statistic") -> str:
+    """Return in words how the p of a correlation was found, behind a space; nothing where there is none."""
+    from eyechart.report.table import p_value
+    from eyechart.stats.correlation import EXACT_UP_TO
+
+    exact = (correlation.detail or {}).get("p_exact")
+    if correlation.p is None:
+        return ""
+    if correlation.method.startswith("Pearson"):
+        return f" (t test; over all orders {p_value(exact)})" if isinstance(exact, float) else " (t test)"
+    return " (exact, over all orders)" if correlation.n <= EXACT_UP_TO else " (t approximation)"

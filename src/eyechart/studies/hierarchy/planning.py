@@ -125,7 +125,8 @@ NOBODY = "none"
 def read_sources(text: str) -> frozenset[tuple[str, str]]:
     """Read names of sources as the tables have them, or their policies, with commas; ``none`` is no scripted source.
 
-    A policy stands for the source of that policy in every arm. Raises SpecError that lists what is known.
+    A policy stands for the source of that policy in every arm; capitals do not matter. Raises SpecError that lists what
+    is known.
     """
     known = {name: {place} for name, place in SCRIPTED.items()}
     for place in SCRIPTED.values():
@@ -133,7 +134,7 @@ def read_sources(text: str) -> frozenset[tuple[str, str]]:
     known[NOBODY] = set()
     found, rest = set[tuple[str, str]](), text.strip()
     while rest:
-        fits = [name for name in known if re.match(rf"{re.escape(name)}\s*(,|$)", rest)]
+        fits = [name for name in known if re.match(rf"{re.escape(name)}\s*(,|$)", rest, re.IGNORECASE)]
         if not fits:
             raise SpecError(f"--sources takes one or more of {'; '.join(known)}, with commas; got '{rest}'")
         longest = max(fits, key=len)
@@ -204,7 +205,17 @@ def plan(
         raise SpecError(f"no model drives in this choice: models are in the arms {arms}")
     if not planned:
         raise SpecError("nobody is left to drive: this choice leaves no source in any of its arms and worlds")
+    _require_arms(choice, planned)
     return planned
+
+
+def _require_arms(choice: Choice, planned: Mapping[str, Episodes]) -> None:
+    """Raise SpecError where an arm was asked for by name and nobody drives in it."""
+    driven = {name.removesuffix(MODELS) for name in planned}
+    for arm in choice.arms or ():
+        if arm not in driven:
+            mine = ", ".join(f"{name!r} ({policy})" for name, (part, policy) in SCRIPTED.items() if part == arm)
+            raise SpecError(f"nobody drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
 
 
 Watch = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
