@@ -87,8 +87,10 @@ def paper(
     from eyechart.overview import find_runs, holds_runs
     from eyechart.paper import artefacts, write
     from eyechart.studies import Reading
+    from eyechart.studies.prompts import may_be_study
 
-    runs = [run for one in runs for run in (find_runs(one) if holds_runs(one) else [one])]
+    several = {one for one in runs if holds_runs(one) and not may_be_study(one)}
+    runs = [run for one in runs for run in (find_runs(one) if one in several else [one])]
     with patience("paper") as tell:
         reading = Reading(independent, reread, against)
         found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices)

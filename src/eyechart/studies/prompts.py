@@ -146,6 +146,13 @@ def is_study(folder: Path) -> bool:
     return len(alike) == 1 < len(cells) == len({repr([one.get("prompt"), one.get("modes")]) for one in cells})
 
 
+def may_be_study(folder: Path) -> bool:
+    """Return whether runs in a folder may be cells of one study that ask other models: each has a prompt of its own."""
+    cells = [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+    alike = {json.dumps([one.get(name) for name in _ALIKE if name != "models"], sort_keys=True) for one in cells}
+    return len(alike) == 1 < len(cells) == len({repr(one.get("prompt")) for one in cells})
+
+
 def run(
     study: PromptStudy,
     *,
