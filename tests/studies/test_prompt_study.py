@@ -1,6 +1,7 @@
 """The prompt study: cells are batteries, diversity is told from scene dependence, and every prompt tried is counted."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,15 @@ import stand_ins
 from eyechart import models
 from eyechart.calls import Query, Reply
 from eyechart.cli.app import app
+from eyechart.costs import Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_run
+from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
+from eyechart.spaces.discrete import DRIVING
+from eyechart.stats.statistic import Statistic
 from eyechart.studies import Reading, open_study, prompts
 from eyechart.transfer import transfer
 
@@ -169,6 +174,67 @@ def test_a_score_is_plain_json(bank: FrameBank, tmp_path: Path) -> None:
     assert set(again[0]["holm"]) == {"mutual_information", "obstacle", "cramers_v_real_blank"}
 
 
+def cells_of(model: str, **p: float | None) -> list[prompts.CellScore]:
+    """Return the cells of a model, by prompt the corrected p; None where it says one thing alone."""
+    gap, one, several = (Statistic(value, 48) for value in (0.25, 1.0, 3.0))
+    return [
+        prompts.CellScore(
+            name=name,
+            model=model,
+            prompt=name,
+            max_tokens=64,
+            structured="none",
+            planned=96,
+            answered=96,
+            statistics={
+                "mutual_information": gap,
+                "modal_share": gap,
+                "distinct_outputs": one if found is None else several,
+            },
+            holm={"mutual_information": found, "obstacle": None, "cramers_v_real_blank": 0.9},
+            took=Book(RequestMode(model), DRIVING, read_prices()).accounts()["all"],
+            guards=(),
+        )
+        for name, found in p.items()
+    ]
+
+
+def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
+    """A line a model, a grid of all models and prompts, and why one is not shown to look under the others."""
+    cells = [
+        *cells_of("one", baseline=0.001, minimal=0.002),
+        *cells_of("two", baseline=0.001, minimal=0.31),
+        *cells_of("three", baseline=None, minimal=None),
+    ]
+    score = prompts.PromptsScore(tuple(cells), {})
+    study = prompts.Prompts()
+    said = study.answer({"run": score})
+    assert said.sentence == "one: all two; two: baseline only; three: under none."
+    assert [(one.who, one.label, one.tone) for one in said.said] == [
+        ("one", "all two", "sees"),
+        ("two", "baseline only", "partly"),
+        ("three", "under none", "blind"),
+    ]
+    assert said.said[0].why_not == ""
+    assert said.said[1].why_not == (
+        "Under minimal no link to its pictures is shown (smallest p 0.310 after Holm, n 48). "
+        "More than 48 frames may show a weaker link."
+    )
+    assert said.said[2].why_not == "Under baseline and minimal it gives one answer to every picture."
+    assert said.grid is not None
+    assert said.grid.columns == ["one", "two", "three"]
+    assert [(name, [one and one[0] for one in row]) for name, row in said.grid.rows] == [
+        ("baseline", ["sees", "sees", "blind"]),
+        ("minimal", ["sees", "open", "blind"]),
+    ]
+    found = study.findings(score)
+    assert {spec: one.label for spec, one in found.items()} == {
+        "one": "looks under all two",
+        "two": "looks under baseline only",
+        "three": "looks under none",
+    }
+
+
 def test_a_report_holds_what_score_prints(bank: FrameBank, tmp_path: Path) -> None:
     """As a page and as files, the table of each model in a file of its own."""
     run(bank, tmp_path / "run")
@@ -177,7 +243,7 @@ def test_a_report_holds_what_score_prints(bank: FrameBank, tmp_path: Path) -> No
     )
     assert told.exit_code == 0, told.output
     html = (tmp_path / "p.html").read_text()
-    assert html.count("<table") == 2
+    assert re.findall(r'<table class="(\w+)', html) == ["tones", "prompts", "costs"]
     assert [name for name in PROMPTS if f"<bdi>{name}" not in html] == []
     assert "default-src &#39;none&#39;" in html
     assert {one.name for one in (tmp_path / "t").iterdir()} == {

@@ -35,6 +35,8 @@ class Page:
 
 GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
 """What stands before a word of each tone, for those who do not tell its colour."""
+SIGNS = {"brake": "■", "proceed": "▲", "other": "●"}
+"""What stands before an action of each role; its colour says nothing: red and green are for wrong and right alone."""
 MOST_SAID = 6
 """So many verdicts stand at the head of a page; it says how many more there are."""
 _MOST_NAMED = 4
@@ -72,16 +74,29 @@ class Shot:
 
 
 @dataclass(frozen=True)
+class Grid:
+    """A picture of verdicts: a row a name under ``columns``, a cell its tone, what stands in it, and what it means.
+
+    A cell that is None was not asked. ``of`` says what the rows are.
+    """
+
+    of: str
+    columns: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[tuple[str, str, str] | None]]]
+
+
+@dataclass(frozen=True)
 class Opening:
     """What somebody with ten seconds reads: one sentence, a verdict each, and one picture of it.
 
-    The picture is an example, whose ``shots`` each hold an answer of every one of ``models``, or a figure.
+    The picture is an example, whose ``shots`` each hold an answer of every one of ``models``, a grid, or a figure.
     """
 
     sentence: str
     said: Sequence[Said] = ()
     models: Sequence[str] = ()
     shots: Sequence[Shot] = ()
+    grid: Grid | None = None
     figure: Drawing | None = None
     caption: str = ""
 
@@ -183,6 +198,7 @@ def fill(
             packed=packed,
             version=__version__,
             glyphs=GLYPHS,
+            acts=SIGNS,
             contents=[],
             **values,
         )

@@ -22,17 +22,17 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.records import Written
 from eyechart.report.accounts import costs_table
-from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, p_value, stacked
+from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, number, p_value, stacked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, run_json
+from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell, battery, run_json
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
 if TYPE_CHECKING:
-    from eyechart.report.page import Opening
+    from eyechart.report.page import Grid, Opening
 
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
@@ -370,13 +370,10 @@ class PromptsScore:
         return {"study": "prompts", "cells": [cell.as_dict() for cell in self.cells]}
 
 
-_HOLD = {
-    "sees": "the answers go with the gap in",
-    "partly": "they tell a picture from a blank, and no more was shown, in",
-    "blind": "the answer is always the same in",
-    "open": "no link to the picture is shown in",
-}
 _WORDS = {"sees": "goes with the gap", "partly": "tells that there is a picture", "blind": "always the same answer"}
+_GRID = (
+    "Bits of the answer that tell the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link shown"
+)
 
 
 def held(cell: CellScore) -> tuple[str, str]:
@@ -391,16 +388,130 @@ def held(cell: CellScore) -> tuple[str, str]:
     return tone, _WORDS.get(tone, "no link shown")
 
 
-def _about(cell: CellScore) -> str:
-    found = cell.statistics
-    gap, modal = found["mutual_information"], found["modal_share"]
-    p = p_value(cell.holm["mutual_information"])
-    often = "—" if modal.value is None else f"{100 * modal.value:.0f} %"
-    tells = f"Its answers tell {estimate(gap)} bits of the gap (p {p}, n {gap.n})"
-    return f"{tells}; {often} of {modal.n} frames get its most frequent answer."
+@dataclass(frozen=True)
+class Held:
+    """One model under every prompt: under which its answers go with the gap."""
+
+    model: str
+    cells: tuple[CellScore, ...]
+
+    @property
+    def seeing(self) -> list[CellScore]:
+        """Return the cells whose answers go with the gap."""
+        return [one for one in self.cells if held(one)[0] == "sees"]
+
+    @property
+    def tone(self) -> str:
+        """Return sees where it looks under every prompt, partly where under some; blind where its answer never varies.
+
+        A cell in which no link is shown may yet have one.
+        """
+        tones = {held(one)[0] for one in self.cells}
+        if "sees" in tones:
+            return "sees" if tones == {"sees"} else "partly"
+        return "blind" if tones == {"blind"} else "open"
+
+    @property
+    def label(self) -> str:
+        """Return in words under which prompts it looks."""
+        mine, every = [one.name for one in self.seeing], len(self.cells)
+        if not mine:
+            return "under none is it shown" if self.tone == "open" else "under none"
+        if len(mine) == every:
+            return f"all {_NUMBERS.get(every, every)}" if every > 1 else f"under {mine[0]}"
+        return f"{listed(mine)} only" if len(mine) <= _MOST_NAMED else f"{len(mine)} of {every} prompts"
+
+    @property
+    def words(self) -> str:
+        """Return the most that its answers tell of the gap, and under which prompt."""
+        best = self.best
+        found, modal = best.statistics["mutual_information"], best.statistics["modal_share"]
+        often = "—" if modal.value is None else f"{100 * modal.value:.0f} %"
+        p = p_value(best.holm["mutual_information"])
+        return (
+            f"Under {best.name} its answers tell {estimate(found)} bits of the gap (p {p}, n {found.n}), and {often} "
+            f"of {modal.n} frames get its most frequent answer."
+        )
+
+    @property
+    def best(self) -> CellScore:
+        """Return the cell with the smallest p of the gap, the first of those that are alike."""
+        return min(self.cells, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
+
+    @property
+    def why_not(self) -> str:
+        """Return why it is not shown to look under more prompts; empty where it is under all."""
+        rest = [one for one in self.cells if one not in self.seeing]
+        told = []
+        for tone in ("partly", "blind", "open"):
+            mine = [one for one in rest if held(one)[0] == tone]
+            if not mine:
+                continue
+            least = min(mine, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
+            p = p_value(least.holm["mutual_information"])
+            n = max(one.statistics["mutual_information"].n for one in mine)
+            told.append(f"Under {listed([one.name for one in mine])} {_WHY[tone].format(p=p, n=n)}.")
+        if open_cells := [one for one in rest if held(one)[0] != "blind"]:
+            n = max(one.statistics["mutual_information"].n for one in open_cells)
+            told.append(f"More than {n} frames may show a weaker link.")
+        return " ".join(told)
+
+
+_MOST_LISTED = 4
+"""Models that the sentence at the head of a page names each."""
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+_MOST_NAMED = 3
+_WHY = {
+    "partly": "a picture is told from a blank, and no link to the gap is shown (smallest p {p} after Holm, n {n})",
+    "blind": "it gives one answer to every picture",
+    "open": "no link to its pictures is shown (smallest p {p} after Holm, n {n})",
+}
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as words list them."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def by_model(cells: Sequence[CellScore]) -> list[Held]:
+    """Return what each model's cells hold together."""
+    models = dict.fromkeys(one.model for one in cells)
+    return [Held(spec, tuple(one for one in cells if one.model == spec)) for spec in models]
 
 
 _CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"
+
+
+def _sentence(everyone: Mapping[str, Held]) -> str:
+    """Return in one sentence under which prompts each model looks; of many models, how many under all and some."""
+    if len(everyone) <= _MOST_LISTED:
+        return "; ".join(f"{who}: {one.label}" for who, one in everyone.items()) + "."
+    tones = [one.tone for one in everyone.values()]
+    told = {
+        "sees": "under every prompt",
+        "partly": "under some",
+        "blind": "under none",
+        "open": "not shown for",
+    }
+    parts = [f"{words} {tones.count(tone)}" for tone, words in told.items() if tone in tones]
+    return f"Of {len(tones)} models look {'; '.join(parts)}."
+
+
+def _grid(everyone: Mapping[str, Held]) -> "Grid":
+    """Return a grid of prompts and models: what the answers of each tell of the gap."""
+    from eyechart.report.page import Grid  # noqa: PLC0415 - a score needs no templates
+
+    names = list(dict.fromkeys(cell.name for one in everyone.values() for cell in one.cells))
+    rows = []
+    for name in names:
+        cells = [next((cell for cell in one.cells if cell.name == name), None) for one in everyone.values()]
+        rows.append((name, [None if cell is None else _told(cell) for cell in cells]))
+    return Grid("prompt", list(everyone), rows)
+
+
+def _told(cell: CellScore) -> tuple[str, str, str]:
+    tone, words = held(cell)
+    return tone, number(cell.statistics["mutual_information"].value, 2), words
 
 
 class Prompts(OfFrames[PromptsScore]):
@@ -408,6 +519,7 @@ class Prompts(OfFrames[PromptsScore]):
 
     names = ()
     runs_are = "prompts"
+    counted = ("look under every prompt", "models")
     question = "Under which prompt does a model look?"
     refuses: ClassVar = {
         **NO_DRIVES,
@@ -431,24 +543,34 @@ class Prompts(OfFrames[PromptsScore]):
         """Return the score and the report of a study in a bundle."""
         return self.score(folder, reading), self.report([folder], [], reading, tell)
 
-    def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
-        """Return in how many cells the answers hold anything of the scene, and how much in each."""
-        from eyechart.report.charts import BLUE, HEAD, Drawing, dots, style  # noqa: PLC0415 - a score needs no figures
-        from eyechart.report.page import MOST_SAID, Opening, Said, parted  # noqa: PLC0415 - nor templates
+    def findings(self, score: PromptsScore) -> Mapping[str, Finding]:
+        """Return under which prompts each model looks, by the cell with the smallest p of the gap."""
+        found = {}
+        for one in by_model(score.cells):
+            by, marks = f"mutual_information, {one.best.name}", [mark for cell in one.cells for mark in cell.marks]
+            label = one.label if one.label.startswith("under") else f"under {one.label}"
+            state = next((cell.state for cell in one.cells if cell.state), "")
+            estimated = one.best.statistics["mutual_information"]
+            found[one.model] = Finding(f"looks {label}", one.tone, by, estimated, state, tuple(dict.fromkeys(marks)))
+        return found
 
-        named = [
-            (f"{name} · " if len(scores) > 1 else "", cell) for name, score in scores.items() for cell in score.cells
-        ]
-        found = [(f"{run}{cell.model} under {cell.name}", cell, *held(cell)) for run, cell in named]
-        said = [Said(who, words, tone, _about(cell), beware=cell.state) for who, cell, tone, words in found]
-        rows = [(who, cell.statistics["mutual_information"], BLUE, tone != "sees") for who, cell, tone, _ in found]
-        with style():
-            figure = dots(rows[:MOST_SAID], "bits of the answer that tell the gap", 1.0, across=HEAD)
-        told = "; ".join(f"{who}: {estimate(one)}" for who, one, *_ in rows)
-        drawn = Drawing(
-            "in-short", "What the answers tell of the gap, by prompt", f"Filled: significant. {told}", figure
-        )
-        return Opening(parted(said, _HOLD, "cells (a model under a prompt)"), said, figure=drawn)
+    def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
+        """Return under which prompts each model looks, a line a model, and a grid of models and prompts."""
+        from eyechart.report.page import MOST_SAID, Opening, Said  # noqa: PLC0415 - a score needs no templates
+
+        everyone = {
+            f"{name} · {one.model}" if len(scores) > 1 else one.model: one
+            for name, score in scores.items()
+            for one in by_model(score.cells)
+        }
+        said = []
+        for who, one in everyone.items():
+            state = next((cell.state for cell in one.cells if cell.state), "")
+            beware = "not to be relied on" if any(cell.marks for cell in one.cells) else state
+            said.append(Said(who, one.label, one.tone, one.words, one.why_not, "part-1", beware))
+        shown = dict(list(everyone.items())[:MOST_SAID])
+        more = f" {len(everyone) - len(shown)} more models stand below." if len(everyone) > len(shown) else ""
+        return Opening(_sentence(everyone), said, grid=_grid(shown), caption=f"{_GRID}.{more}")
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""
