@@ -21,13 +21,14 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
-from eyechart.report.page import embedded_json
+from eyechart.report.page import SIGNS, asset, embedded_json
 from eyechart.studies import battery as study
 from eyechart.studies.battery import album
 from eyechart.studies.battery.album import LEFT_OUT, encode_small, make_album
 from eyechart.studies.battery.browser import LONGEST, collect_texts, frames_shown
 from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import subjects
+from eyechart.studies.closed_loop.film import RED, TONES
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, read_evidence, report
 
 
@@ -337,3 +338,13 @@ def test_pictures_stand_in_the_album_as_wide_as_its_rung(
         uris = [made.uris[place] for place in made.places[0]["real"] if place >= 0]
         codes = [base64.b64decode(uri.partition(",")[2]) for uri in uris]
         assert {Image.open(io.BytesIO(code)).width for code in codes} == {width}
+
+
+def test_an_action_has_a_sign_and_no_colour_of_right_or_wrong() -> None:
+    """A right STOP is not red: red and green are for wrong and right alone, in chips, strips, films and figures."""
+    rules = re.findall(r"([^{}]*\.(?:brake|proceed|other)\b[^{}]*)\{([^}]*)\}", asset("page.css") + asset("drives.css"))
+    told = [(which, name) for which, rule in rules for name in ("red", "green", "vermillion", "blue") if name in rule]
+    assert rules
+    assert told == []
+    assert SIGNS == {"brake": "■", "proceed": "▲", "other": "●"}
+    assert {RED, "#4fd0a9"}.isdisjoint(colour for colour, _ in TONES.values())

@@ -30,8 +30,10 @@ LINE = "#d9d6cf"
 PAPER = "#fefefd"
 BLUE = "#0072b2"
 VERMILLION = "#d55e00"
+GREEN = "#00735a"
 SOFT = "#f1efe9"
-"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart; soft is a quiet ground."""
+"""Green is right and vermillion wrong, as on every page. Blue and vermillion are of Okabe and Ito's palette, which the
+colour-blind can tell apart; soft is a quiet ground."""
 
 WAYS = {
     "blue": "#015ef7",
@@ -51,6 +53,7 @@ THEMED = {
     PAPER: "var(--surface)",
     BLUE: "var(--blue)",
     VERMILLION: "var(--vermillion)",
+    GREEN: "var(--green)",
     SOFT: "var(--soft)",
     **{colour: f"var(--way-{name})" for name, colour in WAYS.items()},
 }

@@ -1,5 +1,6 @@
 (() => {
-  const { data, at, set, draw, make, options } = eyechart;
+  const { data, at, set, draw, make, options, sign } = eyechart;
+  const SIGNED = 24;
   const filters = ["text", "driver", "scenario", "condition", "ended", "pictures"];
   const field = Object.fromEntries(filters.map((name) => [name, at(`f-${name}`)]));
   for (const name of ["driver", "scenario", "condition", "ended"]) {
@@ -62,10 +63,11 @@
       return;
     }
     const strip = make("div", "strip", "", { "aria-hidden": true });
-    const cells = one.steps.map((step) => make("span", `${role(step[1])}${step[2] ? "" : " none"}`));
+    const cells = one.steps.map((step) => make("span", `${role(step[1])}${step[2] ? "" : " none"}`, sign(role(step[1]))));
+    strip.classList.toggle("many", cells.length > SIGNED);
     strip.append(...cells);
     const [svg, cursor, far] = gapLine(one.steps);
-    const key = make("p", "key", `Strip: executed actions, blue proceeds, orange brakes, hatched is the fail-safe.${far === null ? "" : ` Line: gap, up to ${far} m.`}`);
+    const key = make("p", "key", `Strip: executed actions, ■ tall and dark brakes, ▲ low and pale proceeds, ● between is another, hatched is the fail-safe.${far === null ? "" : ` Line: gap, up to ${far} m.`}`);
     const label = make("label", "slider");
     label.append(make("span", "unseen", "Step"));
     const slider = make("input", "", "", { id: "step", type: "range", min: 0, max: one.steps.length - 1, value: 0 });
@@ -80,7 +82,7 @@
       cells.forEach((cell, place) => cell.classList.toggle("now", place === now));
       const x = ((now + 0.5) / cells.length * 100).toFixed(2);
       set(cursor, { x1: x, x2: x });
-      const chip = make("span", `chip ${own ? role(decision) : "none"}`, own ? decision : `no decision: ${decision}`);
+      const chip = make("span", `chip ${own ? role(decision) : "none"}`, own ? `${sign(role(decision))} ${decision}` : `no decision: ${decision}`);
       line.replaceChildren(chip, make("span", own ? "against" : "against differs", own ? "executed as decided" : `executed ${executed}: the fail-safe, not the policy's`));
       words.textContent = `Step ${now + 1} of ${one.steps.length} · ${gap === null ? (far === null ? "gap —" : "nothing ahead") : `gap ${gap} m`} · then ${speed === null ? "—" : speed} m/s`;
       slider.setAttribute("aria-valuetext", words.textContent);

@@ -85,5 +85,7 @@ const eyechart = (() => {
     near.observe(at(place));
   };
 
-  return { data, at, set, draw, make, options, begin };
+  const sign = (role) => ({ brake: "■", proceed: "▲" })[role] || "●";
+
+  return { data, at, sign, set, draw, make, options, begin };
 })();

@@ -109,8 +109,7 @@ eyechart.begin("frames", "status", () => {
     who.append(make("bdi", "", model.name));
     const line = make("div", "verdictline");
     const role = call[2] ? run.roles[call[1]] || "" : "none";
-    const sign = { brake: "■ ", proceed: "▲ ", none: "", "": "● " }[role];
-    line.append(make("span", `chip ${role}`, call[2] ? sign + call[1] : `no decision: ${call[1]}`));
+    line.append(make("span", `chip ${role}`, call[2] ? `${eyechart.sign(role)} ${call[1]}` : `no decision: ${call[1]}`));
     const compared = condition === "real" ? "" : against(model, frame, call);
     if (compared) {
       const real = model.calls.real[frame];

@@ -14,6 +14,7 @@ from matplotlib.patches import Rectangle
 from eyechart.conditions import OVER
 from eyechart.report.charts import (
     BLUE,
+    GREEN,
     INK,
     LINE,
     MUTED,
@@ -45,7 +46,7 @@ MOVED = ("lead_near", "lead_far", "lead_mid_near", "lead_mid_far", "lead_absent"
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""
 
-_OUTCOMES = (("harder near", VERMILLION, ""), ("alike", LINE, ""), ("harder far", BLUE, "////"))
+_OUTCOMES = (("harder near", GREEN, ""), ("alike", LINE, ""), ("harder far", VERMILLION, "////"))
 
 
 def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing:
@@ -192,7 +193,7 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
         if floor is not None:
             bar = FLOOR_FACTOR * floor
             axes.plot([0, bar], [y, y], color=MUTED, linewidth=3.5, alpha=0.35, solid_capstyle="butt", zorder=1)
-            axes.scatter([floor], [y], s=34, marker="o", color=VERMILLION, zorder=3)
+            axes.scatter([floor], [y], s=34, marker="o", color=INK, zorder=3)
             axes.plot([bar, bar], [y - 0.3, y + 0.3], color=INK, linewidth=2, zorder=2)
         if idi is not None:
             axes.scatter([idi], [y], s=40, marker="D", color=BLUE, edgecolors=PAPER, linewidths=0.6, zorder=4)
@@ -202,7 +203,7 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     axes.set_xlim(-0.02, 1.52)
     named_rows(axes, [who.label for who in everyone], 0.4)
     axes.set_xlabel("share of frames with another answer")
-    axes.scatter([], [], marker="o", s=34, color=VERMILLION, label="s (a repeat differs)")
+    axes.scatter([], [], marker="o", s=34, color=INK, label="s (a repeat differs)")
     axes.plot([], [], marker="|", markersize=9, markeredgewidth=2, linestyle="none", color=INK, label="1.5 s")
     axes.scatter([], [], marker="D", s=36, color=BLUE, label="IDI (a blank differs)")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
@@ -219,7 +220,8 @@ _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6ba
 MOST_MARKS = 400
 """Marks of one action in a figure; of more frames every second, third, … is drawn."""
 
-_MARKS = {"brake": ("s", VERMILLION), "proceed": ("^", BLUE), "other": ("o", MUTED)}
+_MARKS = {"brake": ("s", MUTED), "proceed": ("^", MUTED), "other": ("o", MUTED)}
+"""Actions are told by shape: red and green are for wrong and right alone."""
 
 
 def gap_by_action(who: Subject, place: int) -> list[Drawing]:

@@ -24,8 +24,9 @@ from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, re
 
 WIDTH = 720
 STRIP = 26
-INK, PAPER, MUTED, RED = "#e9e7e2", "#14171b", "#a7aeba", "#f28d4f"
-TONES = {"brake": "#f28d4f", "proceed": "#6cbcf0", "": "#a7aeba"}
+INK, PAPER, MUTED, RED, NOW = "#e9e7e2", "#14171b", "#a7aeba", "#f28d4f", "#6cbcf0"
+TONES = {"brake": ("#e9e7e2", 12), "proceed": ("#6d7581", 6), "other": ("#a7aeba", 9)}
+"""The colour of an action in the strip, by its role, and its height in pixels; red is for what went wrong alone."""
 LONGEST_REPLY = 4000
 MOST_BYTES = 40_000_000
 """Of so many bytes the pictures of an HTML film may be; a longer drive is refused, with the word to write an .mp4."""
@@ -140,9 +141,10 @@ def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bo
         y += 2 * STRIP
     each = (width - 20) / max(1, len(roles))
     for place, role in enumerate(roles):
-        left, top = 10 + place * each, y + 3 * STRIP + (0 if place <= now else 5)
+        (tone, tall), left = TONES[role or "other"], 10 + place * each
+        top = y + 3 * STRIP + (12 - tall if place <= now else 5)
         box = (left, top, max(left + 1, left + each - 1), y + 3 * STRIP + 12)
-        pen.rectangle(box, fill=TONES[role] if place <= now else "#343b45", outline=INK if place == now else None)
+        pen.rectangle(box, fill=tone if place <= now else "#343b45", outline=NOW if place == now else None)
     return page
 
 
