@@ -295,8 +295,8 @@ def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper
     second += ["VLM, full intent", "VLM, full intent, mirrored"]
     assert {name: counts[name] for name in primary} == dict.fromkeys(primary, 25)
     assert {name: counts[name] for name in second} == dict.fromkeys(second, 32)
-    other = {f"{name}, {shown}" for name in (vlm, "VLM, full intent") for shown in ("blank", "other worlds' pictures")}
-    assert counts.keys() - {*primary, *second} == other | {"VLM, other worlds' pictures"}
+    other = {f"{name}, {shown}" for name in (vlm, "VLM, full intent") for shown in ("blank", "shuffled")}
+    assert counts.keys() - {*primary, *second} == other | {"VLM, shuffled"}
 
 
 @pytest.mark.parametrize("limits", [{"calls": 10}, {"cost_usd": 0.095}])

@@ -364,7 +364,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
 
 
 def replay_table(found: Sequence[Replay]) -> Table:
-    """Return one row a driver and scripted controller: agreement, the best constant's, and that in shuffled order."""
+    """Return one row a driver and scripted controller: agreement, the best constant's, and that in random order."""
     rows = tuple(
         (
             one.driver.simulator,
@@ -385,14 +385,14 @@ def replay_table(found: Sequence[Replay]) -> Table:
         Column("n", "count"),
         Column("agrees", "estimate"),
         Column("best constant", "count"),
-        Column("shuffled order", "estimate"),
+        Column("random order", "estimate"),
         Column("p", "p"),
     )
     return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)
 
 
 def complete_replay_table(found: Sequence[Replay]) -> Table:
-    """Return the complete replay table, which the paper releases: each constant's agreement, and the shuffled order."""
+    """Return the complete replay table, which the paper releases: each constant's agreement, and the random order."""
     actions = list(dict.fromkeys(name for one in found for name in one.constants))
     rows = tuple(
         (
@@ -404,10 +404,10 @@ def complete_replay_table(found: Sequence[Replay]) -> Table:
     )
     named = (
         *(_SIMULATOR, Column("model"), Column("controller", "word")),
-        *columns("estimate", "agrees", *(f"constant {name}" for name in actions), "shuffled order", beside=""),
+        *columns("estimate", "agrees", *(f"constant {name}" for name in actions), "random order", beside=""),
         Column("p", "p"),
     )
-    caption = "Decision-level replay: agreement with a scripted controller, of constants, and in shuffled order"
+    caption = "Decision-level replay: agreement with a scripted controller, of constants, and in random order"
     return Table("replay", caption, named, rows)
 
 

@@ -143,7 +143,7 @@ MOST_NOTES = 12
 SIGNS = {"goal": "●", "crash": "✕", "time": "○"}
 ENDS = {"goal": "reached the goal", "crash": "crashed", "time": "out of time"}
 _SOLID, _DASHED, _DOTTED = "solid", (0, (4.0, 1.6)), (0, (1.0, 1.2))
-CONDITION_NAMES = {"real": "real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "other worlds'"}
+CONDITION_NAMES = {"real": "real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 _PLANNER = {
     "real": ("blue", _SOLID),
     "mirrored": ("vermillion", _SOLID),

@@ -82,7 +82,7 @@ PARTS: dict[str, Part] = {
 are; the second does not, but for ``constrained``, its reference."""
 
 _INTENT = {"unaware-models": ", full intent", "lateral-models": ", lateral intent"}
-_SHOWN = {"real": "", "mirrored": ", mirrored", "blank": ", blank", "shuffled": ", other worlds' pictures"}
+_SHOWN = {"real": "", "mirrored": ", mirrored", "blank": ", blank", "shuffled": ", shuffled"}
 
 
 def name_of(part: str, driver: Driver) -> str:

@@ -40,7 +40,7 @@ from eyechart.studies.probed import is_episodes
 
 NOT_PERCEPTION = "completion does not show perception"
 
-_WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "with other worlds'"}
+_WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 
 Printed = tuple[str, str, float | None, float | None]
 

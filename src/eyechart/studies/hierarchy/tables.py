@@ -135,7 +135,7 @@ def completion_table(completions: Sequence[Completion]) -> Table:
         goals = [one.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
         said = "differs from both" if one.shown else NOT_PERCEPTION
         rows.append((PARTS[one.part].simulator, one.policy, *(each and count_of(each) for each in goals), said))
-    named = (Column("arm", "word"), Column("model"), *columns("count", "real", "mirrored", "blank", "other worlds'"))
+    named = (Column("arm", "word"), Column("model"), *columns("count", "real", "mirrored", "blank", "shuffled"))
     caption = "Goals of a model with its pictures, and of the same model without"
     return Table("completions", caption, (*named, Column("reads as")), tuple(rows))
 
