@@ -1,6 +1,8 @@
 """The index of a folder of runs: nothing in it is left out, models stand side by side, and each over time."""
 
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,12 +10,21 @@ from typer.testing import CliRunner, Result
 
 import banks
 import stand_ins
-from eyechart import models
+from eyechart import models, overview
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.limits import Limits
-from eyechart.overview import find_runs, history_table, holds_runs, make_index, models_table, read_index, runs_table
-from eyechart.studies import Reading, battery, prompts
+from eyechart.overview import (
+    Entry,
+    find_runs,
+    history_table,
+    holds_runs,
+    make_index,
+    models_table,
+    read_index,
+    runs_table,
+)
+from eyechart.studies import Finding, Reading, battery, prompts
 from report_runs import HOSTILE
 
 READING = Reading(independent=False, reread=False)
@@ -112,6 +123,86 @@ def test_nothing_in_an_index_is_markup_and_links_are_not_followed(folder: Path, 
     assert "later" not in html
 
 
+def test_runs_of_one_day_stand_in_the_order_of_their_first_calls(tmp_path: Path) -> None:
+    """Whatever their folders are called: a before and after of one day is no after and before."""
+    small = banks.build_bank(tmp_path / "bank", drawn=False)
+    for name in ("z-before", "a-after"):
+        battery.run(battery.plan(small.root, ["scripted:constant"], tmp_path / "runs" / name))
+    entries = read_index(tmp_path / "runs", READING, silent)
+    assert [one.run for one in entries] == ["z-before", "a-after"]
+    assert entries[0].begun < entries[1].begun
+    rows = history_table(entries).texts()
+    assert [(row[3], row[2]) for row in rows] == [
+        ("z-before", "the first"),
+        ("a-after", "the same verdict, asked the same"),
+    ]
+    assert all(re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", row[4]) for row in rows)
+    assert runs_table(entries).texts()[0][2] == "a-after"
+
+
+def entry(model: str, label: str, tone: str, counted: tuple[str, str], run: str = "run") -> Entry:
+    """Return what a run says of a model."""
+    return Entry(run, "batteries", f"2026-11-26T10:00:0{len(run)}", model, "bank", (), Finding(label, tone), counted)
+
+
+def test_the_headline_counts_verdicts_of_one_kind_together_and_says_who_has_none() -> None:
+    """An estimator that is not admitted is none that does not look; who has no verdict is not left out."""
+    look, admitted = ("look", "models"), ("admitted", "estimators")
+    entries = [
+        *(entry(f"sees-{number}", "depth", "sees", look) for number in range(3)),
+        entry("blind", "image_invariant", "blind", look),
+        entry("turned", "depth", "sees", look),
+        entry("turned", "undecided", "open", look, run="later"),
+        entry("good", "admitted", "good", admitted),
+        *(entry(f"bad-{number}", "not admitted", "bad", admitted) for number in range(2)),
+        entry("drove", "no verdict", "", ("drive by sight", "drivers")),
+    ]
+    said = overview._counted(entries)
+    assert said == (
+        "By the newest verdicts, look: 3 of 5 models (1 no, 1 cannot be said); admitted: 1 of 3 estimators (2 no). "
+        "1 of 9 models has no verdict."
+    )
+    assert overview._counted(entries[-1:]) == ("No run here has a verdict on a model. 1 of 1 models has no verdict.")
+
+
+def test_verdicts_of_two_kinds_are_not_held_against_each_other() -> None:
+    """A battery and drives ask a model two things; without an estimate a verdict still stands in its column."""
+    drove = replace(
+        entry("one", "no difference found", "open", ("drive by sight", "drivers"), "drives"), study="drives"
+    )
+    entries = [entry("one", "depth", "sees", ("look", "models")), drove]
+    assert not history_table(entries).rows
+    assert models_table(entries).texts() == [["one", "depth", "no difference found"]]
+    assert models_table(entries).names == ["model", "bank, batteries", "bank, drives"]
+
+
+def test_drives_the_hierarchy_and_prompts_have_verdicts_in_an_index(tmp_path: Path) -> None:
+    """As their own pages say them."""
+    made = Path(__file__).parent / "old" / "0.1.0" / "made"
+    for name in ("drives", "hierarchy", "prompts"):
+        shutil.copytree(made / name, tmp_path / name)
+    entries = read_index(tmp_path, READING, silent)
+    found = {one.study: one for one in entries if one.judged}
+    assert found.keys() == {"drives", "hierarchy", "prompts"}
+    assert found["prompts"].found.label.startswith("looks under") or "under none" in found["prompts"].found.label
+    assert found["hierarchy"].found.estimate is not None
+    assert found["drives"].found.decided_by.endswith(("less blank", "less shuffled"))
+
+
+def test_an_index_leads_to_each_run_and_to_its_page_where_one_lies_beside(folder: Path, tmp_path: Path) -> None:
+    """By the name in the page's title; a page of several runs, and one of another run, is none of it."""
+    beside = tmp_path / "pages"
+    beside.mkdir()
+    assert report(folder / "a", "--out", beside / "that of a.html").exit_code == 0
+    assert report(folder / "a", folder / "later" / "b", "--out", beside / "both.html").exit_code == 0
+    assert report(folder, "--out", beside / "index.html").exit_code == 0
+    html = (beside / "index.html").read_text()
+    assert re.findall(r'href="([^#"]+)"', html) == ["that%20of%20a.html"]
+    places = set(re.findall(r'id="(run-\d+)"', html))
+    assert set(re.findall(r'href="#(run-\d+)"', html)) == places
+    assert len(places) == 4
+
+
 def report(*words: object) -> Result:
     """Run ``eyechart report``."""
     return CliRunner().invoke(app, ["report", *map(str, words)])
@@ -130,10 +221,13 @@ def test_report_of_a_folder_writes_the_index_with_its_tables(folder: Path, tmp_p
 
 
 def test_a_model_whose_runs_have_no_verdict_has_a_row_and_no_history(tmp_path: Path) -> None:
-    """As drives have none, beside a battery of others."""
+    """As drives with real pictures alone have none, beside a battery of others."""
     made = Path(__file__).parent / "old" / "0.1.0" / "made"
     for name in ("drives", "battery"):
         shutil.copytree(made / name, tmp_path / name)
+    records = tmp_path / "drives" / "episodes.jsonl"
+    lines = records.read_text().splitlines(keepends=True)
+    records.write_text("".join(line for line in lines if '"condition":"real"' in line))
     entries = read_index(tmp_path, READING, silent)
     assert {one.found.label for one in entries if one.run == "drives"} == {"no verdict"}
     assert not history_table(entries).rows

@@ -58,6 +58,7 @@ FLOORS = {
         "eyechart.studies.closed_loop",
         "eyechart.studies.closed_loop.browser",
         "eyechart.studies.closed_loop.page",
+        "eyechart.studies.closed_loop.sight",
         "eyechart.studies.closed_loop.tables",
         "eyechart.studies.probed",
     ),

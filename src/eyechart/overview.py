@@ -1,44 +1,63 @@
 """A folder of runs has an index: what each run says of each model, models side by side, and one model over time."""
 
-from collections import Counter
+import datetime as dt
+import html
+import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from eyechart.errors import EyechartError, SpecError, printable, raising
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
-from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
-from eyechart.report.table import MARK, Cell, Column, Mark, Table, marked
-from eyechart.studies import Finding, Made, Reading, Study, Tell, open_study, study_of
+from eyechart.report.page import GLYPHS, Opening, Page, Said, fill
+from eyechart.report.table import MARK, Cell, Column, Mark, Table
+from eyechart.studies import NO_VERDICT, Finding, Made, Reading, Study, Tell, open_study, run_json, study_of
 from eyechart.studies.prompts import is_study
 
 DEEPEST = 4
 """Folders in folders that are looked into for runs."""
 UNREAD = "cannot be scored"
-NO_VERDICT = Finding("no verdict", "")
+_TITLE = re.compile(rb"<title>eyechart report: ([^<]*)</title>")
+_HEAD = 4096
+"""Bytes of a page in which its title stands."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """What one run says of one model: of which version, asked about what, and what it found.
 
-    ``asked`` holds, by name, what has to be the same before two runs of a model are about one question.
+    ``begun`` is when its first call was sent, in UTC, or the day that it says where it made none; ``counted`` what a
+    finding of its kind says yes to, and of whom. ``asked`` holds, by name, what has to be the same before two runs of a
+    model are about one question.
     """
 
     run: str
     study: str
-    created: str
+    begun: str
     model: str
     about: str
     asked: tuple[tuple[str, object], ...]
     found: Finding
+    counted: tuple[str, str] = ("", "")
 
     def apart(self, other: "Entry") -> list[str]:
         """Return in what another run of the model was asked otherwise."""
         theirs = dict(other.asked)
         return [name for name, value in self.asked if theirs.get(name) != value]
+
+    @property
+    def judged(self) -> bool:
+        """Return whether the run has a verdict on the model."""
+        return bool(self.model) and self.found.label not in {NO_VERDICT.label, UNREAD}
+
+    @property
+    def when(self) -> str:
+        """Return when it was begun as people read it, to the second."""
+        return self.begun[:19].replace("T", " ")
 
 
 def holds_runs(folder: Path) -> bool:
@@ -61,13 +80,16 @@ def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
 
 
 def read_index(folder: Path, reading: Reading, tell: Tell) -> list[Entry]:
-    """Score every run in a folder, oldest first; what cannot be scored is an entry that says so."""
+    """Score every run in a folder, in the order of their first calls; what cannot be scored is an entry that says so.
+
+    A run without calls has its day alone, and stands before all that were begun on that day.
+    """
     found: list[Entry] = []
     for run in find_runs(folder):
         name = run.relative_to(folder).as_posix()
         tell(f"scoring {name}")
         found += _entries(name, run, reading)
-    return sorted(found, key=lambda one: (one.created, one.run, one.model))
+    return sorted(found, key=lambda one: (one.begun, one.run, one.model))
 
 
 def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
@@ -77,7 +99,7 @@ def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
         yield from _described(name, run, study, findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT))
     except EyechartError as error:
         unread = Finding(UNREAD, "bad", marks=(printable(str(error)),))
-        yield Entry(name, study.runs_are, "", "", "", (), unread)
+        yield Entry(name, study.runs_are, _moment(run_json(run).get("created")), "", "", (), unread)
 
 
 def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, Finding]) -> Iterator[Entry]:
@@ -85,6 +107,7 @@ def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, F
     of_banks = [one for one in parts if isinstance(one, RunManifest)]
     of_drives = [one for one in parts if isinstance(one, EpisodesManifest)]
     about = [*(Path(one.bank_path).name for one in of_banks), *(one.simulator for one in of_drives)]
+    begun = _moment(study.began(run))
     for spec, found in findings.items():
         versions = [*(one.models.get(spec) for one in of_banks), *(one.policies.get(spec) for one in of_drives)]
         asked = (
@@ -93,63 +116,166 @@ def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, F
             ("conditions", [one.conditions for one in parts]),
             ("prompt", [one.prompt.key for one in parts]),
             ("version", versions),
-            ("mode", [one.mode(spec) for one in parts]),
+            ("mode", [one.mode(spec) for one in parts if spec in one.models]),
             ("reader", [one.reader for one in parts]),
         )
-        created = min((one.created for one in parts), default="")
-        yield Entry(name, study.runs_are, created, spec, ", ".join(dict.fromkeys(about)), asked, found)
+        where = ", ".join(dict.fromkeys(about))
+        yield Entry(name, study.runs_are, begun, spec, where, asked, found, study.counted)
 
 
-def make_index(folder: Path, reading: Reading, tell: Tell) -> Made:
-    """Return the index of the runs in a folder; raises SpecError where it holds none."""
+def _moment(said: object) -> str:
+    """Return a day, or a moment in UTC, as it was written; nothing where it is none."""
+    try:
+        moment = dt.datetime.fromisoformat(str(said))
+    except ValueError:
+        return ""
+    if len(str(said)) <= len("2026-01-01"):
+        return moment.date().isoformat()
+    return moment.astimezone(dt.UTC).isoformat(timespec="milliseconds") if moment.tzinfo else moment.isoformat()
+
+
+def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = None) -> Made:
+    """Return the index of the runs in a folder; raises SpecError where it holds none.
+
+    Where it is written to ``out``, it leads to the pages of single runs that lie beside it or beside them.
+    """
     entries = read_index(folder, reading, tell)
     if not entries:
         raise SpecError(f"{folder} is no run and holds none: 'eyechart run battery' makes one")
-    tables = [table for table in (runs_table(entries), models_table(entries), history_table(entries)) if table.rows]
-    html = fill(
+    runs = list(dict.fromkeys(one.run for one in reversed(entries)))
+    places = {run: f"run-{number}" for number, run in enumerate(runs, 1)}
+    tables = [
+        table
+        for table in (runs_table(entries, places), models_table(entries), history_table(entries, places))
+        if table.rows
+    ]
+    page = fill(
         "index.html",
         scripts=("layout.js", "index.js"),
         title=folder.resolve().name,
-        answer=_opening(entries),
-        runs=len({one.run for one in entries}),
+        answer=_opening(entries, places),
+        runs=len(runs),
         models=len({one.model for one in entries if one.model}),
-        labels=Counter(one.found.label for one in entries).most_common(),
         tables={one.name: one for one in tables},
-        marks=[line for one in entries for line in marked(f"{one.model or one.study} in {one.run}", one.found.marks)],
+        each=_each(entries, places, {} if out is None else _pages(folder, runs, out)),
+        folder=str(folder),
     )
-    return Made(Page(html, {}), tables, [])
+    return Made(Page(page, {}), tables, [])
+
+
+def _each(entries: Sequence[Entry], places: Mapping[str, str], pages: Mapping[str, str]) -> list[dict[str, object]]:
+    """Return what the index says of each run by itself, the newest first: what it is, and what it found."""
+    return [
+        {
+            "run": run,
+            "place": place,
+            "page": pages.get(run, ""),
+            "of": mine[0].study,
+            "about": mine[0].about,
+            "begun": mine[0].when,
+            "said": [(one, _said(one)) for one in mine],
+        }
+        for run, place in places.items()
+        for mine in [[one for one in entries if one.run == run]]
+    ]
+
+
+def _pages(folder: Path, runs: Sequence[str], out: Path) -> dict[str, str]:
+    """Return by run the address of its own page, relative to the index: beside the index, beside the run, or in it.
+
+    A page is a run's where its title names that run alone; where two runs have one name, only one in or beside a run
+    counts.
+    """
+    found: dict[str, str] = {}
+    names = [_named(folder / run) for run in runs]
+    for run, name in zip(runs, names, strict=True):
+        here = folder / run
+        near = [here, here.parent, *([out.parent] if names.count(name) == 1 else [])]
+        page = next((file for place in near for file in _titled(place, name) if file.resolve() != out.resolve()), None)
+        if page is not None:
+            found[run] = quote(os.path.relpath(page.resolve(), out.resolve().parent).replace(os.sep, "/"))
+    return found
+
+
+def _named(run: Path) -> str:
+    return run.resolve().name
+
+
+def _titled(folder: Path, name: str) -> Iterator[Path]:
+    """Yield the pages in a folder whose title names one run alone, of this name."""
+    for file in sorted(folder.glob("*.html")) if folder.is_dir() else ():
+        try:
+            if file.is_symlink():
+                continue
+            with file.open("rb") as stream:
+                title = _TITLE.search(stream.read(_HEAD))
+        except OSError:
+            continue
+        if title and html.unescape(title[1].decode("utf-8", "replace")) == name:
+            yield file
 
 
 _KINDS = {"good": "sees", "bad": "blind"}
-_NEWEST = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "cannot say for"}
+_OTHERWISE = {"partly": "in part", "blind": "no", "open": "cannot be said"}
 
 
-def _opening(entries: Sequence[Entry]) -> Opening:
+def _tone(one: Entry) -> str:
+    """Return the tone of a finding as the head of a page has it."""
+    tone = _KINDS.get(one.found.tone, one.found.tone)
+    return tone if tone in GLYPHS else "open"
+
+
+def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[Entry]]:
+    """Return the verdicts on each model of each kind, in their order."""
+    found: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
+    for one in entries:
+        if one.judged:
+            found.setdefault((one.model, one.counted), []).append(one)
+    return found
+
+
+def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
     """Return what an index says first: the newest verdict on each model, and whether it is another than the one before.
 
     The models whose newest verdict differs from the one before stand first, then those that were asked last.
     """
-    by_model: dict[str, list[Entry]] = {}
-    for one in entries:
-        if one.model and one.found.label not in (NO_VERDICT.label, UNREAD):
-            by_model.setdefault(one.model, []).append(one)
-    said = []
-    for model, mine in reversed(by_model.items()):
+    judged, said = _newest(entries), []
+    for (model, _), mine in sorted(judged.items(), key=lambda one: one[1][-1].begun, reverse=True):
         now, before = mine[-1], mine[-2] if len(mine) > 1 else None
         changed = "" if before is None or before.found.label == now.found.label else f"was {_words(before)}"
-        words = f"{now.run}, {now.created[:10]}, on {now.about}." + (
+        words = f"{now.run}, of {now.study}, {now.when}, on {now.about}." + (
             f" Against the run before: {_against(before, now)}." if before else ""
         )
-        tone = _KINDS.get(now.found.tone, now.found.tone)
-        said.append(
-            Said(model, _words(now), tone if tone in GLYPHS else "open", words, now.found.state, "runs", changed)
+        said.append(Said(model, _words(now), _tone(now), words, now.found.state, places[now.run], changed))
+    return Opening(_counted(entries), sorted(said, key=lambda one: not one.beware))
+
+
+def _counted(entries: Sequence[Entry]) -> str:
+    """Return in one sentence how many have a yes by their newest verdict, a kind of verdict at a time, and who none."""
+    kinds: dict[tuple[str, str], list[str]] = {}
+    judged = _newest(entries)
+    for (_, kind), mine in judged.items():
+        kinds.setdefault(kind, []).append(_tone(mine[-1]))
+    told = []
+    for (yes, whom), tones in kinds.items():
+        others = [f"{tones.count(tone)} {words}" for tone, words in _OTHERWISE.items() if tone in tones]
+        told.append(
+            f"{yes}: {tones.count('sees')} of {len(tones)} {_one(whom, len(tones))}"
+            + (f" ({', '.join(others)})" if others else "")
         )
-    if not said:
-        return Opening("No run here has a verdict on a model.")
-    return Opening(
-        f"Do they look, by the newest verdicts? {parted(said, _NEWEST, 'models')}",
-        sorted(said, key=lambda one: not one.beware),
-    )
+    models = {one.model for one in entries if one.model}
+    without = len(models - {model for model, _ in judged})
+    unread = len({one.run for one in entries if one.found.label == UNREAD})
+    tail = [
+        *([f"{without} of {len(models)} models {'has' if without == 1 else 'have'} no verdict"] if without else []),
+        *([f"{unread} run{'' if unread == 1 else 's'} cannot be scored"] if unread else []),
+    ]
+    first = f"By the newest verdicts, {'; '.join(told)}." if told else "No run here has a verdict on a model."
+    return " ".join([first, *(f"{words}." for words in tail)])
+
+
+def _one(whom: str, count: int) -> str:
+    return whom.removesuffix("s") if count == 1 else whom
 
 
 def _words(one: Entry) -> str:
@@ -160,67 +286,85 @@ def _said(one: Entry) -> Mark:
     return Mark(_words(one), one.found.tone, MARK if one.found.marks else "")
 
 
-def runs_table(entries: Sequence[Entry]) -> Table:
-    """Return a model of a run a row, the newest first, with the estimate that decided its verdict."""
+def _led(one: Entry, places: Mapping[str, str]) -> Mark:
+    """Return a run's name that leads to what the index says of it."""
+    return Mark(one.run, place=f"#{places[one.run]}" if one.run in places else "")
+
+
+_BEGUN = Column("begun (UTC)", "word", varies=True)
+_TIMES = "A run is begun when its first call is sent; one that made none has its day alone."
+
+
+def runs_table(entries: Sequence[Entry], places: Mapping[str, str] | None = None) -> Table:
+    """Return a model of a run a row, the newest first, with the estimate that decided its verdict.
+
+    ``places`` are where a page says more of each run.
+    """
     named = (
         *(Column("model", "word"), Column("verdict", "word"), Column("run"), Column("of", "word", varies=True)),
-        *(Column("asked about"), Column("begun", "word", varies=True), Column("decided by")),
+        *(Column("asked about"), _BEGUN, Column("decided by")),
         *(Column("value", "estimate"), Column("n", "count"), Column("not final")),
     )
     rows = tuple(
         (
-            *(one.model or "—", _said(one), one.run, one.study, one.about, one.created[:16].replace("T", " ")),
+            *(one.model or "—", _said(one), _led(one, places or {}), one.study, one.about, one.when),
             *(one.found.decided_by, found, None if found is None else found.n, one.found.state),
         )
         for one in reversed(entries)
         for found in (one.found.estimate,)
     )
-    return Table("runs", "What each run says of each model", named, rows)
+    return Table("runs", "What each run says of each model", named, rows, _TIMES)
 
 
 def models_table(entries: Sequence[Entry]) -> Table:
     """Return a model a row and what it was asked about a column, with its newest verdict there."""
-    newest = {(one.model, one.about): one for one in entries if one.found.estimate is not None}
-    about = list(dict.fromkeys(place for _, place in newest))
+    judged = [one for one in entries if one.judged]
+    kinds = dict.fromkeys((one.about, one.study) for one in judged)
+    heads = {
+        kind: kind[0] if [about for about, _ in kinds].count(kind[0]) == 1 else f"{kind[0]}, {kind[1]}"
+        for kind in kinds
+    }
+    newest = {(one.model, (one.about, one.study)): one for one in judged}
     cells: list[tuple[Cell, ...]] = []
-    for model in dict.fromkeys(spec for spec, _ in newest):
-        mine = [newest.get((model, place)) for place in about]
+    for model in dict.fromkeys(one.model for one in judged):
+        mine = [newest.get((model, kind)) for kind in heads]
         cells.append((model, *("—" if one is None else _said(one) for one in mine)))
     return Table(
         "models",
         "The newest verdict on each model, by what it was asked about",
-        (Column("model", "word"), *(Column(one, "word") for one in about)),
+        (Column("model", "word"), *(Column(one, "word") for one in heads.values())),
         tuple(cells),
         "Verdicts on different banks are answers to different questions: they stand beside one another, and no more.",
     )
 
 
-def history_table(entries: Sequence[Entry]) -> Table:
-    """Return the runs of each model that was asked more than once in their order, each held against the one before."""
+def history_table(entries: Sequence[Entry], places: Mapping[str, str] | None = None) -> Table:
+    """Return the runs of each model that was asked more than once in their order, each held against the one before.
+
+    Verdicts of two kinds, as of a battery and of drives, are not held against each other.
+    """
     named = (
         *(Column("model", "word"), Column("verdict", "word"), Column("against the run before"), Column("run")),
-        *(
-            Column("begun", "word", varies=True),
-            Column("asked about"),
-            Column("decided by"),
-            Column("value", "estimate"),
-        ),
+        *(_BEGUN, Column("asked about"), Column("decided by"), Column("value", "estimate")),
     )
     rows: list[tuple[Cell, ...]] = []
-    for model in dict.fromkeys(one.model for one in entries if one.model):
-        mine = [one for one in entries if one.model == model and one.found.label != NO_VERDICT.label]
+    kinds: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
+    for one in (one for one in entries if one.model and one.found.label != NO_VERDICT.label):
+        kinds.setdefault((one.model, one.counted), []).append(one)
+    for (model, _), mine in kinds.items():
         if len(mine) < 2:
             continue
         told = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
         rows += [
             (
-                *(model, _said(one), words, one.run, one.created[:16].replace("T", " ")),
+                *(model, _said(one), words, _led(one, places or {}), one.when),
                 *(one.about, one.found.decided_by, one.found.estimate),
             )
             for one, words in zip(mine, told, strict=True)
         ]
     note = (
-        "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every statistic."
+        "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every statistic. "
+        f"{_TIMES}"
     )
     return Table("history", "Models that were asked more than once, over time", named, tuple(rows), note)
 

@@ -62,6 +62,13 @@ def test_the_page_is_inert_the_same_every_time_and_says_what_completion_shows(st
     assert "23/25" in words
 
 
+def test_the_answer_says_why_a_planner_is_not_shown_to_see(study: Path) -> None:
+    """How many worlds it would need, which other pictures it lacks, or what the data allow."""
+    words = unescape(" ".join(re.sub(r"<[^>]+>", " ", page_of(study).html.decode().split("</section>")[0]).split()))
+    assert "Why not more?" in words
+    assert "with 2 worlds no exact test can reach .05" in words or "pictures, which show what it needs" in words
+
+
 def test_each_world_shows_every_source_and_how_it_ended(study: Path) -> None:
     """Two worlds in three groups; in words for those who cannot see them, and on the figure of outcomes too."""
     page = page_of(study)

@@ -50,7 +50,10 @@ def report(
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")
     reading = Reading(independent, reread, against, steps=read_steps(step, studies))
     with patience("report") as tell:
-        made = studies[0].report(runs, frames or [], reading, tell) if studies else make_index(runs[0], reading, tell)
+        if studies:
+            made = studies[0].report(runs, frames or [], reading, tell)
+        else:
+            made = make_index(runs[0], reading, tell, out)
         write_page(made.page, out)
         if figures is not None:
             tell("files of figures")

@@ -254,6 +254,11 @@ class Ledger:
         """Return the models that calls were begun of, by name."""
         return [name for (name,) in self._sql.execute("SELECT DISTINCT model FROM calls ORDER BY model")]
 
+    def began(self) -> str:
+        """Return when the first attempt was sent, in UTC; empty where none was."""
+        (first,) = self._sql.execute("SELECT min(sent_at) FROM attempts").fetchone()
+        return first or ""
+
     def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
         """Yield each call of a model that has a reply: its last final one, or its last failure while it has none."""
         rows = self._sql.execute(

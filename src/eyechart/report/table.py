@@ -37,11 +37,15 @@ _TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "dim", "
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A word with a tone (good, bad, sees, partly, blind, open), and for people a sign behind it."""
+    """A word with a tone (good, bad, sees, partly, blind, open), and for people a sign behind it.
+
+    On a page it leads to its ``place``, an address relative to the page: ``#id`` for one in it.
+    """
 
     text: str
     tone: str = ""
     sign: str = ""
+    place: str = ""
 
 
 Cell = str | int | float | tuple[float, float] | Statistic | Mark | None
@@ -434,6 +438,8 @@ def _html(cell: Cell, text: str, column: Column) -> str:
     inside = escape(text)
     if isinstance(cell, Mark) and cell.tone:
         inside = f'<span class="flag {escape(cell.tone)}">{inside}</span>'
+    if isinstance(cell, Mark) and cell.place:
+        inside = f'<a href="{escape(cell.place)}">{inside}</a>'
     return f'<td class="{column.kind}">{inside}</td>'
 
 

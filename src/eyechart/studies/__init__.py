@@ -133,6 +133,9 @@ class Finding:
     marks: Sequence[str] = ()
 
 
+NO_VERDICT = Finding("no verdict", "")
+
+
 class Study(ABC, Generic[S]):
     """A kind of run, of which a report speaks as ``runs_are``, and which answers a ``question``.
 
@@ -145,6 +148,8 @@ class Study(ABC, Generic[S]):
     refuses: ClassVar[Mapping[str, str]] = {}
     requirements: ClassVar[Mapping[str, str]] = {}
     required: ClassVar[str] = ""
+    counted: ClassVar[tuple[str, str]] = ("look", "models")
+    """What its findings say yes to, and of whom: an index counts the findings of one kind together."""
 
     @abstractmethod
     def holds(self, folder: Path) -> bool:
@@ -171,6 +176,19 @@ class Study(ABC, Generic[S]):
     def runs(self, folder: Path) -> Mapping[str, Path]:
         """Return the runs that a folder of this study holds, by name; one that stands alone has none: ``""``."""
         return {"": folder}
+
+    def began(self, folder: Path) -> str:
+        """Return when the first call of a folder's runs was sent, by their ledgers; where none was, the day they say.
+
+        A day alone comes before all times of that day.
+        """
+        sent, said = [], []
+        for run in self.runs(folder).values():
+            said.append(str(run_json(run).get("created") or ""))
+            if (run / LEDGER).is_file():
+                with Ledger(run / LEDGER) as ledger:
+                    sent.append(ledger.began())
+        return min(filter(None, sent or said), default=min(filter(None, said), default=""))
 
     def took(self, folder: Path, prices: Prices) -> Took:
         """Return what the calls of all runs of a folder took."""

@@ -4,7 +4,7 @@ Source: paper, Tables t:baselines and t:degeneracy.
 """
 
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, measured
-from eyechart.studies.closed_loop.blind import DIFFERS, Blind, blind_baselines
+from eyechart.studies.closed_loop.blind import CANNOT_SAY, DIFFERS, Blind, blind_baselines, bounds
 from eyechart.studies.closed_loop.ladder import (
     LEVEL,
     Outcomes,
@@ -21,6 +21,7 @@ from eyechart.studies.closed_loop.replaying import verify
 from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, OfEpisodes, score, served_of, unfinished_of
 
 __all__ = [
+    "CANNOT_SAY",
     "DIFFERS",
     "LEVEL",
     "NO_LEDGER",
@@ -36,6 +37,7 @@ __all__ = [
     "Rung",
     "against",
     "blind_baselines",
+    "bounds",
     "corrected",
     "exact_rate",
     "measured",

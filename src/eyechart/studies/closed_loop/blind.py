@@ -224,6 +224,11 @@ def _bounds(found: Paired) -> str:
     return "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
 
 
+def bounds(found: Paired, name: str) -> str:
+    """Return the difference in one outcome with its interval, in words."""
+    return _number(found.differences[name], name)
+
+
 def _too_few(found: Paired, tests: int, what: str) -> str:
     return (
         f"cannot say {what}: with {found.worlds} worlds no exact test can reach .05 after Holm over {tests} tests. "

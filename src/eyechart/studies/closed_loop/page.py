@@ -13,6 +13,7 @@ from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
 from eyechart.studies.closed_loop.ladder import CONSTANT, MARGINAL
+from eyechart.studies.closed_loop.sight import FINDINGS, by_sight, named, told_of, word
 from eyechart.studies.closed_loop.tables import (
     MEASURES,
     NAMES,
@@ -50,7 +51,7 @@ _BEST = {"distance_m": "more is better", "reward": "more is better", "crash_rate
 
 def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
     """Return the figures by section; a section without data has none."""
-    blind = {f"{_who(one, score)} less {one.condition}": one for one in score.blind[:MOST_ROWS]}
+    blind = {f"{named(one, score)} less {one.condition}": one for one in score.blind[:MOST_ROWS]}
     with style():
         rungs = sorted(score.ladder, key=lambda one: (one.driver.simulator, -(one.statistics["reward"].value or 0.0)))
         return {
@@ -100,59 +101,32 @@ def information(rows: Sequence[Degeneracy]) -> list[Drawing]:
     return [Drawing("drives-information", title, says, figure, wide=True)]
 
 
-_SIGHT = {
-    "sees": "drives by what it sees",
-    "partly": "its pictures matter in part",
-    "blind": "drives the same without its pictures",
-    "open": "cannot say",
-}
 _ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by sight", "open": "cannot say for"}
-_FINDINGS = {"no_difference_found": "no difference found", "identical": "identical drives", "cannot_say": "cannot say"}
 
 
 def opening(score: ClosedLoopScore) -> Opening:
     """Return what a page of drives says first: who drives by sight, then who comes first by score."""
-    told: dict[str, Blind] = {}
-    asked = {one.driver.label for one in score.drives if one.asked}
-    for one in (one for one in score.blind if one.of_pictures and (not asked or one.driver.label in asked)):
-        who = _who(one, score)
-        if who not in told or (one.of_camera and not told[who].of_camera):
-            told[who] = one
+    told = by_sight(score)
     said = [
-        Said(
-            who,
-            _SIGHT[one.tone] if one.tone != "open" else _FINDINGS[one.finding],
-            one.tone,
-            _without_name(one),
-            place="blind",
-        )
+        Said(who, word(one), one.tone, shows, why, "blind")
         for who, one in told.items()
+        for shows, why in [told_of(one)]
     ]
     if not told:
         sentence = "Who drives by sight was not asked: nobody drove the same worlds with other pictures too."
     else:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
-    others = "another world's" if all(one.of_camera for one in told.values()) else "others"
+    others = "shuffled ones" if all(one.of_camera for one in told.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return Opening(
         f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
     )
 
 
-def _who(one: Blind, score: ClosedLoopScore) -> str:
-    """Return who drove, and where there are several simulators, in which."""
-    return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
-
-
 def _found(one: Blind) -> str:
     """Return the finding of a comparison in words, with what a difference is of."""
     what = one.asks if one.of_pictures else "it matters when it does what"
-    return _FINDINGS.get(one.finding, f"differs: {what}")
-
-
-def _without_name(one: Blind) -> str:
-    words = one.sentence.removeprefix(f"{one.driver.policy}, {one.condition}: ")
-    return words[:1].upper() + words[1:]
+    return FINDINGS.get(one.finding, f"differs: {what}")
 
 
 def _best(score: ClosedLoopScore) -> list[str]:

@@ -16,7 +16,7 @@ from eyechart.models.prices import Prices
 from eyechart.records import picked, plain
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Measured
-from eyechart.studies import Made, Reading, S, Study, Tell, Took
+from eyechart.studies import NO_VERDICT, Finding, Made, Reading, S, Study, Tell, Took
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, measured, replays
 from eyechart.studies.closed_loop.blind import Blind, beside_marginals, blind_baselines
 from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
@@ -249,11 +249,19 @@ class OfEpisodes(Study[S]):
 class ClosedLoop(OfEpisodes[ClosedLoopScore]):
     """Policies and models that drive."""
 
+    counted = ("drive by sight", "drivers")
+
     def holds(self, folder: Path) -> bool:
         return is_episodes(folder)
 
     def score(self, folder: Path, reading: Reading) -> ClosedLoopScore:
         return score(folder, against_policy=reading.against, resamples=reading.resamples)
+
+    def findings(self, score: ClosedLoopScore) -> Mapping[str, Finding]:
+        from eyechart.studies.closed_loop.sight import findings
+
+        asked = dict.fromkeys((one.driver.policy for one in score.drives if one.asked), NO_VERDICT)
+        return {**asked, **findings(score)}
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[ClosedLoopScore, Made]:
         scored = self.score(folder, reading)

@@ -9,12 +9,13 @@ from eyechart.report.charts import Drawing
 from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
 from eyechart.report.table import p_value
 from eyechart.studies import Tell
-from eyechart.studies.closed_loop import LEVEL, Blind, Paired
+from eyechart.studies.closed_loop import LEVEL, Paired
 from eyechart.studies.closed_loop.page import made, sight_of
 from eyechart.studies.closed_loop.tables import SIGNED, served_words, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, count_of, unless_shown
+from eyechart.studies.hierarchy.sight import BY_PICTURES, family, pairs_of, why_not
 from eyechart.studies.hierarchy.tables import (
     TITLES,
     against_table,
@@ -88,8 +89,8 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
             f"{card['planner']} in {card['simulator']}",
             str(card["label"]),
             str(card["family"]),
-            "; ".join(_rates(card)),
-            "",
+            f"{'; '.join(_rates(card))}.",
+            str(card["why_not"]),
             "answer",
         )
         for card in cards
@@ -97,7 +98,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
     if not said:
         return Opening("No planner was studied: only scripted sources drove, which see no pictures.")
     of_camera = [one for _, one in score.blind if one.of_camera]
-    shown, which = (of_camera, "another world's") if of_camera else ([one for _, one in score.blind], "others")
+    shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
     return Opening(
         parted(said, _ANSWERS, "arms that a planner drove"),
         said,
@@ -129,23 +130,22 @@ def _control(found: Paired | None) -> dict[str, object] | None:
 
 def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     """Return a card for each planner in each arm: its goals with real pictures, and with every other beside them."""
-    pairs: dict[tuple[str, str], list[Blind]] = {}
-    for part, one in score.blind:
-        pairs.setdefault((part, one.driver.policy), []).append(one)
+    pairs = pairs_of(score)
     goals = {(one.part, one.driver.policy, one.driver.condition): count_of(one.goals) for one in score.sources}
     completions = {(one.part, one.policy): one for one in score.completions}
     cards: list[dict[str, object]] = []
     for (part, policy), many in pairs.items():
-        unshown = not completions[part, policy].shown
-        unsure = not {"blank", "shuffled"} <= {one.condition for one in many if one.finding != "cannot_say"}
+        shown = completions[part, policy].shown
+        kind = family(many, shown=shown)
         cards.append(
             {
                 "planner": policy,
                 "arm": _ARMS.get(PARTS[part].simulator, PARTS[part].simulator),
                 "simulator": PARTS[part].simulator,
-                "family": (family := "open" if unsure else "blind" if unshown else "sees"),
-                "glyph": GLYPHS[family],
-                "label": NOT_PERCEPTION if unshown else "it completes by its pictures",
+                "family": kind,
+                "glyph": GLYPHS[kind],
+                "label": BY_PICTURES if shown else NOT_PERCEPTION,
+                "why_not": why_not(many),
                 "real": goals[part, policy, "real"],
                 "others": [(one.condition, goals[part, policy, one.condition], *_goals(one.paired)) for one in many],
                 "words": [completions[part, policy].sentence, *(one.sentence + unless_shown(one) for one in many)],

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import SpecError
-from eyechart.studies import NO_DRIVES, Made, Reading, Tell
+from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.hierarchy.scoring import HierarchyScore, runs_of, score
 
@@ -17,6 +17,7 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     """Sources of intent above a controller: up to seven runs of drives in one folder."""
 
     runs_are = "hierarchy"
+    counted = ("complete by their pictures", "planners")
     refuses: ClassVar = {**NO_LEDGER, **NO_DRIVES}
 
     def holds(self, folder: Path) -> bool:
@@ -42,6 +43,11 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
                 f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {score.oracle_mirrored.worlds} worlds."
             )
         yield from (*score.words, *unfinished_words(score.unfinished))
+
+    def findings(self, score: HierarchyScore) -> Mapping[str, Finding]:
+        from eyechart.studies.hierarchy.sight import findings
+
+        return findings(score)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
         from eyechart.studies.hierarchy.tables import paper_tables

@@ -1,0 +1,71 @@
+"""Which planners complete by their pictures, in a word, and why it is shown of one no more strongly."""
+
+from collections.abc import Mapping, Sequence
+
+from eyechart.studies import NO_VERDICT, Finding
+from eyechart.studies.closed_loop import CANNOT_SAY, DIFFERS, Blind, bounds
+from eyechart.studies.closed_loop.sight import told_of
+from eyechart.studies.hierarchy.planning import PARTS
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, Completion, HierarchyScore, count_of, shows
+
+BY_PICTURES = "it completes by its pictures"
+NEEDED = ("shuffled", "blank")
+"""The pictures without which fewer worlds must be completed; of shuffled ones the difference says most."""
+
+
+def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
+    """Return by part and planner its comparisons with other pictures."""
+    found: dict[tuple[str, str], list[Blind]] = {}
+    for part, one in score.blind:
+        found.setdefault((part, one.driver.policy), []).append(one)
+    return found
+
+
+def family(many: Sequence[Blind], *, shown: bool) -> str:
+    """Return the kind of evidence that a planner's comparisons are: sees, blind, or open where they cannot say."""
+    unsure = not set(NEEDED) <= {one.condition for one in many if one.finding != CANNOT_SAY}
+    return "open" if unsure else "sees" if shown else "blind"
+
+
+def why_not(many: Sequence[Blind]) -> str:
+    """Return in words why it is not shown that a planner completes by its pictures; empty where it is."""
+    held = {one.condition: one for one in many}
+    if lacking := [name for name in NEEDED if name not in held]:
+        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, which show what it needs."
+    unshown = [held[name] for name in NEEDED if not shows(held[name])]
+    if not unshown:
+        return ""
+    if unshown[0].finding != DIFFERS:
+        return told_of(unshown[0], "success_rate")[1]
+    names = " and ".join(one.condition for one in unshown)
+    return (
+        f"It drives otherwise with {names} pictures, but it is not shown that it completes fewer worlds with them: "
+        f"{bounds(unshown[0].paired, 'success_rate')} in {unshown[0].paired.worlds} worlds."
+    )
+
+
+def findings(score: HierarchyScore) -> dict[str, Finding]:
+    """Return what an index says of each planner, over all arms that it drove in: completed by its pictures, or not."""
+    pairs = pairs_of(score)
+    found = dict.fromkeys((one.policy for one in score.completions), NO_VERDICT)
+    for spec in found:
+        mine = [one for one in score.completions if one.policy == spec and (one.part, spec) in pairs]
+        if mine:
+            found[spec] = _finding(score, mine, {one.part: pairs[one.part, spec] for one in mine})
+    return found
+
+
+def _finding(score: HierarchyScore, mine: Sequence[Completion], pairs: Mapping[str, Sequence[Blind]]) -> Finding:
+    """Return what one planner's arms show together, by the comparison that says most in the arm that shows most."""
+    spec, tones = mine[0].policy, [family(pairs[one.part], shown=one.shown) for one in mine]
+    tone = tones[0] if len(set(tones)) == 1 else "partly" if "sees" in tones else "open"
+    best = mine[tones.index("sees") if "sees" in tones else 0]
+    least = min(pairs[best.part], key=lambda one: NEEDED.index(one.condition) if one.condition in NEEDED else 9)
+    by = (
+        f"{PARTS[best.part].simulator}, {count_of(best.goals['real'])} goals: success_rate, real less {least.condition}"
+    )
+    lacking = dict.fromkeys(one.words for many in score.unfinished.values() for one in many if one.policy == spec)
+    guards = [one for name, one in score.served.items() if name.partition(" in ")[0] == spec]
+    marks = [f"guard '{one.name}' failed: {one.because}" for one in guards]
+    label = BY_PICTURES if "sees" in tones else NOT_PERCEPTION
+    return Finding(label, tone, by, least.paired.differences["success_rate"], "; ".join(lacking), marks)
