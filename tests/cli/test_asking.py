@@ -142,6 +142,16 @@ def test_limits_stop_a_run_with_an_exit_code_of_their_own(run: Run, tmp_path: Pa
     account = json.loads(costs.stdout)["accounting"]["openai:m"]["all"]
     assert (account["attempts"], account["cost_from"]) == (12, {"priced": 12})
     assert account["cost_usd"] == pytest.approx(0.12)
+    decided = 12 - sum(account["missing"].values())
+    dollars = f"{1000 * 0.12 / decided:.3f}"
+    told = CliRunner().invoke(app, ["costs", str(tmp_path / "run"), "--prices", words[-3]])
+    assert dollars in told.stdout
+    page, tables = tmp_path / "page.html", tmp_path / "tables"
+    made = ["report", str(tmp_path / "run"), "--out", str(page), "--tables", str(tables)]
+    assert CliRunner().invoke(app, [*made, "--prices", words[-3]]).exit_code == 0
+    section = page.read_text().partition('<section id="costs"')[2].partition("</section>")[0]
+    assert f'<td class="number">{dollars}</td>' in section
+    assert "$ per 1000 decisions" in (tables / "deployment.csv").read_text()
 
 
 def test_a_model_that_is_set_aside_is_told_with_its_reason(run: Run) -> None:

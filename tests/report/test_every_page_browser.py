@@ -35,11 +35,11 @@ READING = Reading(independent=False, reread=False)
 QUICK = partial(battery.score, resamples=199)
 HEIGHT_PX = 900
 CUT = """
-[...document.querySelectorAll('main .scroll, main table')].filter(
+[...document.querySelectorAll('main .scroll, main table, main .plot, main .plot > svg')].filter(
   (one) => one.scrollWidth > one.clientWidth + 1 || one.getBoundingClientRect().right > innerWidth + 1
-).map((one) => one.getAttribute('aria-label') || one.className)
+).map((one) => one.getAttribute('aria-label') || one.getAttribute('class') || one.getAttribute('aria-labelledby'))
 """
-"""The tables of a page of which something stands where nobody sees it."""
+"""The tables and figures of a page of which something stands where nobody sees it."""
 
 
 def a_battery(root: Path) -> Page:

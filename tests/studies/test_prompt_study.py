@@ -243,9 +243,9 @@ def test_a_report_holds_what_score_prints(bank: FrameBank, tmp_path: Path) -> No
     )
     assert told.exit_code == 0, told.output
     html = (tmp_path / "p.html").read_text()
-    assert re.findall(r'<table class="(\w+)', html) == ["tones", "prompts", "costs"]
+    assert re.findall(r'<table class="(\w+)', html) == ["tones", "prompts", "costs", "deployment"]
     assert [name for name in PROMPTS if f"<bdi>{name}" not in html] == []
     assert "default-src &#39;none&#39;" in html
     assert {one.name for one in (tmp_path / "t").iterdir()} == {
-        f"{name}.{kind}" for name in ("prompts", "costs") for kind in ("csv", "md", "tex")
+        f"{name}.{kind}" for name in ("prompts", "costs", "deployment") for kind in ("csv", "md", "tex")
     }

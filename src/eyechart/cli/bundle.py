@@ -20,6 +20,7 @@ def report(
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
     tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
+    prices: PriceFile = None,
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
@@ -33,6 +34,7 @@ def report(
     Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
+    from eyechart.models.prices import read_prices
     from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables
@@ -48,7 +50,8 @@ def report(
     if len({one.runs_are for one in studies}) > 1:
         told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")
-    reading = Reading(independent, reread, against, steps=read_steps(step, studies))
+    priced = None if prices is None else read_prices(prices)
+    reading = Reading(independent, reread, against, steps=read_steps(step, studies), prices=priced)
     with patience("report") as tell:
         if studies:
             made = studies[0].report(runs, frames or [], reading, tell)

@@ -52,28 +52,32 @@ def costs(
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
+    Then what decisions cost and take in the paper's units: dollars per 1000, tokens a call, truncated calls, joules.
     Of a prompt study, by cell; of the hierarchy, by its runs. --unread lists in place of this the replies in which no
     decision is read. Example: eyechart costs run --all --json
     """
     from eyechart.models.prices import read_prices
     from eyechart.records import plain
     from eyechart.report.accounts import costs_table, unread_table
-    from eyechart.studies import study_of
+    from eyechart.studies import Reading, study_of
 
     study = study_of(run)
     if unread:
         listed = study.unread(run)
         print_json({"unread": plain(listed)}) if json else print_each([unread_table(listed)], names=study.models(run))
         return
-    took = study.took(run, read_prices(prices))
+    priced = read_prices(prices)
+    took = study.took(run, priced)
     if json:
         print_json(took.as_dict())
         return
+    each = study.deployment([run], Reading(prices=priced))
     lines = [] if took.accounts else ["no model was asked: its policies and worlds take no calls"]
     lines += [f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items()]
     for spec, found in took.guards.items():
         lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
-    print_each([costs_table(took.accounts, every=every), *lines], 160, names=study.models(run))
+    tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
+    print_each([*tables, *lines], 160, names=study.models(run))
 
 
 def gate(

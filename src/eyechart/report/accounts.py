@@ -1,6 +1,7 @@
 """Tables of what calls took, and of what doctor and probe found."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -143,6 +144,11 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
     if gross := _gross(accounts.values()):
         note += f". {gross}"
     return Table("costs", caption, named, tuple(rows), note)
+
+
+def deployment_tables(accounts: Mapping[str, Account]) -> tuple[Table, ...]:
+    """Return that table for a page, none where no model was asked; its files are not those of the table of costs."""
+    return (replace(deployment_table(accounts), name="deployment"),) if accounts else ()
 
 
 def _each(total: float | None, count: int) -> float | None:

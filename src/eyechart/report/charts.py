@@ -105,11 +105,6 @@ class Drawing:
     of: str = ""
     lean: bool = False
 
-    @property
-    def least_px(self) -> int:
-        """Return how narrow a page may draw it, in CSS pixels: letters of 8.5 points stand 7 pixels high."""
-        return round(60 * float(self.figure.get_size_inches()[0]))
-
     def labelled(self, label: str) -> "Drawing":
         """Return the figure as the paper's of that label, under which its files are written."""
         return replace(self, name=label.replace(":", "-"))
@@ -291,7 +286,7 @@ def named_rows(axes: Axes, labels: Sequence[str], below: float) -> None:
 
 def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: str, corner: str) -> Figure:
     """Return named points from 0 to above 1 bit and 0.25 bit; ``corner`` says what lies at the lower right."""
-    figure, axes = canvas(7.0, 4.3, (0.65, 0.2, 0.6, 0.2))
+    figure, axes = canvas(5.5, 4.0, (0.65, 0.2, 0.6, 0.2))
     right = max([1.0, *(x for _, x, _ in points)]) * 1.3
     top = max([0.25, *(y for _, _, y in points)]) * 1.15
     axes.set_xlim(-0.03 * right, right)

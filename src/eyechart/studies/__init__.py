@@ -3,12 +3,12 @@
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, Unpack
 
-from eyechart.costs import Account, Unread, unread
+from eyechart.costs import ALL, Account, Unread, unread
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.gate import Gate, Terms
@@ -16,7 +16,7 @@ from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
 from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, read_prices
 from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Statistic
@@ -76,6 +76,8 @@ class Reading:
     driven: bool = True
     steps: Mapping[str, int] = field(default_factory=dict)
     frames: Sequence[str] = ()
+    prices: Prices | None = None
+    """What a token costs, where a file of one's own says so; None for the table alone."""
 
 
 @dataclass
@@ -197,6 +199,21 @@ class Study(ABC, Generic[S]):
             found.add(name, self.took_run(run, prices))
         return found
 
+    def deployment(self, runs: Sequence[Path], reading: Reading) -> "Table | None":
+        """Return what decisions of runs cost and take, in the paper's units; None where no model was asked.
+
+        A model of several runs is named with its run.
+        """
+        from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - a score needs no tables
+        from eyechart.report.table import stacked  # noqa: PLC0415 - as above
+
+        prices, tables = reading.prices or read_prices(), {}
+        for run, name in zip(runs, names_of(runs), strict=True):
+            accounts = self.took(run, prices).accounts
+            tables[name] = deployment_table({spec: found[ALL] for spec, found in accounts.items()})
+        found = replace(stacked(tables), name="deployment")
+        return found if found.rows else None
+
     @abstractmethod
     def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
         """Return the manifest of one run, and the space by which its replies are read."""
@@ -261,6 +278,8 @@ class Study(ABC, Generic[S]):
             lines = [one for one in parts if isinstance(one, str)]
             every = f"Every number of {name}" if len(runs) > 1 else "Every number"
             sections.append(Section(every, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
+        if (costs := self.deployment(runs, reading)) is not None:
+            sections.append(Section("What decisions cost and take", tables=[costs]))
         title = ", ".join(run.name for run in runs)
         page = page_of(
             self.question or f"What came of these {self.runs_are}?", title, sections, answer=self.answer(scores)

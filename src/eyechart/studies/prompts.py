@@ -537,6 +537,9 @@ class Prompts(OfFrames[PromptsScore]):
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
         found = _batteries(folder, reread=reading.reread, resamples=reading.resamples)
+        if (prices := reading.prices) is not None:
+            priced = {name: self.took_run(folder / name, prices).accounts for name in found}
+            found = {name: replace(one, accounting=priced[name]) for name, one in found.items()}
         return PromptsScore(_of_batteries(found), found)
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:

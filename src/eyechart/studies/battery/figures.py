@@ -133,7 +133,7 @@ def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
     if not counted:
         return []
     left = room([who.label for who, _ in counted])
-    figure, axes = canvas(left + 5.6, 0.95 + 0.3 * len(counted), (left, 0.25, 0.5, 0.4))
+    figure, axes = canvas(left + 4.3, 0.95 + 0.3 * len(counted), (left, 0.25, 0.5, 0.4))
     told = []
     for y, (who, counts) in enumerate(counted):
         start, total = 0.0, sum(counts)
@@ -184,7 +184,7 @@ def pair_words(counts: tuple[int, int, int]) -> str:
 def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     """Draw s, IDI and 1.5 s of each model: the paper asks that IDI stands above 1.5 s."""
     left = room([who.label for who in everyone])
-    figure, axes = canvas(left + 4.6, 1.0 + 0.32 * len(everyone), (left, 1.25, 0.55, 0.35))
+    figure, axes = canvas(left + 4.2, 1.0 + 0.32 * len(everyone), (left, 1.25, 0.55, 0.35))
     told = []
     for y, who in enumerate(everyone):
         found = who.model.statistics
@@ -338,6 +338,33 @@ def _transitions(
     axes.set_ylabel(names[0], fontsize=8.5, color=MUTED)
     says = f"Rows: {names[0]}; columns: {names[1]}; {note}. {'; '.join(told)}"
     return Drawing(words[0], words[1], says, figure, of=words[2])
+
+
+MODELS_BESIDE = 4
+"""Models beside one another where a page is narrow."""
+
+
+def agreement_down(everyone: Sequence[Subject]) -> list[Drawing]:
+    """Draw the figure of agreement for a narrow page: a row a condition, and so many models beside one another."""
+    drawn = []
+    with style():
+        for number_of, first in enumerate(range(0, len(everyone), MODELS_BESIDE), 1):
+            some = everyone[first : first + MODELS_BESIDE]
+            conditions = list(dict.fromkeys(name for who in some for name in who.run.conditions if name != "real"))
+            figure, axes = canvas(
+                1.75 + 0.72 * len(some) + 0.85, 1.35 + 0.31 * max(1, len(conditions)), (1.75, 0.85, 0.05, 1.3)
+            )
+            for y, name in enumerate(conditions):
+                reflect = _base(name) == "mirrored"
+                colours = _STAYS if name in STAYS or reflect else _MOVED if _base(name) in MOVED else _REDS
+                for x, who in enumerate(some):
+                    share = _agree(who, name, reflect=reflect)
+                    cell(axes, x, y, share, number(share, 2), colours)
+            grid(axes, [plain(who.label, 22) for who in some], [plain(name, 20) for name in conditions], rotation=40)
+            title = "Agreement with the action given to the real frame"
+            says = "The same numbers as in the wide figure, a row a condition and a column a model."
+            drawn.append(Drawing(f"agreement-down-{number_of}", title, says, figure))
+    return drawn
 
 
 def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:

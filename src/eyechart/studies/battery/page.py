@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
 from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
+from eyechart.report.accounts import deployment_tables
 from eyechart.report.charts import Drawing
 from eyechart.report.page import Page, fill
 from eyechart.report.table import Column, level, number, p_value
@@ -16,10 +17,10 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import BUDGET_BYTES, LEAST_BYTES, NO_PICTURE, Album, make_album
 from eyechart.studies.battery.browser import Texts, about_packed, collect_texts, frames_shown, packed_data
-from eyechart.studies.battery.figures import figures
+from eyechart.studies.battery.figures import agreement_down, figures
 from eyechart.studies.battery.opening import opening
 from eyechart.studies.battery.planning import conditions_of, plan_of
-from eyechart.studies.battery.subjects import Evidence, Subject, subjects
+from eyechart.studies.battery.subjects import Evidence, Subject, accounts_of, subjects
 from eyechart.studies.battery.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
@@ -66,6 +67,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         cards=[_card(who, shared) for who in everyone],
         shared=shared,
         figures={section: many[:MODELS_DRAWN] for section, many in drawn.items()},
+        narrow=agreement_down(everyone),
         silent=silent(evidence, everyone, drawn),
         pairs=[
             one
@@ -78,6 +80,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         stopped=any(who.model.stopped for who in everyone),
         accounting=[_accounting(who) for who in everyone],
         reasons=MISSING,
+        costs=deployment_tables(accounts_of(everyone)),
         notes=notes,
     )
     return Page(html, drawn, tuple(notes))

@@ -1,6 +1,7 @@
 """The battery as a study, and what studies of the frames of a bank share."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
@@ -63,13 +64,14 @@ class BatteryStudy(OfFrames[BatteryScore]):
     required = "depth"
 
     def score(self, folder: Path, reading: Reading) -> BatteryScore:
-        return score(
+        found = score(
             folder,
             independent=reading.independent,
             reread=reading.reread,
             resamples=reading.resamples,
             frames=reading.frames,
         )
+        return found if reading.prices is None else replace(found, accounting=took(folder, prices=reading.prices)[0])
 
     def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
         return judge(score)
@@ -142,8 +144,9 @@ class BatteryStudy(OfFrames[BatteryScore]):
 
 
 def _made(evidence: "Sequence[Evidence]", tell: Tell) -> Made:
+    from eyechart.report.accounts import deployment_tables
     from eyechart.studies.battery.page import make_page
-    from eyechart.studies.battery.subjects import subjects
+    from eyechart.studies.battery.subjects import accounts_of, subjects
     from eyechart.studies.battery.tables import judged_of, tables_of
 
     lacking = [
@@ -151,4 +154,6 @@ def _made(evidence: "Sequence[Evidence]", tell: Tell) -> Made:
         for run in evidence
         if run.pictures is None
     ]
-    return Made(make_page(evidence, tell=tell), tables_of(judged_of(subjects(evidence))), lacking)
+    everyone = subjects(evidence)
+    tables = [*tables_of(judged_of(everyone)), *deployment_tables(accounts_of(everyone))]
+    return Made(make_page(evidence, tell=tell), tables, lacking)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Generic
 
 from eyechart.calls import Reply
+from eyechart.costs import ALL, Account
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
@@ -115,6 +116,11 @@ def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     plan = widest(manifest, plan_of(manifest, bank))
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
     return {file for name, frame in shown for file in plan.sources(name, bank.frame(frame))}
+
+
+def accounts_of(everyone: Sequence[OfModel[M]]) -> dict[str, Account]:
+    """Return what all calls of each model took, by its label."""
+    return {who.label: who.run.score.accounting[who.spec][ALL] for who in everyone}
 
 
 def subjects(evidence: Sequence[RunEvidence[M]]) -> list[OfModel[M]]:

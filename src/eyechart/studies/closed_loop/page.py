@@ -9,6 +9,7 @@ from pathlib import Path
 
 from eyechart.report.charts import BLUE, HEAD, MUTED, WIDE, Drawing, dots, scattered, style
 from eyechart.report.page import Opening, Page, Said, Section, fill, parted
+from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
@@ -181,12 +182,14 @@ def make_drives_page(
     score: ClosedLoopScore,
     first: First | None = None,
     *,
+    costs: Sequence[Table] = (),
     pictured: int = PICTURED,
     tell: Tell = lambda _: None,
 ) -> Page:
     """Return the report of runs of episodes; the same runs give the same bytes.
 
-    ``first`` is what their study tells before the drives; ``tell`` is told what is under way.
+    ``costs`` say what decisions cost and take, ``first`` is what their study tells before the drives; ``tell`` is told
+    what is under way.
     """
     tell("figures")
     drawn = drives_figures(score)
@@ -220,6 +223,7 @@ def make_drives_page(
         replays=replay_table(score.replays) if score.replays else None,
         numbers=long_tables(score),
         made=[(path.resolve().name, made(path)) for path in runs],
+        costs=costs,
         notes=browser.notes,
     )
     return Page(html, drawn, browser.notes)

@@ -237,8 +237,9 @@ class OfEpisodes(Study[S]):
         from eyechart.studies.closed_loop.tables import tables_of
 
         first = self.first(runs)
-        page = make_drives_page(runs, scored, first, pictured=PICTURED if reading.driven else 0, tell=tell)
-        return Made(page, [*tables_of(scored), *(first.section.tables if first else ())], page.notes)
+        costs = [table for table in (self.deployment(runs, reading),) if table is not None]
+        page = make_drives_page(runs, scored, first, costs=costs, pictured=PICTURED if reading.driven else 0, tell=tell)
+        return Made(page, [*tables_of(scored), *(first.section.tables if first else ()), *costs], page.notes)
 
     def first(self, runs: Sequence[Path]) -> "First | None":
         """Return what a study tells of its runs before the drives; None where these are all."""

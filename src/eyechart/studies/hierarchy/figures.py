@@ -360,7 +360,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     every = in_order({world for one in ended for world in one})
     worlds = evenly(every, MOST_COLUMNS)
     with style():
-        labels = [plain(one.name, 46) for one in rows]
+        labels = [plain(one.name, 34) for one in rows]
         left, wide = 0.3 + 0.066 * max(map(len, labels)), min(0.36, 5.4 / len(worlds)) * len(worlds)
         figure, axes = canvas(left + wide + 2.35, 1.2 + _ROW_IN * len(rows), (left, 2.35, 0.65, 0.55))
         _marks(axes, ended, worlds)

@@ -7,7 +7,7 @@ from typing import Any
 
 from eyechart.report.charts import Drawing
 from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
-from eyechart.report.table import p_value
+from eyechart.report.table import Table, p_value
 from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Paired
 from eyechart.studies.closed_loop.page import made, sight_of
@@ -39,8 +39,13 @@ _ARMS = {
 }
 
 
-def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lambda _: None) -> Page:
-    """Return the report of a study; the same study gives the same bytes. ``tell`` is told what is under way."""
+def make_hierarchy_page(
+    study: Path, score: HierarchyScore, *, costs: Sequence[Table] = (), tell: Tell = lambda _: None
+) -> Page:
+    """Return the report of a study; the same study gives the same bytes.
+
+    ``costs`` say what decisions cost and take; ``tell`` is told what is under way.
+    """
     tell("figures")
     drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in TITLES}
     tell("the worlds from above")
@@ -76,6 +81,7 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         signs=[(SIGNS[kind], words) for kind, words in ENDS.items()],
         named=CONDITION_NAMES,
         made=[(name, made(study / name)) for name in score.drives],
+        costs=costs,
         notes=notes,
     )
     drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}

@@ -67,5 +67,6 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
 
         tell("scoring")
         scored = self.score(folder, reading)
-        page = make_hierarchy_page(folder, scored, tell=tell)
-        return scored, Made(page, tables_of(scored), page.notes)
+        costs = [table for table in (self.deployment([folder], reading),) if table is not None]
+        page = make_hierarchy_page(folder, scored, costs=costs, tell=tell)
+        return scored, Made(page, [*tables_of(scored), *costs], page.notes)

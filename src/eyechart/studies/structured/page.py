@@ -11,12 +11,13 @@ from eyechart.costs import ALL
 from eyechart.errors import EyechartError
 from eyechart.frames import Frame
 from eyechart.perception.view import find_view, through
+from eyechart.report.accounts import deployment_tables
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.page import Opening, Page, Said, Shot, fill, parted
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
-from eyechart.studies.battery.subjects import subjects
+from eyechart.studies.battery.subjects import accounts_of, subjects
 from eyechart.studies.structured.planning import CONDITIONS
 from eyechart.studies.structured.tables import (
     Estimates,
@@ -80,6 +81,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         frames=frames,
         listed=listed,
         accounting=[(who, who.run.score.accounting[who.spec][ALL]) for who in everyone],
+        costs=deployment_tables(accounts_of(everyone)),
         notes=notes,
     )
     return Page(html, {"gaps": drawn}, tuple(notes))

@@ -1,6 +1,7 @@
 """Admission and structured runs, and the online run, as studies."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
@@ -36,7 +37,10 @@ class Structured(OfFrames[StructuredScore]):
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
 
     def score(self, folder: Path, reading: Reading) -> StructuredScore:
-        return score(folder, reread=reading.reread, resamples=reading.resamples)
+        found = score(folder, reread=reading.reread, resamples=reading.resamples)
+        if reading.prices is None:
+            return found
+        return replace(found, accounting=self.took_run(folder, reading.prices).accounts)
 
     def findings(self, score: StructuredScore) -> Mapping[str, Finding]:
         found = {}
@@ -99,12 +103,14 @@ def _finding(clauses: Sequence[Held], state: str, marks: Sequence[str] = ()) -> 
 
 
 def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
-    from eyechart.studies.battery.subjects import subjects
+    from eyechart.report.accounts import deployment_tables
+    from eyechart.studies.battery.subjects import accounts_of, subjects
     from eyechart.studies.structured.page import make_estimates_page
     from eyechart.studies.structured.tables import scored_of, tables_of
 
     page = make_estimates_page(evidence, tell=tell)
-    return Made(page, tables_of(scored_of(subjects(evidence))), page.notes)
+    everyone = subjects(evidence)
+    return Made(page, [*tables_of(scored_of(everyone)), *deployment_tables(accounts_of(everyone))], page.notes)
 
 
 class OnlineStudy(OfEpisodes[online.OnlineScore]):
