@@ -160,3 +160,11 @@ def test_tables_of_drives_hold_every_number(tmp_path: Path) -> None:
     assert {f"{name}.{kind}" for name in tables for kind in ("csv", "md", "tex")} == names
     ladder = (tmp_path / "tables" / "ladder.csv").read_text()
     assert "highway,constant:SLOW,real,,distance_m,400.0" in ladder
+
+
+def test_a_driver_is_named_with_its_run_only_where_that_tells_it_apart(tmp_path: Path) -> None:
+    """A policy of one of several runs needs no prefix; one that drove in both does."""
+    one = make_run(tmp_path / "one", [*drive("oracle", by_depth), *drive("constant:SLOW", always("SLOW"))])
+    two = make_run(tmp_path / "two", drive("constant:SLOW", always("SLOW")))
+    labels = [each.driver.label for each in score([one, two], resamples=200).drives]
+    assert sorted(labels) == ["one · constant:SLOW", "oracle", "two · constant:SLOW"]

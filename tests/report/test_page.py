@@ -26,6 +26,7 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery import album
 from eyechart.studies.battery.album import LEFT_OUT, encode_small, make_album
 from eyechart.studies.battery.browser import LONGEST, collect_texts, frames_shown
+from eyechart.studies.battery.opening import opening
 from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.closed_loop.film import RED, TONES
@@ -348,3 +349,16 @@ def test_an_action_has_a_sign_and_no_colour_of_right_or_wrong() -> None:
     assert told == []
     assert SIGNS == {"brake": "■", "proceed": "▲", "other": "●"}
     assert {RED, "#4fd0a9"}.isdisjoint(colour for colour, _ in TONES.values())
+
+
+def test_the_example_of_several_runs_is_answered_by_models_of_all(bank: Path, tmp_path: Path) -> None:
+    """The first of each run in turns; a run of other conditions is named as one that is not in it."""
+    runs = [
+        make_run(bank, tmp_path / "one", {"steady": stand_ins.stop, "again": stand_ins.stop}),
+        make_run(bank, tmp_path / "two", {"other": stand_ins.stop}),
+    ]
+    evidence = read_evidence(runs)
+    everyone = subjects(evidence)
+    said = opening(evidence, everyone, make_album(evidence, frames_shown(evidence)))
+    assert [name.rpartition(":")[2] for name in said.models] == ["steady", "other", "again"]
+    assert all(len(shot.answers) == len(said.models) for shot in said.shots)

@@ -555,6 +555,7 @@ ADVERSARIES: Mapping[str, Adversary] = {
         "grades, turns to the blocked side on 22 % of the frames, and tosses a coin on others, where it never turns",
         _wrong_turn(0.22, 0.45),
         follows=None,
+        turns=None,
     ),
     "turns_clear_only": Adversary(
         "turns to the one clear side, and never brakes",

@@ -277,7 +277,7 @@ def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ru
 def _swaps(found: Mapping[str, Statistic], swap: SwapRate) -> Ruling:
     """Return what turns earn that are exchanged: that they go to the clear side, where that was tested and holds."""
     clear, within, against = (found[f"turns_{name}"] for name in ("clear", "clear_within", "against"))
-    if below(against.p) and against.value is not None and against.value > MARGIN:
+    if below(against.p, BOUND_ALPHA) and against.value is not None and against.value > MARGIN:
         words = "directions are exchanged, but {share:.2f} of its turns, beyond its noise, go to the blocked side"
         return decided("swaps", "turns_against", against, words, share=against.value)
     if below(clear.p) and below(within.p):

@@ -1,7 +1,8 @@
 """What the page of batteries says first: one sentence, a verdict a model, and one moment with three answers."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import zip_longest
 
 import numpy as np
 
@@ -29,8 +30,11 @@ _ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cann
 
 
 def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Opening:
-    """Return what a page of runs says first; its example is of the first run."""
-    models, shots, caption = _example(evidence[0], album.places[0], album.uris) if evidence else ((), (), "")
+    """Return what a page of runs says first; its example is a moment of the first run, answered by models of all.
+
+    Of other runs those answer there that asked about the same frames under the same conditions.
+    """
+    models, shots, caption = _example(evidence, everyone, album) if evidence else ((), (), "")
     said = [_said(who, at, alone=len(everyone) == 1) for at, who in enumerate(everyone, 1)]
     return Opening(_sentence(everyone, said), said, models, shots, caption=caption)
 
@@ -62,15 +66,18 @@ def spoken(label: str) -> str:
 
 
 def _example(
-    run: Evidence, places: Mapping[str, Sequence[int]], uris: Sequence[str]
+    evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album
 ) -> tuple[Sequence[str], Sequence[Shot], str]:
     """Return a moment as it was, without its picture, and with one thing changed, and what models answered to each.
 
     The moment is one to which they gave the answers that they gave most often: where gaps are known, among those whose
     gap is no smaller than the median, so that a near lead is another picture.
     """
-    who = [Subject(spec, spec, run) for spec in list(run.score.models)[:MODELS_SHOWN]]
+    run, places, uris = evidence[0], album.places[0], album.uris
     names = _compared(run)
+    asked = [one for one in evidence if _alike(run, one, names)]
+    able = [one for one in everyone if any(one.run is each for each in asked)]
+    who = _of_each(able, asked)[:MODELS_SHOWN]
     if not who or len(names) == 1:
         return (), (), ""
     far, how = _far(who[0], len(run.frames))
@@ -81,12 +88,35 @@ def _example(
         _shot(name, uris, places[name][best], [_told(run, column, best, far) for column in said[name]])
         for name in names
     ]
-    left = len(run.score.models) - len(who)
-    more = f" {left} more models stand below." if left else ""
+    more = _beside(evidence, everyone, who, asked)
     caption = (
         f"Frame {run.frames[best].id}, one of {len(far)} {how}. Beside an answer: on how many of them it was given."
     )
-    return [one.spec for one in who], shots, caption + more
+    return [one.label for one in who], shots, caption + more
+
+
+def _beside(
+    evidence: Sequence[Evidence], everyone: Sequence[Subject], who: Sequence[Subject], asked: Sequence[Evidence]
+) -> str:
+    """Return in words which models and runs are not in the example."""
+    left = len(everyone) - len(who)
+    more = f" {left} more model{' stands' if left == 1 else 's stand'} below." if left else ""
+    others = ", ".join(one.name for one in evidence if not any(one is each for each in asked))
+    more += f" Of other frames or conditions: {others}." if others else ""
+    return more
+
+
+def _alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
+    """Return whether a run asked about the frames of the first, under all of these conditions."""
+    same = [one.id for one in first.frames] == [one.id for one in other.frames]
+    bank = first.score.manifest.fingerprint == other.score.manifest.fingerprint
+    return same and bank and set(names) <= {"real", *other.conditions}
+
+
+def _of_each(able: Sequence[Subject], runs: Sequence[Evidence]) -> list[Subject]:
+    """Return models in turns, the first of each run before the second of any."""
+    mine = [[one for one in able if one.run is run] for run in runs]
+    return [one for turn in zip_longest(*mine) for one in turn if one is not None]
 
 
 def _compared(run: Evidence) -> list[str]:

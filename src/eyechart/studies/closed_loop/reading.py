@@ -1,7 +1,7 @@
 """Runs of episodes are read as drives: all episodes of one policy in one simulator under one condition."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from eyechart.episodes import (
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
+from eyechart.records import Plain
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.spaces.discrete import Discrete
 from eyechart.studies import names_of
@@ -35,19 +36,27 @@ UNDECIDED = 0.5
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Driver:
-    """Who drove: a policy in a simulator, under a condition, in a run, whose name is empty where there is but one."""
+class Driver(Plain):
+    """Who drove: a policy in a simulator, under a condition, in a run, whose name is empty where there is but one.
+
+    Its run's name is ``needed`` where the policy drove in several of the runs.
+    """
 
     simulator: str
     policy: str
     condition: str
     run: str = ""
+    needed: bool = field(default=True, compare=False)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {"simulator": self.simulator, "policy": self.policy, "condition": self.condition, "run": self.run}
 
     @property
     def label(self) -> str:
         """Return the driver's name in tables: the policy, and what is not a matter of course."""
         shown = self.policy if self.condition == "real" else f"{self.policy} ({self.condition})"
-        return f"{self.run} · {shown}" if self.run else shown
+        return f"{self.run} · {shown}" if self.run and self.needed else shown
 
 
 @dataclass(frozen=True)
@@ -144,7 +153,10 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
         for episode in episodes:
             _hold(episode, manifest, path)
         found += _drivers(path, name, episodes, manifest)
-    return tuple(found)
+    runs_of: dict[str, set[str]] = {}
+    for one in found:
+        runs_of.setdefault(one.driver.policy, set()).add(one.driver.run)
+    return tuple(replace(one, driver=replace(one.driver, needed=len(runs_of[one.driver.policy]) > 1)) for one in found)
 
 
 def told_apart(runs: Sequence[Path]) -> list[str]:

@@ -133,7 +133,7 @@ def long_tables(score: ClosedLoopScore) -> tuple[Table, ...]:
 
 
 def _numbers(found: Iterable[tuple[Driver, str, Statistic, str]]) -> tuple[tuple[Cell, ...], ...]:
-    return tuple((*astuple(driver), name, *statistic_cells(one), last) for driver, name, one, last in found)
+    return tuple((*astuple(driver)[:4], name, *statistic_cells(one), last) for driver, name, one, last in found)
 
 
 def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Table:
@@ -289,7 +289,7 @@ def blind_table(found: Sequence[Blind]) -> Table:
     """Return one row a policy and condition: real less the condition, with the p that Holm leaves."""
     rows = tuple(
         (
-            f"{one.driver.run} · {one.driver.policy}" if one.driver.run else one.driver.policy,
+            f"{one.driver.run} · {one.driver.policy}" if one.driver.run and one.driver.needed else one.driver.policy,
             one.condition,
             one.asks,
             Mark(one.finding.replace("_", " "), one.tone),
@@ -312,7 +312,7 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     names = ("modal_share", "distinct_actions", "entropy_bits", "information_bits", "information_share")
     made = tuple(
         (
-            *astuple(row.driver),
+            *astuple(row.driver)[:4],
             row.statistics["modal_share"].n,
             *(row.statistics[name].value for name in names[:3]),
             *(row.statistics[name].value if _varies(row) else None for name in names[3:]),
