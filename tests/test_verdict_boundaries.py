@@ -264,8 +264,8 @@ def test_turns_are_clear_where_both_tests_reject_at_one_percent() -> None:
     assert lateral(rate(p_of=0.5), **good) == "no_power"
     assert lateral(**good, turns_against=with_p(0.1, LOW)) == "turns_clear"
     assert lateral(**good, turns_against=with_p(0.1000001, LOW)) == "swaps"
-    assert lateral(**good, turns_against=with_p(0.5, 0.01)) == "turns_clear"
-    assert lateral(**good, turns_against=with_p(0.5, JUST_BELOW)) == "swaps"
+    assert lateral(**good, turns_against=with_p(0.5, 0.05)) == "turns_clear"
+    assert lateral(**good, turns_against=with_p(0.5, 0.0499999)) == "swaps"
     assert earns_lateral(nothing_known(), "turns_clear")
     assert earns_lateral(nothing_known(), "swaps")
     assert not earns_lateral(nothing_known(), "one_sided")
