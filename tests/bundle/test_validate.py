@@ -103,7 +103,7 @@ def test_an_honest_bundle_holds(packed: Path) -> None:
     assert found.holds
     assert found.notes == []
     counted = found.compared
-    assert (counted["models"], counted["frames"], counted["tables"]) == (1, 18, 10)
+    assert (counted["models"], counted["frames"], counted["tables"]) == (1, 18, 13)
     assert counted["requests"] == counted["calls"] > 150
     assert counted["statistics"] > 40
 
