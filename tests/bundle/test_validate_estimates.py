@@ -34,7 +34,7 @@ def said(found: Validation) -> str:
 
 
 def test_an_honest_bundle_of_estimates_holds(packed: Path) -> None:
-    """Requests were compared through the view that the models were shown; the page and four tables in three forms follow."""
+    """Requests were compared through the view that the models were shown, and page and tables follow."""
     found = validate(packed)
     assert (said(found), found.holds, found.notes) == ("", True, [])
     assert (found.compared["requests"], found.compared["calls"], found.compared["tables"]) == (8, 8, 12)
