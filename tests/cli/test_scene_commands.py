@@ -108,7 +108,7 @@ def test_what_a_researcher_does_with_a_run_of_estimates(
     code, _, told = say(
         capsys, monkeypatch, "report", run, "--out", tmp_path / "r.html", "--tables", tmp_path / "tables"
     )
-    assert (code, "9 tables in" in told) == (0, True)
+    assert (code, "12 tables in" in told) == (0, True)
     assert "Worst frames" in (tmp_path / "r.html").read_text()
 
 

@@ -116,7 +116,7 @@ def test_a_model_of_one_answer_is_not_called_blind() -> None:
         (401, "no such key", "the key is missing, wrong, or may not use this model"),
         (404, "no model m", "there is no model of this name"),
         (402, "pay first", "nothing is left to spend"),
-        (400, "no tools here", "the server refuses the request"),
+        (400, "unknown field 'tools'", "the server refuses the request"),
     ],
 )
 def test_an_error_is_told_with_its_kind_and_its_words(status: int, message: str, cause: str) -> None:

@@ -39,7 +39,8 @@ def test_every_figure_has_an_accessible_name(hostile: Reported) -> None:
         assert (root.get("role"), root.get("aria-labelledby", "").split()) == ("img", ids)
         assert all(name and len(name) > 20 for name in names)
     page = hostile.html
-    assert page.count('<svg xmlns="http://www.w3.org/2000/svg"') == page.count('role="img"') == len(drawn)
+    upright = 1  # agreement stands twice: upright where the screen is narrow
+    assert page.count('<svg xmlns="http://www.w3.org/2000/svg"') == page.count('role="img"') == len(drawn) + upright
 
 
 def test_no_id_stands_twice_in_the_page(hostile: Reported) -> None:

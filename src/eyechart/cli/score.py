@@ -52,7 +52,7 @@ def costs(
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
-    Then what decisions cost and take in the paper's units: dollars per 1000, tokens a call, truncated calls, joules.
+    Then what decisions cost and take: dollars per 1000, tokens a call, truncated calls, joules.
     Of a prompt study, by cell; of the hierarchy, by its runs. --unread lists in place of this the replies in which no
     decision is read. Example: eyechart costs run --all --json
     """

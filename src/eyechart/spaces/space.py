@@ -128,7 +128,7 @@ _NORMAL = "stop end_turn stop_sequence eos eos_token complete completed"
 _CUT = (
     "length max_tokens max_token max_output_tokens max_new_tokens max_length model_length token_limit limit "
     "context_length context_length_exceeded model_context_window_exceeded "
-    "incomplete error abort aborted cancelled canceled interrupted timeout"
+    "incomplete insufficient_system_resource error abort aborted cancelled canceled interrupted timeout"
 )
 _FILTERED = (
     "content_filter content_filtered refusal refused safety image_safety recitation blocklist prohibited_content spii "
