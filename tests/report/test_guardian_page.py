@@ -52,7 +52,9 @@ def test_the_curve_has_the_pages_colours_and_an_interval_that_there_is_not_has_a
     drawn = curve(found).svg(inline=True)
     assert "#000000" not in drawn
     assert "currentColor" in drawn
-    assert next(score_lines(found)).endswith("intervals: none, because the episodes do not differ")
+    said = next(score_lines(found))
+    assert said.endswith("bal: none, because the episodes do not differ")
+    assert "acc, sens, spec: share of frames, 95% interval over episodes" in said
 
 
 def test_a_committee_that_is_no_better_than_chance_is_said_to_be_none(bank: FrameBank, tmp_path: Path) -> None:

@@ -85,9 +85,9 @@ def gate(
     require: Annotated[
         str | None,
         typer.Option(
-            help="depth (default), depth_lateral, swaps; of scene estimates: admission (default) or its clauses; of "
-            "policies: an axis and a label, as camera:camera_content (default) or instruction:instruction_followed. "
-            "Several with commas."
+            help="depth (default), depth_lateral, swaps, turns_clear; of scene estimates: admission (default) or its "
+            "clauses; of policies: an axis and a label, as camera:camera_content (default) or "
+            "instruction:instruction_followed. Several with commas."
         ),
     ] = None,
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,

@@ -254,11 +254,14 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
 
 
 def _method(found: GuardianScore) -> str:
-    """Return how the intervals of the table were made, or why there is none."""
-    rows = [row["bal"] for row in found.rows.values()]
-    made = [one.method for one in rows if one.ci is not None]
-    notes = [one.note for one in rows if one.note]
-    return made[0] if made else f"none, because {notes[0] if notes else 'no class was answered'}"
+    """Return how the intervals of the table were made, by column where they differ, and why a column has none."""
+    made = dict[str, list[str]]()
+    for row in found.rows.values():
+        for name, one in row.items():
+            how = one.method if one.ci is not None else f"none, because {one.note or 'no class was answered'}"
+            if name not in made.setdefault(how, []):
+                made[how].append(name)
+    return next(iter(made)) if len(made) == 1 else "; ".join(f"{', '.join(by)}: {how}" for how, by in made.items())
 
 
 def bound_lines(found: Bound) -> Iterator[str]:

@@ -97,8 +97,8 @@ class BankPower:
             ),
             (
                 f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; below {MARGIN} "
-                f"it takes {self.frames_to_bound} frames, and here a self-disagreement of at most "
-                f"{_number(self.largest_disagreement)}"
+                f"it takes {self.frames_to_bound} frames; where no answer changes, a self-disagreement of at most "
+                f"{_number(self.largest_disagreement)} leaves room for it"
             ),
         ]
         counts = sorted(self.stopped_early.items(), key=lambda one: one[1])
