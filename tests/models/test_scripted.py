@@ -14,6 +14,8 @@ from eyechart.perception.estimators import ESTIMATORS
 from eyechart.spaces.discrete import DRIVING
 from eyechart.verdicts import LABELS, PAPER_LABELS
 
+pytestmark = pytest.mark.slow
+
 GREY = encode(np.full((150, 600, 3), 128, dtype=np.uint8))
 NOISE = encode(np.random.default_rng(0).integers(0, 256, (150, 600, 3), dtype=np.uint8))
 

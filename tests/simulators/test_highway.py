@@ -28,6 +28,8 @@ from eyechart.simulators.highway.world import Camera, World
 from eyechart.simulators.plan import Lanes, make_plan, share, trend
 from eyechart.spaces.scene import safe_action
 
+pytestmark = pytest.mark.slow
+
 SCENARIOS = ("light", "dense", "merge", "blocked")
 DEFAULT = "the default bank"
 
@@ -185,7 +187,6 @@ def test_recolouring_changes_the_egos_box_only(balanced: FrameBank) -> None:
         assert read(balanced, frame, "recoloured").ego_colour == "red"
 
 
-@pytest.mark.slow
 def test_a_bank_is_whole_and_named_as_promised(balanced: FrameBank) -> None:
     """Every file is what the manifest says; ids, files and the mirror axis follow one rule."""
     assert check(balanced.root) == []
@@ -380,7 +381,6 @@ def small(out: Path, **changes: Any) -> FrameBank:  # noqa: ANN401  (any of buil
     return Highway().build(out, **{"seeds": (3,), "steps": 4, **changes})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("preset", list(Highway.declared.presets))
 def test_a_bank_is_the_same_in_every_process(tmp_path: Path, preset: str) -> None:
     """Geometry and pictures are equal here, again, and in a process that hashes strings otherwise."""
@@ -397,7 +397,6 @@ def test_a_bank_is_the_same_in_every_process(tmp_path: Path, preset: str) -> Non
     assert dict(here.images) == dict(again.images) == there["images"]
 
 
-@pytest.mark.slow
 def test_an_episode_does_not_depend_on_the_others(tmp_path: Path) -> None:
     """The frames of a seed are the same whichever seeds stand beside it; another seed gives other frames."""
     alone = small(tmp_path / "alone").manifest.geometry
