@@ -3,10 +3,10 @@
     make long-speed
     python benchmarks/speed_versions.py --old build/0.1.0/.venv/bin/python
 
-Each side makes its own bank, run and bundle, and reads those; the hierarchy is that of `tests/old/`. Both ask and drive
-the same: what today's version does beside it by default is left out (`SAME`). Every pair is kept on disk, so an
-interrupted measurement goes on; a change of the source begins anew. Writes ``benchmarks/results/speed.json``; exit 1
-where a command's least time is more than 1.05 of the older one's.
+Each side makes its own run and bundle of the older one's bank, and reads those; the hierarchy is that of `tests/old/`.
+Both ask and drive the same: what today's version does beside it by default is left out (`SAME`). Every pair is kept on
+disk, so an interrupted measurement goes on; a change of the source begins anew. Writes
+``benchmarks/results/speed.json``; exit 1 where a command's least time is more than 1.05 of the older one's.
 """
 
 import argparse
@@ -85,15 +85,18 @@ class Side:
             raise SystemExit(f"eyechart {self.version}: '{' '.join(words)}' exits {child.returncode}, in {self.folder}")
         return used.ru_utime + used.ru_stime
 
-    def prepare(self) -> None:
-        """Make what the commands read, once."""
+    def prepare(self, bank: Path | None) -> None:
+        """Make what the commands read, once: a run and a bundle of this bank, or of one that it makes first."""
         done = self.folder / "prepared"
         if done.exists():
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
         shutil.copytree(ROOT / "tests" / "old" / "0.1.0" / "made" / "hierarchy", self.folder / "hierarchy")
-        self(("frames", "build", "highway", "--out", "bank"))
+        if bank is None:
+            self(("frames", "build", "highway", "--out", "bank"))
+        else:
+            shutil.copytree(bank, self.folder / "bank")
         self(("run", "battery", "--frames", "bank", "--out", "run", *(f"--model={one}" for one in MODELS)))
         self(("bundle", "run", "--out", "run.zip"))
         done.touch()
@@ -110,7 +113,7 @@ def main() -> int:
     for python in (given.old.absolute(), Path(sys.executable)):
         version, place = said(python, "import eyechart as e; print(e.__version__, e.__path__[0])").split(" ", 1)
         sides.append(Side(version, python, given.out.resolve() / f"{version}-{digest_of(Path(place))}"))
-        sides[-1].prepare()
+        sides[-1].prepare(sides[0].folder / "bank" if len(sides) > 1 else None)
     old, new = sides
     kept = new.folder / "pairs.json"
     pairs: dict[str, list[list[float]]] = json.loads(kept.read_text()) if kept.is_file() else {}
