@@ -173,6 +173,58 @@ def test_a_reader_that_misreads_a_quarter_of_the_pictures_behind_noise_is_conten
     assert "in more pairs than noise in each picture explains" in ruling.because
 
 
+def by_frame(look: Callable[[str, float, str], str], noise: float) -> simulated.Rule:
+    """Return a reader that answers by condition and by a chance of the frame, and tosses a coin between."""
+    right = road(by_lead)
+
+    def rule(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        told, chance = right(condition, frame, rng), np.random.default_rng(key_seed("own", frame.id)).random()
+        if condition not in {"lead_near", "lane_own", "lead_far", "lane_beside"} and rng.random() < noise:
+            return str(rng.choice(["STOP", "SLOW", "STRAIGHT"]))
+        return look(condition, chance, told)
+
+    return rule
+
+
+def test_noise_between_pays_for_no_hole_at_the_nearest() -> None:
+    """On the frames on which it goes on both near pictures are lost, and noise would lose one here and one there."""
+    near = {"lead_near", "lane_own"}
+    ruling, _, found = ruled(by_frame(lambda at, own, told: "STRAIGHT" if at in near and own < 0.25 else told, 0.3))
+    assert ruling.label == "content"
+    assert found["twice_lost"].value > 0.05
+    assert found["twice_lost"].p < 0.005
+    honest, _, plain = ruled(by_frame(lambda _, __, told: told, 0.3))
+    assert honest.label == "depth"
+    assert plain["twice_lost"].value < 0.05
+
+
+def test_small_holes_in_several_comparisons_add_up() -> None:
+    """Each is of one frame in 25; together the order is wrong on more than a tenth."""
+    wrong = {"lead_near": (0.0, "STRAIGHT"), "lead_far": (0.045, "STOP"), "lane_own": (0.09, "STRAIGHT")}
+
+    def look(at: str, own: float, told: str) -> str:
+        start, says = wrong.get(at, (2.0, ""))
+        return says if start <= own < start + 0.045 else told
+
+    _, _, found = ruled(by_frame(look, 0.0))
+    assert found["any_lost"].value > found["near_far_lost"].value
+    assert found["any_lost"].value == pytest.approx((found["any_lost"].detail or {})["k"] / found["any_lost"].n)
+
+
+def test_the_noise_of_turning_is_none_of_braking() -> None:
+    """Who goes on to the left or straight on by a coin brakes without noise: nothing of its losses is forgiven."""
+    ways = ("STRAIGHT", "LEFT")
+    steady = road(by_lead)
+
+    def rule(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        told = steady(condition, frame, rng)
+        return str(rng.choice(ways)) if told == "STRAIGHT" else told
+
+    _, _, found = ruled(rule)
+    assert found["near_far_lost"].value == 0.0
+    assert found["dose_lost"].value == 0.0
+
+
 def test_noise_alone_swaps_no_ends() -> None:
     """A coin in half of the answers, the same share of misread pictures none."""
     ruling, _, found = ruled(misread(0.0, 0.5))

@@ -4,7 +4,7 @@ Every comparison is of braking levels within a frame. Their thresholds and why t
 docs/decisions/0038-depth-needs-controls.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations, pairwise, product
@@ -101,6 +101,16 @@ TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against", "turns_boxed
 Floats = NDArray[np.float64]
 Range = tuple[str, tuple[float, float] | None, NDArray[np.bool_]]
 """A condition that moves the lead, from where to where, and which frames show it there."""
+
+
+def _worst_joint(found: Sequence[Statistic], what: str) -> Statistic:
+    """Return the joint losses of least corrected p, of equal ones the greatest; none where there are none."""
+    if not found:
+        return cannot_say("no two braking levels were given", method=what)
+    corrected = [1.0 if p is None else p for p in holm([one.p for one in found])]
+    place = min(range(len(found)), key=lambda one: (corrected[one], -(found[one].value or 0.0)))
+    method = f"{what}; p: Fisher's exact test, one-sided, Holm over {len(found)}"
+    return replace(found[place], p=corrected[place], method=method)
 
 
 @dataclass(frozen=True)
@@ -312,12 +322,7 @@ class Controls:
             if len(one) >= FEWEST_PAIRS:
                 each = (joint_losses(one < of, other >= of, level=LEVEL) for of in np.unique([one, other])[1:])
                 found += [replace(lost, note=f"most: {first} over {second}") for lost in each]
-        if not found:
-            return cannot_say("no two braking levels were given", method=what)
-        corrected = [1.0 if p is None else p for p in holm([one.p for one in found])]
-        place = min(range(len(found)), key=lambda one: (corrected[one], -(found[one].value or 0.0)))
-        method = f"{what}; p: Fisher's exact test, one-sided, Holm over {len(found)}"
-        return replace(found[place], p=corrected[place], method=method)
+        return _worst_joint(found, what)
 
     def _scan(self) -> Statistic:
         """Test whether braking rises with distance anywhere along the two mids."""
@@ -388,12 +393,7 @@ class Controls:
                 first, second = ((one[held] >= of) == harder for one in ends)
                 if np.count_nonzero(held) >= FEWEST_PAIRS:
                     found.append(replace(joint_losses(first, second, level=LEVEL), note=f"most: with the lead {name}"))
-        if not found:
-            return cannot_say("no two braking levels were given", method=what)
-        corrected = [1.0 if p is None else p for p in holm([one.p for one in found])]
-        place = min(range(len(found)), key=lambda one: (corrected[one], -(found[one].value or 0.0)))
-        method = f"{what}; p: Fisher's exact test, one-sided, Holm over {len(found)}"
-        return replace(found[place], p=corrected[place], method=method)
+        return _worst_joint(found, what)
 
     def _any_lost(self) -> Statistic:
         """Return on how many frames any comparison is lost, less what noise may lose in all of them together.
