@@ -1,7 +1,7 @@
 """Check a built wheel: it holds what the source tree holds, and nothing else. Usage: check_wheel.py dist/*.whl."""
 
+import re
 import sys
-import tomllib
 import zipfile
 from pathlib import Path, PurePosixPath
 
@@ -20,20 +20,21 @@ NEEDED = (
 
 def problems(wheel: Path) -> list[str]:
     """Return what a wheel lacks or has too much, a line each."""
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    about = (SOURCE / "eyechart" / "__init__.py").read_text(encoding="utf-8")
+    version = re.findall(r'^__version__ = "(.+)"$', about, re.MULTILINE)[0]
     with zipfile.ZipFile(wheel) as opened:
         held = {name for name in opened.namelist() if not name.endswith("/")}
-    about = {name for name in held if PurePosixPath(name).parts[0] == f"eyechart-{version}.dist-info"}
+    beside = {name for name in held if PurePosixPath(name).parts[0] == f"eyechart-{version}.dist-info"}
     source = {
         path.relative_to(SOURCE).as_posix()
         for path in (SOURCE / "eyechart").rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
     found = [f"{name} is in src and not in the wheel" for name in sorted(source - held)]
-    found += [f"{name} is in the wheel and not in src" for name in sorted(held - source - about)]
+    found += [f"{name} is in the wheel and not in src" for name in sorted(held - source - beside)]
     found += [f"{name} is needed, and src has none" for name in NEEDED if name not in source]
     needed = [f"eyechart-{version}.dist-info/{name}" for name in ("METADATA", "entry_points.txt", "licenses/LICENSE")]
-    return found + [f"{name} is missing" for name in needed if name not in about]
+    return found + [f"{name} is missing" for name in needed if name not in beside]
 
 
 def main(wheels: list[str]) -> int:

@@ -28,6 +28,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("spaces",),
     ("stats", "cameras", "loops"),
     ("errors", "seeds", "records", "keys"),
+    ("patterns",),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
 

@@ -3,7 +3,6 @@
 Batteries and episodes make their calls here, so that both cost, fail and resume alike.
 """
 
-import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any, TypeVar
 from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
-from eyechart.loops import require_no_loop
+from eyechart.loops import asyncio, require_no_loop
 from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0

@@ -7,6 +7,8 @@ from functools import lru_cache
 from itertools import pairwise
 from urllib.parse import quote
 
+from eyechart.patterns import pattern
+
 SHORTEST = 8
 """A shorter value is likely to stand in other text by chance, and is no key ("EMPTY", "x")."""
 
@@ -15,19 +17,19 @@ _ANYWHERE = (
     r"|bearer|(?:^|[-_])(?:key|pwd|auth|sig|signature|session|csrf)$|^(?:x[-_]|user[-_]?)?pass$"
     r"|(?:access|auth|api|bearer|id|refresh|session|user|private|security).?token$|^(?:x[-_])?token$"
 )
-_FIELD = re.compile(_ANYWHERE, re.IGNORECASE)
+_FIELD = pattern(_ANYWHERE, re.IGNORECASE)
 """How a field is named that holds a key; tokens are also what a model counts, and what ends its text."""
-_HEADER = re.compile(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
+_HEADER = pattern(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
 """How a header is, where nobody counts tokens."""
-_SCHEME = re.compile(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
+_SCHEME = pattern(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
 """What may stand beside a variable in a header that holds a key."""
-_NAMED_BY_A_HASH = re.compile(
+_NAMED_BY_A_HASH = pattern(
     r"(?:^|[-_.])(?:id|uuid|guid|revision|rev|commit|sha\d*|digest|hash|checksum|md5|version|etag|fingerprint|traceparent"
     r"|snapshot|build|seed)s?$|[a-z]Id$",
     re.IGNORECASE,
 )
 """How a field is named whose value is a hash or an id, and no key."""
-_LOOKS = re.compile(
+_LOOKS = pattern(
     r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}|\bbearer\s+(?=\S*\d)\S{6,}|\bdigest\s+\w+="
     r"|\b(?:token|api-?key|key)\s+(?=[\w.~+/=-]*\d)[\w.~+/=-]{12,}"
     r"|(?<![a-z0-9])(?:(?:sk|pk|rk|gsk|csk|cpk|hf|gh[pousr]|github_pat|glpat|xai|nvapi|pplx|xox[abeprs]|fw|npm|dop_v1|r8"
@@ -38,14 +40,14 @@ _LOOKS = re.compile(
     r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
 )
 """What a key looks like, wherever it stands: with a service's own beginning, or many letters and digits at random."""
-_HEX = re.compile(
+_HEX = pattern(
     r"(?<![A-Za-z0-9])(?:[0-9a-f]{32,}|[0-9A-F]{32,}|[0-9a-fA-F]{8}-(?:[0-9a-fA-F]{4}-){3}[0-9a-fA-F]{12})"
     r"(?![A-Za-z0-9])"
 )
-_WORD = re.compile(r"(?<![A-Za-z0-9])(?:[a-z0-9]{20,}|[A-Z0-9]{20,})(?![A-Za-z0-9])")
+_WORD = pattern(r"(?<![A-Za-z0-9])(?:[a-z0-9]{20,}|[A-Z0-9]{20,})(?![A-Za-z0-9])")
 _CHANGES = 6
 """So often letters and digits alternate in what was drawn at random, and not in a name with a number or two."""
-_BASE64 = re.compile(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
+_BASE64 = pattern(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
 _AWS = 40
 
 

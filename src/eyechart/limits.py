@@ -1,12 +1,12 @@
 """What bounds a run: how many calls and what cost, how fast a model is asked, and when it is set aside."""
 
-import asyncio
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
+from eyechart.loops import asyncio
 from eyechart.records import Amount, Count, Plain
 
 LONGEST_WAIT_S = 120.0

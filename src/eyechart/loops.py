@@ -1,13 +1,25 @@
 """Calls are made in an event loop of their own; where one is running already, as in a notebook, in another thread."""
 
-import asyncio
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from eyechart.errors import SpecError
+
+if TYPE_CHECKING:
+    import asyncio as asyncio  # noqa: PLC0414 - so that it is given on
+else:
+
+    class _Asyncio:
+        def __getattr__(self, name: str) -> object:
+            import asyncio  # noqa: PLC0415 - this is the place
+
+            return getattr(asyncio, name)
+
+    asyncio = _Asyncio()
+    """Python's ``asyncio``, imported when something of it is first used: what reads a run makes no call."""
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]

@@ -9,11 +9,8 @@ import sqlite3
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
-
-from filelock import FileLock, Timeout
 
 from eyechart import __version__
 from eyechart.channels import find_exchange
@@ -324,6 +321,8 @@ M = TypeVar("M", RunManifest, EpisodesManifest)
 
 def versions() -> dict[str, str]:
     """Return the versions that may matter to a picture or a number."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow to import
+
     found = {"eyechart": __version__, "python": platform.python_version()}
     for package in ("numpy", "scipy", "pillow", "highway-env", "gymnasium", "pygame-ce"):
         try:
@@ -366,6 +365,8 @@ def alone_in(out: Path) -> Iterator[None]:
     """
     with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
+    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
+
     try:
         with FileLock(out / ".lock", timeout=0):
             yield

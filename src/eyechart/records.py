@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -17,6 +17,8 @@ LARGEST = 1e30
 """No number of a file is larger, so that moments and sums of them are finite; a seed may have more than 64 bits."""
 
 _LONGEST = 60
+_CONTAINERS, _NUMBERS = (dict, list), (int, float)
+_PLAIN = frozenset({str, int, float, bool, type(None)})
 _SAID = re.compile(
     r"(?:Expected `(?P<kind>[^`]*)`(?P<bound>.*?)(?:, got `(?P<got>\w+)`)?|(?P<other>.*?))(?: - at `\$(?P<at>.*)`)?"
 )
@@ -85,10 +87,12 @@ def picked(record: object, keys: str) -> dict[str, Any]:
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
     """Return the plain JSON values of a record, a number of numpy, or a mapping or sequence of such."""
-    if isinstance(value, Plain):
-        return value.as_dict()
+    if type(value) in _PLAIN:
+        return value
     if isinstance(value, Mapping):
         return {key: plain(one) for key, one in value.items()}
+    if isinstance(value, Plain):
+        return value.as_dict()
     if isinstance(value, tuple | list):
         return [plain(one) for one in value]
     if is_dataclass(value):
@@ -137,14 +141,17 @@ def _place(raw: object, path: str, got: str | None) -> tuple[str, object]:
     return at, value
 
 
-def _refuse_strange(raw: object, made: object, where: str) -> None:
+def _refuse_strange(raw: Any, made: Any, where: str) -> None:  # noqa: ANN401 - plain values of any shape
+    parts: Iterable[tuple[Any, Any]] = ()
     if isinstance(raw, dict) and isinstance(made, dict):
-        for name, value in raw.items():
-            if name not in made:
-                raise ValueError(f"{where} has a field {shown(name)}, which this eyechart does not know")
-            _refuse_strange(value, made[name], name if where == "it" else f"{where}.{name}")
-    elif isinstance(raw, int | float) and not abs(raw) <= LARGEST:
-        raise ValueError(f"{where} is {shown(raw)}, not a number up to {LARGEST:g}")
+        parts = raw.items()
     elif isinstance(raw, list) and isinstance(made, list | tuple):
-        for place, (one, other) in enumerate(zip(raw, made, strict=True)):
-            _refuse_strange(one, other, f"{where}[{place}]")
+        parts = enumerate(raw)
+    elif type(raw) in _NUMBERS and not abs(raw) <= LARGEST:
+        raise ValueError(f"{where} is {shown(raw)}, not a number up to {LARGEST:g}")
+    for name, value in parts:
+        if isinstance(raw, dict) and name not in made:
+            raise ValueError(f"{where} has a field {shown(name)}, which this eyechart does not know")
+        if type(value) in _CONTAINERS or (type(value) in _NUMBERS and not abs(value) <= LARGEST):
+            at = f"{where}[{name}]" if isinstance(raw, list) else name if where == "it" else f"{where}.{name}"
+            _refuse_strange(value, made[name], at)

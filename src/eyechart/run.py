@@ -1,6 +1,5 @@
 """A run turns a plan into calls and calls into rows of the ledger; it spends money, and only appends."""
 
-import asyncio
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
+from eyechart.loops import asyncio
 from eyechart.models import Model
 from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through

@@ -22,9 +22,8 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import BESIDE, LEDGER, RUN
 from eyechart.models.prices import read_prices
 from eyechart.records import plain
-from eyechart.studies import Reading, Tell, run_json, study_of
+from eyechart.studies import Reading, Tell, is_episodes, run_json, study_of
 from eyechart.studies.battery.tables import decisions_table
-from eyechart.studies.probed import is_episodes
 from eyechart.studies.prompts import PromptsScore
 
 OF_DRIVES = (RUN, EPISODES, LEDGER, ACTION_MAP, *BESIDE)

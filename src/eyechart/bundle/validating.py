@@ -37,12 +37,11 @@ from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_o
 from eyechart.perception.view import find_view
 from eyechart.records import Plain
 from eyechart.run import Plan
-from eyechart.studies import Tell, study_of
+from eyechart.studies import Tell, is_episodes, study_of
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.stages import widest
 from eyechart.studies.battery.subjects import used_pictures
 from eyechart.studies.hierarchy.planning import PARTS
-from eyechart.studies.probed import is_episodes
 
 MOST_FRAMES = 250_000
 MOST_CALLS = 5_000_000

@@ -16,9 +16,8 @@ from eyechart.errors import BundleError, SpecError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
-from eyechart.studies import Reading, Study, Tell, study_of
+from eyechart.studies import Reading, Study, Tell, is_episodes, study_of
 from eyechart.studies.battery.subjects import find_pictures, used_pictures
-from eyechart.studies.probed import is_episodes
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = {".png", ".jpg", ".jpeg", ".webp"}

@@ -1,5 +1,6 @@
 """The command line: one short function a command; nothing heavy is imported before its command runs."""
 
+import gc
 import os
 import sys
 from contextlib import suppress
@@ -28,6 +29,14 @@ _ASCII = str.maketrans(
 )
 """What stands for a sign on a terminal that cannot print it; any other such sign becomes a question mark."""
 
+_READING = frozenset(
+    {"audit", "bundle", "calibrate", "compare", "costs", "gate", "paper", "plan", "report", "score", "transfer"}
+    | {"validate", "verdict"}
+)
+"""The commands that ask nobody, so that no arithmetic is done but eyechart's own."""
+_MADE = 100_000
+"""So many new objects let the collector of cycles look again: at 700, what modules and rows make has it look often."""
+
 
 def main() -> None:
     """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``.
@@ -42,6 +51,8 @@ def main() -> None:
         _open_what_is_closed()
         _print_what_can_be()
         _say_what_is_missing()
+        gc.set_threshold(_MADE)
+        _keep_to_one_thread()
         from eyechart.cli.app import app
 
         try:
@@ -61,6 +72,15 @@ def main() -> None:
         full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
         said = full if isinstance(error, OSError) and is_full(error) else str(error)
         _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
+
+
+def _keep_to_one_thread() -> None:
+    """Have a command that only reads multiply in one thread: its arrays are small, and other threads would but wait.
+
+    Sums do not depend on how many processors there are then. Whoever set the variable has it as they set it.
+    """
+    if _READING & set(sys.argv[1:2]):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _open_what_is_closed() -> None:

@@ -390,11 +390,11 @@ def film(
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
+    from eyechart.studies import is_episodes
     from eyechart.studies.battery.film import write_film as write_battery_film
     from eyechart.studies.closed_loop import read_drives
     from eyechart.studies.closed_loop.film import write_film
     from eyechart.studies.closed_loop.replaying import episode_id, find_episode
-    from eyechart.studies.probed import is_episodes
 
     require_free(out, "film")
     require_drives([run])

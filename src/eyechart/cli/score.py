@@ -58,19 +58,20 @@ def costs(
     """
     from eyechart.models.prices import read_prices
     from eyechart.records import plain
-    from eyechart.report.accounts import costs_table, unread_table
     from eyechart.studies import Reading, study_of
 
     study = study_of(run)
+    if json:
+        listed = {"unread": plain(study.unread(run))} if unread else study.took(run, read_prices(prices)).as_dict()
+        print_json(listed)
+        return
+    from eyechart.report.accounts import costs_table, unread_table
+
     if unread:
-        listed = study.unread(run)
-        print_json({"unread": plain(listed)}) if json else print_each([unread_table(listed)], names=study.models(run))
+        print_each([unread_table(study.unread(run))], names=study.models(run))
         return
     priced = read_prices(prices)
     took = study.took(run, priced)
-    if json:
-        print_json(took.as_dict())
-        return
     each = study.deployment([run], Reading(prices=priced))
     lines = [] if took.accounts else ["no model was asked: its policies and worlds take no calls"]
     lines += [f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items()]

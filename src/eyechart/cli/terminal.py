@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def print_json(values: object) -> None:
     """Print plain values as JSON on standard output; NaN and infinity cannot pass, and nothing steers a terminal."""
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
-    if not text.isprintable():
+    if not text.replace("\n", "").isprintable():
         text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     try:
         text.encode(sys.stdout.encoding or "utf-8")
@@ -39,8 +39,9 @@ def say(*lines: str) -> None:
 
 def _harmless(text: str) -> str:
     """Return lines without what steers a terminal or turns its direction; names in them may be anybody's."""
-    kept = (one if one.isprintable() or one in "\n\t\u00a0\u202f\u2009" else "\ufffd" for one in text)
-    return text if text.isprintable() else "".join(kept)
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one in "\n\t\u00a0\u202f\u2009" else "\ufffd" for one in text)
 
 
 def processors() -> int:

@@ -1,12 +1,12 @@
 """Planning and running episodes: who drives, in which worlds, what that may take, and nothing driven twice."""
 
-import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from json import dumps
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eyechart.conditions import require_shown
 from eyechart.costs import CostEstimate, estimate
@@ -29,6 +29,7 @@ from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, p
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
+from eyechart.loops import asyncio
 from eyechart.manifest import (
     EPISODES,
     LEDGER,
@@ -48,11 +49,13 @@ from eyechart.perception.forward import distances_of
 from eyechart.perception.view import NONE, View, through
 from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal, drawn_like
-from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
 from eyechart.spaces.discrete import DRIVING, read_toml
 from eyechart.spaces.scene import SceneSpace
+
+if TYPE_CHECKING:  # a score probes no model
+    from eyechart.probe import Sample
 
 ENGINES = ("local", "ray")
 ACTION_MAP = "actions.toml"
@@ -451,12 +454,14 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
     return {key.scenario: max(len(one.steps) for one in found if one.key == key) for key in keys}
 
 
-def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
+def sample_of(planned: Episodes, most: int = _PICTURES) -> "Sample":
     """Return what a probe asks before drives: their words, with the first real picture of each of their first worlds.
 
     Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
     ``most`` shows any.
     """
+    from eyechart.probe import Sample  # noqa: PLC0415 - as above
+
     keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
     found, why = list[Stimulus](), ""
     for shown in asyncio.run(_shown(planned.setup, keys)):

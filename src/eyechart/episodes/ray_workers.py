@@ -1,12 +1,12 @@
 """Workers on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
 
-import asyncio
 import logging
 import os
 
 from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError, SpecError, raising
+from eyechart.loops import asyncio
 
 
 class RayWorker:

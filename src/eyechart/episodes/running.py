@@ -1,6 +1,5 @@
 """The coordinator holds the models, the ledger and the bounds, and lets workers drive the worlds."""
 
-import asyncio
 import random
 import signal
 import threading
@@ -21,6 +20,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
+from eyechart.loops import asyncio
 from eyechart.models import Model
 from eyechart.perception.view import View, through
 from eyechart.policies import Policy
@@ -181,7 +181,7 @@ class _Coordinator:
     finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]
     unlike: Unlike | None = None
     slots: list[_Slot] = field(default_factory=list)
-    alone: asyncio.Lock = field(default_factory=asyncio.Lock)
+    alone: "asyncio.Lock" = field(default_factory=lambda: asyncio.Lock())  # noqa: PLW0108 - imported at its first use
     paces: dict[str, Pace] = field(default_factory=dict)
     caller: Caller | None = None
 

@@ -3,7 +3,6 @@
 Both ends stand here: what the coordinator asks, and the program that answers until nobody asks any more.
 """
 
-import asyncio
 import os
 import socket
 import subprocess
@@ -17,6 +16,7 @@ from typing import Any, Protocol
 
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
+from eyechart.loops import asyncio
 
 PATIENCE_S = 300.0
 """A world that takes longer for one step, or to begin, counts as dead."""

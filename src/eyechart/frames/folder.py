@@ -12,8 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-from filelock import FileLock, Timeout
-
 from eyechart.errors import BankError, EyechartError, SpecError, raising
 from eyechart.frames.nouns import (
     DISTANCES,
@@ -48,6 +46,8 @@ def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
     What a process left there that was killed is cleared. Raises ``error`` where another process writes there now, or
     the name is somebody else's.
     """
+    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
+
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_name(f".{out.name[:50]}.part")
     if work.is_symlink() or (work.exists() and not (work / _LOCK).is_file()):

@@ -88,7 +88,7 @@ def _real(path: str) -> str:
 
 
 def _absolute(folder: str) -> str:
-    return folder if folder.startswith("/") else str(Path(folder).absolute())
+    return folder if folder.startswith("/") else os.path.join(os.getcwd(), folder)  # noqa: PTH109, PTH118 - as above
 
 
 @lru_cache(maxsize=64)

@@ -8,10 +8,12 @@ from eyechart.errors import LedgerError, printable
 from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY_OF, checksum
 
 _EVERY_ROW = (
-    f"SELECT r.attempt, r.call IS a.call, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, "
-    f"r.final, r.closed_at, {REPLY_OF}, r.row_sha256 FROM replies r "
+    f"SELECT r.attempt, r.call IS a.call, r.row_sha256, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, "
+    f"r.final, r.closed_at, {REPLY_OF} FROM replies r "
     "LEFT JOIN attempts a ON a.id = r.attempt LEFT JOIN calls c ON c.id = a.call ORDER BY r.attempt"
 )
+_BEFORE = 3
+"""So many columns come before those of which the checksum is."""
 _WITHOUT_CALL = "SELECT id FROM attempts WHERE call NOT IN (SELECT id FROM calls)"
 _MISCOUNTED = "SELECT min(id) FROM attempts GROUP BY call HAVING min(number) != 1 OR max(number) != count(*)"
 
@@ -43,11 +45,15 @@ def damaged(sql: sqlite3.Connection) -> Iterator[str]:
     A reply is held against its checksum, where it has one: of format 3 on. Of every row it is asked whether it belongs
     to a call, and whether the attempts at a call are counted from 1.
     """
-    for attempt, its, *row, digest in sql.execute(_EVERY_ROW):
-        study, model, _, frame, condition, _ = row[:OF_KEY]
+    for row in sql.execute(_EVERY_ROW):
+        attempt, its, digest = row[:_BEFORE]
+        written = row[_BEFORE:]
+        if its and (digest is None or checksum(written) == digest) and written[0] is not None:
+            continue
+        study, model, _, frame, condition, _ = written[:OF_KEY]
         if study is None:
             yield f"the reply to attempt {attempt}, which belongs to no call"
-        elif not its or (digest is not None and checksum(tuple(row)) != digest):
+        else:
             yield f"{model}'s reply about {frame} under {condition}"
     for (attempt,) in sql.execute(f"{_WITHOUT_CALL} UNION {_MISCOUNTED}"):
         yield f"attempt {attempt}, which is not the next of its call's"

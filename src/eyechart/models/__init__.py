@@ -1,6 +1,5 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
-import asyncio
 import os
 import time
 from collections.abc import Iterable, Mapping
@@ -13,6 +12,7 @@ from urllib.parse import urlsplit
 
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, meant
+from eyechart.loops import asyncio
 from eyechart.modes import RequestMode, each_without_secrets, read_mode, without_secrets
 
 

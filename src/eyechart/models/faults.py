@@ -14,6 +14,7 @@ from http import HTTPStatus
 from types import MappingProxyType
 
 from eyechart.calls import TRANSIENT, ErrorKind, Reply
+from eyechart.patterns import pattern
 
 _STATUSES: Mapping[int, ErrorKind] = MappingProxyType(
     {
@@ -37,8 +38,8 @@ _MOST_TEXTS = 100
 _SHOWN = 300
 
 
-def _any(*patterns: str) -> re.Pattern[str]:
-    return re.compile("|".join(patterns), re.IGNORECASE)
+def _any(*either: str) -> re.Pattern[str]:
+    return pattern("|".join(either), re.IGNORECASE)
 
 
 _TROUBLE = _any(
@@ -170,12 +171,10 @@ _SIZES = _any(
 """A limit of the request as a whole."""
 _NAMED = ("param", "parameter", "field")
 _LOCATED = ("loc", "path")
-_NAME = re.compile(r"/?[A-Za-z_][\w.\[\]$/-]{0,99}")
+_NAME = pattern(r"/?[A-Za-z_][\w.\[\]$/-]{0,99}")
 _NO_FIELDS = frozenset({"body", "request", "payload", "none", "null", "unknown", "error", "model", "na"})
 _ELSEWHERE = frozenset({"query", "path", "header", "headers", "cookie", "cookies", "url", "uri"})
-_KEYS = re.compile(
-    r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE
-)
+_KEYS = pattern(r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE)
 _ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help", "request_id", "body", "instance"})
 """Entries that hold what was sent, or an address, and nothing that a server says of it."""
 _AGAIN = frozenset(
@@ -186,10 +185,10 @@ _BARE = frozenset(
     | {"payloadtoolarge", "contenttoolarge", "entitytoolarge", "requestentitytoolarge", "unprocessablecontent"}
 )
 """Names of statuses, which say no more than their number."""
-_PAGE = re.compile(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
+_PAGE = pattern(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
 WITHIN = "error in a reply of status 200: "
 """How the words of an error begin that a server reports with status 200."""
-_FIELD = re.compile(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
+_FIELD = pattern(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
 """What `with_proof` writes behind the words of an error that names a field apart."""
 
 

@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from itertools import product
 from pathlib import Path
 
@@ -78,6 +77,8 @@ def check_seed(seed: int) -> None:
 
 def versions_of(names: Sequence[str]) -> dict[str, str]:
     """Return the versions of those of these libraries that are installed."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow to import
+
     found = {}
     for name in names:
         with suppress(PackageNotFoundError):

@@ -1,5 +1,7 @@
 """A share over frames that come in episodes: its interval where the frames of an episode resemble one another."""
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -70,12 +72,13 @@ def _cut(value: float, episodes: float, level: float) -> float:
 
 def _by_likelihood(k: Floats, n: Floats, weight: Floats, cut: float) -> tuple[float, float]:
     """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest."""
-    beyond = -_rising(_CONCENTRATION, n, weight) + _PRIOR
+    beyond = -_rising(n, weight)(_CONCENTRATION) + _PRIOR
+    hits, others = _rising(k, weight), _rising(n - k, weight)
 
     def likelihood(angle: Floats) -> Floats:
         """Return the log likelihood of the rates sin² of some angles."""
         one, other = (part**2 * _CONCENTRATION for part in (np.sin(angle)[:, None], np.cos(angle)[:, None]))
-        together = _rising(one, k, weight) + _rising(other, n - k, weight) + beyond
+        together = hits(one) + others(other) + beyond
         return np.asarray(np.logaddexp.reduce(together, axis=1))
 
     points = np.linspace(_EDGE, np.pi / 2 - _EDGE, 33)
@@ -97,14 +100,17 @@ def _by_likelihood(k: Floats, n: Floats, weight: Floats, cut: float) -> tuple[fl
     return low, high
 
 
-def _rising(start: Floats, counts: Floats, weight: Floats) -> Floats:
-    """Return for each start the weighted sum, over episodes, of the log of start (start + 1) … (start + count - 1)."""
+def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
+    """Return what gives of starts the weighted sum, over episodes, of log (start (start + 1) … (start + count - 1))."""
     most = int(counts.max())
     if most <= _SUMMED:
         i = np.arange(most)
-        return np.asarray(np.log(start[..., None] + i) @ ((counts[:, None] > i).T @ weight))
+        reaching = (counts[:, None] > i).T @ weight
+        return lambda start: np.asarray(np.log(start[..., None] + i) @ reaching)
     from scipy import special  # noqa: PLC0415 - slow to import
 
     each, place = np.unique(counts, return_inverse=True)
     weights = np.bincount(place, weights=weight)
-    return np.asarray(special.gammaln(start[..., None] + each) @ weights - special.gammaln(start) * weights.sum())
+    return lambda start: np.asarray(
+        special.gammaln(start[..., None] + each) @ weights - special.gammaln(start) * weights.sum()
+    )

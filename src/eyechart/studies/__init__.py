@@ -6,28 +6,30 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from eyechart.costs import ALL, Account, Unread, unread
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
-from eyechart.gate import Gate, Terms
-from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
 from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
-from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import Verdict
 
-if TYPE_CHECKING:  # a score needs no terminal and no figures
+if TYPE_CHECKING:  # a score needs no terminal and no figures, and what calls took no verdict
+    from typing import Unpack
+
     from rich.text import Text
 
+    from eyechart.gate import Gate, Terms
+    from eyechart.integrity import Guard
     from eyechart.report.charts import Drawing
     from eyechart.report.page import Opening, Page
     from eyechart.report.table import Table
+    from eyechart.stats.statistic import Statistic
+    from eyechart.verdicts import Verdict
 
 Tell = Callable[[str], None]
 """Is told in words what is under way, for whoever waits."""
@@ -85,7 +87,7 @@ class Took:
     """What calls took by model and condition, whether their guards hold, and what probes before the run took."""
 
     accounts: dict[str, dict[str, Account]] = field(default_factory=dict)
-    guards: dict[str, tuple[Guard, ...]] = field(default_factory=dict)
+    guards: "dict[str, tuple[Guard, ...]]" = field(default_factory=dict)
     probes: dict[str, Spent] = field(default_factory=dict)
 
     def add(self, part: str, other: "Took") -> None:
@@ -130,7 +132,7 @@ class Finding:
     label: str
     tone: str
     decided_by: str = ""
-    estimate: Statistic | None = None
+    estimate: "Statistic | None" = None
     state: str = ""
     marks: Sequence[str] = ()
 
@@ -238,7 +240,7 @@ class Study(ABC, Generic[S]):
                     found |= {f"{spec}{where}": unread(ledger, spec, space) for spec in manifest.models}
         return found
 
-    def verdicts(self, score: S) -> Mapping[str, Verdict]:
+    def verdicts(self, score: S) -> "Mapping[str, Verdict]":
         """Return the verdict on each model, none where a study has none."""
         del score
         return {}
@@ -256,7 +258,7 @@ class Study(ABC, Generic[S]):
         """Yield what ``eyechart verdict`` prints."""
         raise NotImplementedError
 
-    def gate(self, score: S, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
+    def gate(self, score: S, require: Sequence[str], **terms: "Unpack[Terms]") -> "Gate":
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
 
@@ -369,3 +371,8 @@ def run_json(folder: Path) -> Mapping[str, object]:
     except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def is_episodes(path: Path) -> bool:
+    """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
+    return run_json(path).get("format") == EpisodesManifest.FORMAT

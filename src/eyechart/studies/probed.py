@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from eyechart import episodes
 from eyechart.calls import Reply
@@ -15,9 +15,10 @@ from eyechart.limits import Spent
 from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
-from eyechart.probe import Found, ProbeError, Sample, is_served
-from eyechart.probe.pinning import MOST_CALLS
-from eyechart.studies import run_json
+from eyechart.studies import is_episodes
+
+if TYPE_CHECKING:  # what a run took so far is read without
+    from eyechart.probe import Found, ProbeError, Sample
 
 PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system", "stream")
 """The fields of a mode that a probe may set, where no option did."""
@@ -28,7 +29,7 @@ _LEDGERS = ("", "*/", "*/*/")
 P = TypeVar("P")
 """A study's plan."""
 
-Ask = Callable[[RequestMode, Sample, float | None], Found | ProbeError]
+Ask = Callable[[RequestMode, "Sample", float | None], "Found | ProbeError"]
 """Probes a model with a sample for at most so many US dollars; a ProbeError that is returned leaves the model out."""
 
 
@@ -61,6 +62,8 @@ class Allowed:
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
         """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
+        from eyechart.probe.pinning import MOST_CALLS  # noqa: PLC0415 - as above
+
         names, most = ", ".join(unprobed), MOST_CALLS * len(unprobed)
         if self.shard is not None:
             raise SpecError(
@@ -83,7 +86,7 @@ class Probing(Generic[P]):
     """
 
     plan: Callable[[Sequence[RequestMode], Mapping[str, Spent]], P]
-    sample: Callable[[P], Sample]
+    sample: "Callable[[P], Sample]"
     keep: Callable[[P, Mapping[str, Spent]], None]
     runs: Sequence[Path]
     others: bool = False
@@ -99,6 +102,8 @@ def plan_probed(
     is served elsewhere, no file says how it is asked, and no run of the study knows it. Raises SpecError where there is
     no room for a probe.
     """
+    from eyechart.probe import ProbeError  # noqa: PLC0415 - as above
+
     if allowed.moved and not allowed.dry_run:
         move(study.runs, asked.modes)
     modes, unprobed = _known(study, asked, allowed)
@@ -131,6 +136,8 @@ def plan_probed(
 
 def _known(study: Probing[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
     """Return the modes that were asked for, as the runs know them, and the models that are to be probed first."""
+    from eyechart.probe import is_served  # noqa: PLC0415 - as above
+
     modes, unprobed = [], []
     for mode in asked.modes:
         before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
@@ -197,8 +204,3 @@ def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -
 def manifest_of(run: Path) -> RunManifest | EpisodesManifest:
     """Read the manifest of a run, of frames or of episodes; raises LedgerError where it is none."""
     return episodes.read_manifest(run) if is_episodes(run) else read_manifest(run)
-
-
-def is_episodes(path: Path) -> bool:
-    """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
-    return run_json(path).get("format") == episodes.EpisodesManifest.FORMAT

@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from eyechart.patterns import pattern
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
-_THOUGHT = re.compile(
+_THOUGHT = pattern(
     r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
     r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
     r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
@@ -16,17 +17,17 @@ _THOUGHT = re.compile(
     r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
     re.DOTALL | re.IGNORECASE,
 )
-_TOKEN = re.compile(
+_TOKEN = pattern(
     r"<\|[^<>|]{0,40}\|>|<(?:eos|bos|pad|unk|s|/s|end_of_turn|start_of_turn|sep|cls|im_end|im_start)>", re.IGNORECASE
 )
-_FENCE = re.compile(r"```[\w-]*|\A\s*json\s+(?=\{)")
-_TAG = re.compile(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
-_ANSWER_TAG = re.compile(
+_FENCE = pattern(r"```[\w-]*|\A\s*json\s+(?=\{)")
+_TAG = pattern(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
+_ANSWER_TAG = pattern(
     r"<(action|answer|final|final_answer|decision|output|response|choice|command)>(.{0,2000}?)</\1>",
     re.DOTALL | re.IGNORECASE,
 )
-_BOX = re.compile(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
-_TEX = re.compile(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
+_BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
+_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
 
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
@@ -42,8 +43,8 @@ _OWN = (
     r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
 )
 """What may stand before the name of an answer; ``previous_action`` or ``forbidden_action`` is another thing."""
-_KEY = re.compile(rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
-_ONLY_KEY = re.compile(
+_KEY = pattern(rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
+_ONLY_KEY = pattern(
     r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
     r"|class|value|text"
     r"|content|message|final|name|shape|colou?r|side|count|number",
@@ -52,15 +53,15 @@ _ONLY_KEY = re.compile(
 """A key that stands for the answer where it is the only one."""
 
 _PLAINEST = ("action", "action", "decision", "answer")
-_LOOSE = re.compile(
+_LOOSE = pattern(
     rf"[{{,]\s{{0,40}}[\"']?({_OWN}(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
     rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=[,}}\n]))",
     re.IGNORECASE,
 )
-_FAULT = re.compile(r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning", re.IGNORECASE)
-_ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
-_FINE = re.compile(r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure)", re.IGNORECASE)
-_OTHERS = re.compile(
+_FAULT = pattern(r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning", re.IGNORECASE)
+_ONLY_SHOWN = pattern(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
+_FINE = pattern(r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure)", re.IGNORECASE)
+_OTHERS = pattern(
     r"other|lead|front|vehicle_|human|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
     r"|last|history|past"
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
@@ -68,19 +69,19 @@ _OTHERS = re.compile(
     re.IGNORECASE,
 )
 """Keys whose objects are about somebody else, or are no choice."""
-_CUT_OFF = re.compile(r"\{[^{}]*\Z")
-_MARKER = re.compile(
+_CUT_OFF = pattern(r"\{[^{}]*\Z")
+_MARKER = pattern(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
     rf"(?:{_LABELS})[ \t\"']{{0,4}}(?:[:=>-]|->|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
-_HEADING = re.compile(
+_HEADING = pattern(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|final|next|chosen|recommended)\s+){{0,3}}(?:{_LABELS})[ \t:=]*$",
     re.IGNORECASE | re.MULTILINE,
 )
-_FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
-_NOTHING_SEEN = re.compile(
+_FINAL = pattern(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
+_NOTHING_SEEN = pattern(
     r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
     r"|access|process|assist"
     r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
@@ -88,17 +89,17 @@ _NOTHING_SEEN = re.compile(
     r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b",
     re.IGNORECASE,
 )
-_NO_STATEMENT = re.compile(
+_NO_STATEMENT = pattern(
     r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
     r"|instead of)\b|n't\b|e\.g)",
     re.IGNORECASE,
 )
-_NOT_GIVEN = re.compile(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
+_NOT_GIVEN = pattern(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
 _SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
 """Actions that somebody names who sees nothing."""
-_END = re.compile(r"[.!?\n]\s|\n")
-_CLAUSE = re.compile(r",|\bso\b|\bbut\b")
-_CONDITION = re.compile(r"\bif\b|\bwould be\b")
+_END = pattern(r"[.!?\n]\s|\n")
+_CLAUSE = pattern(r",|\bso\b|\bbut\b")
+_CONDITION = pattern(r"\bif\b|\bwould be\b")
 _SHORT_WORDS = 3
 
 
@@ -367,12 +368,12 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
 
 _MARKERS_AT_MOST = 20
 _LINE_AT_MOST = 2000
-_ITEMS = re.compile(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
-_SAYS = re.compile(r"[^\n]*\w[^\n]*")
+_ITEMS = pattern(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
+_SAYS = pattern(r"[^\n]*\w[^\n]*")
 
 
-def _last(pattern: re.Pattern[str], text: str) -> list[re.Match[str]]:
-    return list(pattern.finditer(text))[-_MARKERS_AT_MOST:]
+def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:
+    return list(one.finditer(text))[-_MARKERS_AT_MOST:]
 
 
 def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from eyechart.conditions import (
     BATTERY,
@@ -43,7 +43,6 @@ from eyechart.models import Model, Opened, open_model, turns_of
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
-from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Calling, MotionPlan, Plan, ask_again, execute, spread
 from eyechart.spaces.motion import MotionSpace
@@ -51,6 +50,9 @@ from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
+
+if TYPE_CHECKING:  # a score probes no model
+    from eyechart.probe import Sample
 
 STUDY = "battery"
 
@@ -378,11 +380,13 @@ def plan_of(
     return MotionPlan(**given, answers=manifest.answers)
 
 
-def sample_of(planned: Iterable[Battery]) -> Sample:
+def sample_of(planned: Iterable[Battery]) -> "Sample":
     """Return what batteries of one bank will ask: a few of their frames, with the prompt of each battery in turn.
 
     Pictures are shown through the view of the first, and an answer has its form.
     """
+    from eyechart.probe import Sample  # noqa: PLC0415 - as above
+
     held = list(planned)
     plan = held[0].plan
     asked = []

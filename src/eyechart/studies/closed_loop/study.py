@@ -16,13 +16,12 @@ from eyechart.models.prices import Prices
 from eyechart.records import picked, plain
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Measured
-from eyechart.studies import NO_VERDICT, Finding, Made, Reading, S, Study, Tell, Took
+from eyechart.studies import NO_VERDICT, Finding, Made, Reading, S, Study, Tell, Took, is_episodes
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, measured, replays
 from eyechart.studies.closed_loop.blind import Blind, beside_marginals, blind_baselines
 from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives, told_apart
-from eyechart.studies.probed import is_episodes
 
 RESAMPLES = 5000
 CHOSEN_HERE = (

@@ -16,6 +16,7 @@ from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap
 from eyechart.stats.statistic import Measured, Statistic
+from eyechart.studies import is_episodes
 from eyechart.studies.closed_loop import (
     DIFFERS,
     LEVEL,
@@ -36,7 +37,6 @@ from eyechart.studies.closed_loop import (
     unfinished_of,
 )
 from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED, PARTS, SCRIPTED, name_of
-from eyechart.studies.probed import is_episodes
 
 NOT_PERCEPTION = "completion does not show perception"
 

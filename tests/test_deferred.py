@@ -1,0 +1,72 @@
+"""What is not made before it is used: regular expressions, ``asyncio``, and the threads of arithmetic."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from eyechart import cli
+from eyechart.cli.app import app
+from eyechart.patterns import pattern
+
+
+def test_a_pattern_does_what_one_of_re_does() -> None:
+    """Used once or again."""
+    late, early = pattern(r"(a+)b", re.IGNORECASE), re.compile(r"(a+)b", re.IGNORECASE)
+    text = "xAAb aB b"
+    for _ in range(2):
+        assert [one.span(1) for one in late.finditer(text)] == [one.span(1) for one in early.finditer(text)]
+        assert late.sub("-", text) == early.sub("-", text)
+        assert late.findall(text) == early.findall(text)
+    assert late.fullmatch("nothing") is None
+    assert (late.pattern, late.flags) == (early.pattern, early.flags)
+
+
+def test_a_pattern_is_compiled_when_it_is_used() -> None:
+    """One that is wrong is found then."""
+    late = pattern("(")
+    with pytest.raises(re.error, match="unterminated"):
+        late.search("text")
+
+
+def test_what_reads_a_run_has_no_event_loop() -> None:
+    """Nor does it hold anything, ask for versions, or see whether a model sees."""
+    never = "asyncio filelock eyechart.probe rich.console matplotlib jinja2 highway_env"
+    code = f"""
+import sys
+import eyechart.cli.score, eyechart.studies.battery.study, eyechart.studies.hierarchy.study
+print(*(name for name in {never.split()!r} if name in sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("argv", "given", "threads"),
+    [
+        (["verdict", "run"], None, "1"),
+        (["score", "--json", "run"], None, "1"),
+        (["score", "run"], "3", "3"),
+        (["run", "battery", "--model", "verdict"], None, None),
+        (["serve"], None, None),
+        ([], None, None),
+    ],
+)
+def test_a_command_that_only_reads_multiplies_in_one_thread(
+    argv: list[str], given: str | None, threads: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A model that runs in this process has the threads that it would have elsewhere."""
+    monkeypatch.setattr(sys, "argv", ["eyechart", *argv])
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    cli._keep_to_one_thread()
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == threads
+
+
+def test_every_command_that_only_reads_is_one() -> None:
+    """No name in the list is out of date."""
+    commands = {one.name or one.callback.__name__ for one in app.registered_commands if one.callback is not None}
+    assert commands >= cli._READING
