@@ -46,7 +46,7 @@ def test_the_statistics_by_hand_earn_their_labels() -> None:
         ("lane_lost", share(0.05), share(0.0500001), "content"),
         ("both_lost", share(0.05), share(0.0500001), "content"),
         ("ends_lost", share(0.045), share(0.0450001), "content"),
-        ("any_lost", share(0.10), share(0.1000001), "content"),
+        ("any_lost", share(0.07), share(0.0700001), "content"),
         ("twice_lost", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
         ("twice_lost", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
         ("dose_lost", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),

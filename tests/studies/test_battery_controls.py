@@ -440,7 +440,7 @@ def parts(p: float) -> Statistic:
         ("lane_lost", Statistic(0.05, 144), Statistic(0.0501, 144)),
         ("both_lost", Statistic(0.05, 144), Statistic(0.0501, 144)),
         ("ends_lost", Statistic(0.045, 288), Statistic(0.0451, 288)),
-        ("any_lost", Statistic(0.1, 144), Statistic(0.1001, 144)),
+        ("any_lost", Statistic(0.07, 144), Statistic(0.0701, 144)),
         ("repeat_over_nudged", Statistic(0.7, 50, p=0.01), Statistic(0.7, 50, p=0.00999)),
         ("unparsed_controls", Statistic(0.1, 144, (0.05, 0.2)), Statistic(0.1, 144, (0.0501, 0.2))),
     ],

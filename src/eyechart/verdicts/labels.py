@@ -25,7 +25,7 @@ SCENARIO_ALPHA = 0.05
 BOTH_LOST = 0.05
 """At most so many frames may lose both comparisons beyond what two independent ones would."""
 
-ANY_LOST = 0.10
+ANY_LOST = 0.07
 """At most so many frames may lose any comparison beyond what noise may lose: an order that is wrong on more is none."""
 
 ENDS_LOST = 0.045
