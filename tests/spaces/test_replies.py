@@ -130,3 +130,20 @@ def test_a_space_read_by_version_3_reads_as_it_did() -> None:
     assert DRIVING.read(told) == Decision(None, "unparsed", "not_chosen")
     negated = Reply("STOP. I would not go LEFT.", "stop", None)
     assert (before.read(negated).action, DRIVING.read(negated).action) == (None, "STOP")
+
+
+@pytest.mark.parametrize(
+    ("text", "missing"),
+    [
+        ('Please provide the image so that I can answer like {"action": "STOP"}', "refused"),
+        ('Could you upload the picture? Then I can reply with {"action": "STOP"}', "refused"),
+        ('If you can, please kindly attach a camera frame. {"action": "SLOW"}', "refused"),
+        ('{"action": "STOP"}\n\nPlease send the next frame.', None),
+        ("STOP. Please provide the next image when it is there.", None),
+        ('Looking at the image you provided, {"action": "STRAIGHT"}', None),
+        ('The frame shows a car that will share the lane. {"action": "SLOW"}', None),
+    ],
+)
+def test_who_asks_for_a_picture_has_seen_none(text: str, missing: str | None) -> None:
+    """What stands beside that is how it would answer; an answer before it asks for the next one stays."""
+    assert DRIVING.read(Reply(text, "stop", None)).missing == missing

@@ -86,7 +86,10 @@ _NOTHING_SEEN = pattern(
     r"|access|process|assist"
     r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
     r"|photos?|frames?|that|this"
-    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b",
+    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
+    r"|\b(?:please|kindly|(?:could|can|will|would|need) you(?: to)?|(?:once|if|when|until|after|unless) you)\s+"
+    r"(?:\w+\s+){0,2}?(?:provide|(?:re-?)?upload|(?:re-?)?attach|(?:re)?send|share|supply|submit|paste)\b"
+    r"[^.;\n{]{0,40}?\b(?:images?|pictures?|photos?|frames?|feed)\b",
     re.IGNORECASE,
 )
 _NO_STATEMENT = pattern(
