@@ -24,7 +24,7 @@ from eyechart.report.table import Table
 from eyechart.studies import hierarchy
 from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, score, scoring
 from eyechart.studies.hierarchy.tables import TITLES, against_table, completion_table, intent_table, source_table
-from eyechart.studies.spending import spent_on
+from eyechart.studies.probed import spent_on
 from faults import FaultServer
 
 pytestmark = pytest.mark.slow
