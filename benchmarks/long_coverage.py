@@ -18,7 +18,6 @@ import datetime as dt
 import hashlib
 import json
 import sys
-import tomllib
 from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
@@ -27,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special, stats
 
+from eyechart import __version__
 from eyechart.stats import episodes as measured
 from eyechart.stats.episodes import share_over_episodes
 
@@ -197,8 +197,7 @@ def begin(sets: int) -> dict[str, object]:
         before: dict[str, object] = json.loads(RESULT.read_text())
         if (before["code"], before["sets"]) == (code, sets):
             return before
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    return {"version": version, "date": "", "code": code, "sets": sets, "failing": None, "rows": {}}
+    return {"version": __version__, "date": "", "code": code, "sets": sets, "failing": None, "rows": {}}
 
 
 def write(result: dict[str, object]) -> None:

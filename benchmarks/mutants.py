@@ -30,6 +30,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from eyechart import __version__
 from eyechart.stats.paired import clopper_pearson
 
 ROOT = Path(__file__).parents[1]
@@ -172,11 +173,10 @@ def write(
     equivalent = {(one["module"], one["out"], one["in"]): one["reason"] for one in listed}
     before = json.loads(RESULT.read_text())["rooms"] if RESULT.exists() else {}
     result = {**before, **{room.name: summary(room, found, equivalent, most) for room in rooms}}
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     date = dt.datetime.now(tz=dt.UTC).date().isoformat()
     tool = subprocess.run([str(MUTMUT), "--version"], capture_output=True, text=True, check=True).stdout.strip()
     part = RESULT.with_suffix(".part")
-    head = {"version": version, "date": date, "tool": tool, "seed": SEED}
+    head = {"version": __version__, "date": date, "tool": tool, "seed": SEED}
     part.write_text(json.dumps({**head, "rooms": result}, indent=1, ensure_ascii=False) + "\n")
     part.replace(RESULT)
     return result

@@ -14,6 +14,8 @@ class _Pattern:
         self._text, self._flags = text, flags
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever a pattern has
+        if name.startswith("__"):  # what copies and pickles ask of an object that has nothing yet
+            raise AttributeError(name)
         compiled = re.compile(self._text, self._flags)
         found = getattr(compiled, name)
         setattr(self, name, found)  # so that it is found at once from now on

@@ -17,7 +17,6 @@ LARGEST = 1e30
 """No number of a file is larger, so that moments and sums of them are finite; a seed may have more than 64 bits."""
 
 _LONGEST = 60
-_CONTAINERS, _NUMBERS = (dict, list), (int, float)
 _PLAIN = frozenset({str, int, float, bool, type(None)})
 _SAID = re.compile(
     r"(?:Expected `(?P<kind>[^`]*)`(?P<bound>.*?)(?:, got `(?P<got>\w+)`)?|(?P<other>.*?))(?: - at `\$(?P<at>.*)`)?"
@@ -147,11 +146,11 @@ def _refuse_strange(raw: Any, made: Any, where: str) -> None:  # noqa: ANN401 - 
         parts = raw.items()
     elif isinstance(raw, list) and isinstance(made, list | tuple):
         parts = enumerate(raw)
-    elif type(raw) in _NUMBERS and not abs(raw) <= LARGEST:
+    elif isinstance(raw, int | float) and not abs(raw) <= LARGEST:
         raise ValueError(f"{where} is {shown(raw)}, not a number up to {LARGEST:g}")
     for name, value in parts:
         if isinstance(raw, dict) and name not in made:
             raise ValueError(f"{where} has a field {shown(name)}, which this eyechart does not know")
-        if type(value) in _CONTAINERS or (type(value) in _NUMBERS and not abs(value) <= LARGEST):
+        if isinstance(value, dict | list) or (isinstance(value, int | float) and not abs(value) <= LARGEST):
             at = f"{where}[{name}]" if isinstance(raw, list) else name if where == "it" else f"{where}.{name}"
             _refuse_strange(value, made[name], at)

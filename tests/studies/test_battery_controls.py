@@ -17,6 +17,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import Ruling, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.labels import ANY_LOST
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
 WORLD = simulated.frames()
@@ -199,7 +200,7 @@ def test_noise_between_pays_for_no_hole_at_the_nearest() -> None:
 
 
 def test_small_holes_in_several_comparisons_add_up() -> None:
-    """Each is of one frame in 25; together the order is wrong on more than a tenth."""
+    """Each is of one frame in 22; together the order is wrong on more than may be."""
     wrong = {"lead_near": (0.0, "STRAIGHT"), "lead_far": (0.045, "STOP"), "lane_own": (0.09, "STRAIGHT")}
 
     def look(at: str, own: float, told: str) -> str:
@@ -207,7 +208,7 @@ def test_small_holes_in_several_comparisons_add_up() -> None:
         return says if start <= own < start + 0.045 else told
 
     _, _, found = ruled(by_frame(look, 0.0))
-    assert found["any_lost"].value > found["near_far_lost"].value
+    assert found["any_lost"].value > ANY_LOST > found["near_far_lost"].value
     assert found["any_lost"].value == pytest.approx((found["any_lost"].detail or {})["k"] / found["any_lost"].n)
 
 

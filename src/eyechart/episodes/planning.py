@@ -460,7 +460,7 @@ def sample_of(planned: Episodes, most: int = _PICTURES) -> "Sample":
     Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
     ``most`` shows any.
     """
-    from eyechart.probe import Sample  # noqa: PLC0415 - as above
+    from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
 
     keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
     found, why = list[Stimulus](), ""

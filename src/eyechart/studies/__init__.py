@@ -18,7 +18,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
 
-if TYPE_CHECKING:  # a score needs no terminal and no figures, and what calls took no verdict
+if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs needs no verdicts
     from typing import Unpack
 
     from rich.text import Text

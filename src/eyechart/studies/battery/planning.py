@@ -385,7 +385,7 @@ def sample_of(planned: Iterable[Battery]) -> "Sample":
 
     Pictures are shown through the view of the first, and an answer has its form.
     """
-    from eyechart.probe import Sample  # noqa: PLC0415 - as above
+    from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
 
     held = list(planned)
     plan = held[0].plan
