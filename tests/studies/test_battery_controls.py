@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import by_hand
 import simulated
 from eyechart.frames import Frame
 from eyechart.seeds import key_seed
@@ -17,6 +18,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import Ruling, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.controls import failures
 from eyechart.verdicts.labels import ANY_LOST
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
@@ -197,6 +199,32 @@ def test_noise_between_pays_for_no_hole_at_the_nearest() -> None:
     honest, _, plain = ruled(by_frame(lambda _, __, told: told, 0.3))
     assert honest.label == "depth"
     assert plain["twice_lost"].value < 0.05
+
+
+def test_who_brakes_always_on_some_frames_and_reads_the_others_loses_no_end() -> None:
+    """Where a slip alone has it go on for the picture between, it brakes for both far ones or for none.
+
+    The more frames, the surer is the test that the two go together.
+    """
+    right = by_frame(lambda _, own, told: told if own < 0.35 else "SLOW", 0.0)
+
+    def rule(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        if rng.random() < 0.1:
+            return str(rng.choice(DRIVING.actions))
+        told = right(condition, frame, rng)
+        return "SLOW" if condition in {"lead_mid_near", "lead_mid_far"} else told
+
+    ruling, _, found = ruled(rule)
+    assert ruling.label == "depth", ruling.because
+    assert found["twice_lost"].value < 0.05
+
+
+def test_any_comparison_is_lost_for_sure_or_not_at_all() -> None:
+    """Of few frames with some noise the share is anybody's guess: its lower bound is to be above 0 too."""
+    found = by_hand.reader()
+    unsure, sure = (Statistic(0.08, 36, ci, level=0.98) for ci in ((-0.02, 0.18), (0.01, 0.15)))
+    assert not list(failures({**found, "any_lost": unsure}))
+    assert [one.statistic for one in failures({**found, "any_lost": sure})] == ["any_lost"]
 
 
 def test_small_holes_in_several_comparisons_add_up() -> None:

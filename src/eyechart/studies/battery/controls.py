@@ -4,10 +4,12 @@ Every comparison is of braking levels within a frame. Their thresholds and why t
 docs/decisions/0038-depth-needs-controls.md.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations, pairwise, product
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -380,7 +382,9 @@ class Controls:
 
         Beyond what two independent answers would lose. Near, of the frames on which it brakes for `lead_mid_near`: it
         does not for `lead_near`, nor for `lane_own`; far, of those on which it does not for `lead_mid_far`: it does for
-        `lead_far` and `lane_beside`. Noise loses one here and one there; a rule of the frame loses both.
+        `lead_far` and `lane_beside`. Noise loses one here and one there; a rule of the frame loses both. These are half
+        of the frames at least: where it answers so for the picture between by noise alone, both ends are lost by who
+        brakes always on some frames, and reads the others.
         """
         near, mid_near, mid_far, far = (self._level(name) for name in DISTANCES)
         own, beside = self._level("lane_own"), self._level("lane_beside")
@@ -391,7 +395,7 @@ class Controls:
             for of in np.unique([one[have] for one in (*ends, mid)])[1:]:
                 held = have & ((mid < of) if harder else (mid >= of))
                 first, second = ((one[held] >= of) == harder for one in ends)
-                if np.count_nonzero(held) >= FEWEST_PAIRS:
+                if np.count_nonzero(held) >= max(FEWEST_PAIRS, np.count_nonzero(have) / 2):
                     found.append(replace(joint_losses(first, second, level=LEVEL), note=f"most: with the lead {name}"))
         return _worst_joint(found, what)
 
@@ -407,9 +411,13 @@ class Controls:
             return cannot_say(f"{frames} frames have all of these decisions; {FEWEST_PAIRS} are needed", frames, what)
         wavered, repeats = self._wavered
         lost = np.any([one[have] < other[have] for one, other in compared], axis=0)
-        noise = len(compared) * wavered / max(1, repeats) / 2
-        found = rate(int(np.count_nonzero(lost)), frames, level=LEVEL).less(noise)
-        return replace(found, method=f"{what}, less half of the noise of its braking for each: {found.method}")
+        noise, each = wavered / max(1, repeats), len(compared) / 2
+        found = rate(int(np.count_nonzero(lost)), frames, level=LEVEL)
+        share = found.value or 0.0
+        spread = math.sqrt(share * (1 - share) / frames + each**2 * noise * (1 - noise) / max(1, repeats))
+        value, half = share - each * noise, NormalDist().inv_cdf(0.5 + LEVEL / 2) * spread
+        method = f"{what}, less half of the noise of its braking for each, {100 * LEVEL:g}% interval of both"
+        return replace(found, value=value, ci=(value - half, value + half), method=method)
 
     def _ends_lost(self) -> Statistic:
         """Return how often it answers from one end of its braking to the other the wrong way round, beyond its noise.
