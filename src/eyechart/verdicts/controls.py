@@ -108,16 +108,21 @@ def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
             where = "in part of the range" if name == "dose_bins" else "in one of its scenarios"
             says = f"less hard the nearer {where} ({found[name].note})"
             yield Failure(name, says, f"p of a reversal, corrected, of {alpha} at least")
-    for name, says in LOST.items():
-        lost, most = found[name].value, {"ends_lost": ENDS_LOST, "any_lost": ANY_LOST}.get(name, BOTH_LOST)
-        bound = found[name].ci if name == "any_lost" else None
-        if lost is not None and lost > most and (bound is None or bound[0] > 0):
-            yield Failure(name, says, f"at most {most}")
+    yield from _lost(found)
     for name, says in ORDER.items():
         one = found[name]
         enough = name == "dose_scan" or (one.value is not None and one.value > BOTH_LOST)
         if enough and below(one.p, DOSE_ALPHA):
             yield Failure(name, f"{says} ({one.note})", f"p of {DOSE_ALPHA} at least")
+
+
+def _lost(found: Mapping[str, Statistic]) -> Iterator[Failure]:
+    """Yield what is lost on too many frames: of any comparison also beyond what few frames leave open."""
+    for name, says in LOST.items():
+        lost, most = found[name].value, {"ends_lost": ENDS_LOST, "any_lost": ANY_LOST}.get(name, BOTH_LOST)
+        bound = found[name].ci if name == "any_lost" else None
+        if lost is not None and lost > most and (bound is None or bound[0] > 0):
+            yield Failure(name, says, f"at most {most}")
 
 
 def _too_little(found: Mapping[str, Statistic], name: str, says: str) -> Iterator[Failure]:
