@@ -413,11 +413,11 @@ class Controls:
         lost = np.any([one[have] < other[have] for one, other in compared], axis=0)
         noise, each = wavered / max(1, repeats), len(compared) / 2
         found = rate(int(np.count_nonzero(lost)), frames, level=LEVEL)
-        spread = each * NormalDist().inv_cdf(0.5 + LEVEL / 2) * math.sqrt(noise * (1 - noise) / max(1, repeats))
-        share, (low, high) = found.value or 0.0, found.ci or (0.0, 1.0)
-        value = share - each * noise
+        share, (low, high), wide = found.value or 0.0, found.ci or (0.0, 1.0), NormalDist().inv_cdf(0.5 + LEVEL / 2)
+        spread = each * wide * math.sqrt(noise * (1 - noise) / max(1, repeats))
+        below, value = max(share - low, wide * math.sqrt(share * (1 - share) / frames)), share - each * noise
         method = f"{what}, less half of the noise of its braking for each, {100 * LEVEL:g}% interval of both"
-        ci = (value - math.hypot(share - low, spread), value + math.hypot(high - share, spread))
+        ci = (value - math.hypot(below, spread), value + math.hypot(high - share, spread))
         return replace(found, value=value, ci=ci, method=method)
 
     def _ends_lost(self) -> Statistic:
