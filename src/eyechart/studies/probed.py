@@ -17,7 +17,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.studies import is_episodes
 
-if TYPE_CHECKING:  # what a run took so far is read without
+if TYPE_CHECKING:  # who reads what a run took probes nothing
     from eyechart.probe import Found, ProbeError, Sample
 
 PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system", "stream")
@@ -62,7 +62,7 @@ class Allowed:
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
         """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
-        from eyechart.probe.pinning import MOST_CALLS  # noqa: PLC0415 - what runs took is read without
+        from eyechart.probe.pinning import MOST_CALLS  # noqa: PLC0415 - who reads what a run took probes nothing
 
         names, most = ", ".join(unprobed), MOST_CALLS * len(unprobed)
         if self.shard is not None:
@@ -102,7 +102,7 @@ def plan_probed(
     is served elsewhere, no file says how it is asked, and no run of the study knows it. Raises SpecError where there is
     no room for a probe.
     """
-    from eyechart.probe import ProbeError  # noqa: PLC0415 - what runs took is read without
+    from eyechart.probe import ProbeError  # noqa: PLC0415 - who reads what a run took probes nothing
 
     if allowed.moved and not allowed.dry_run:
         move(study.runs, asked.modes)
@@ -136,7 +136,7 @@ def plan_probed(
 
 def _known(study: Probing[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
     """Return the modes that were asked for, as the runs know them, and the models that are to be probed first."""
-    from eyechart.probe import is_served  # noqa: PLC0415 - what runs took is read without
+    from eyechart.probe import is_served  # noqa: PLC0415 - who reads what a run took probes nothing
 
     modes, unprobed = [], []
     for mode in asked.modes:
