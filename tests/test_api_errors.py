@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import eyechart
+from arms import reach
 from banks import build_bank
 from eyechart import api, importing, testing
 from eyechart.api import read_report, run_battery
@@ -87,6 +88,7 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
     (tmp / "many.csv").write_text("name,a\n1,2,3\n4\n")
     run = tmp / "run"
     run_battery(bank, "scripted:depth", run, limit=1)
+    table = api.build_bank(tmp / "table", simulator="tabletop", steps=4)
     report = read_report(run)
     own = RequestMode("openai:m", base_url="http://127.0.0.1:9/v1")
     return {
@@ -119,6 +121,22 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
         "read_report no run": lambda: read_report(tmp / "taken"),
         "read_report independent": lambda: read_report(run, independent=True),
         "read_report resamples": lambda: read_report(run, resamples="many"),
+        "run_policies no motions": lambda: api.run_policies(bank, "trained:sees", tmp / "r"),
+        "run_policies unknown": lambda: api.run_policies(table, "trained:seas", tmp / "r"),
+        "run_policies none": lambda: api.run_policies(table, [], tmp / "r"),
+        "run_policies no policy": lambda: api.run_policies(table, [7], tmp / "r"),
+        "run_policies a SPEC is named": lambda: api.run_policies(table, {"x": "trained:sees"}, tmp / "r"),
+        "run_policies two of a name": lambda: api.run_policies(table, [reach, reach], tmp / "r"),
+        "run_policies what it takes": lambda: api.run_policies(table, stop, tmp / "r"),
+        "run_policies answers": lambda: api.run_policies(table, reach, tmp / "r", answers=1),
+        "run_policies a word for a number": lambda: api.run_policies(table, reach, tmp / "r", limit="3"),
+        "run_policies condition": lambda: api.run_policies(table, reach, tmp / "r", conditions=["swapped@nose"]),
+        "run_policies shapley": lambda: api.run_policies(table, reach, tmp / "r", shapley="yes"),
+        "run_policies taken": lambda: api.run_policies(table, reach, tmp / "taken"),
+        "read_policies no run": lambda: api.read_policies(tmp / "taken"),
+        "read_policies of models": lambda: api.read_policies(run),
+        "examine_policy two": lambda: api.examine_policy(table, {"one": reach, "other": reach}),
+        "examine_policy no motions": lambda: api.examine_policy(bank, reach),
         "report model": lambda: report["scripted:none"],
         "report page taken": lambda: report.to_html(tmp / "taken"),
         "assert_grounded no run": lambda: assert_grounded(tmp / "taken"),
@@ -154,8 +172,8 @@ def test_errors_speak_of_arguments(bank: FrameBank, demo: Demo, tmp_path: Path) 
         assert not OPTION.search(COMMAND.sub("", said)), (name, said)
     tried = {name.split()[0] for name in calls}
     assert tried >= {"build_bank", "run_battery", "read_report", "assert_grounded", "import_table", "import_lerobot"}
-    doors = {name for name, one in vars(api).items() if callable(one) and one.__module__ == api.__name__}
-    assert {name for name in doors if not name.startswith("_")} <= {*tried, "Report"}
+    kinds = {"Report", "PolicyReport", "AskedModel", "AskedPolicy"}
+    assert {*api.__all__} - kinds == {name for name in tried if hasattr(api, name)}
     of_tables = {name for name in importing.__all__ if name.startswith(("import", "read"))}
     assert of_tables - tried == {"read_answer_table"}, "which commands take too"
     assert [name for name in vars(testing) if name.startswith("assert")] == ["assert_grounded"]

@@ -70,6 +70,7 @@ written, and the road of rover and drone; for studies, the battery, the drives t
 probe needs of each."""
 
 ASSEMBLED = {
+    "api",
     "bundle",
     "calibrate",
     "cli",

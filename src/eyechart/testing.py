@@ -5,9 +5,9 @@ from pathlib import Path
 from textwrap import wrap
 
 from eyechart.errors import finite_number, printable, speaks_of_arguments, whole_number
-from eyechart.gate import Check, hold
+from eyechart.gate import Check, read_requirements
 from eyechart.report.names import shorten
-from eyechart.studies import battery
+from eyechart.studies import Reading, study_of
 
 LINES, WIDTH = 24, 72
 """A failure fits on a screen of 24 lines of 80 signs, also behind the 8 signs that pytest puts before each line."""
@@ -25,19 +25,23 @@ def assert_grounded(
     reread: bool = False,
     allow_fingerprints: bool = False,
 ) -> None:
-    """Raise AssertionError unless every model of a run meets every requirement.
+    """Raise AssertionError unless every model, or policy, of a run meets every requirement.
 
-    ``require`` are names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is given. "Cannot say" is not enough:
+    ``require`` are those of ``eyechart gate``: of a battery names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is
+    given; of policies an axis and a label, ``camera:camera_content`` if none is given. "Cannot say" is not enough:
     an empty or unfinished run fails too, and one that several models answered, or several fingerprints of one unless
     they are allowed. What is raised fits on one screen: what fails comes first, and what has no room is counted;
     `eyechart.gate.hold` gives every check whole. ``independent`` and ``reread`` are those of
-    `eyechart.api.read_report`. Raises LedgerError or BankError where the folder is no run, or needs ``reread``.
+    `eyechart.api.read_report`. Raises LedgerError or BankError where the folder is no run, or needs ``reread``, and
+    SpecError where its kind has no gate.
     """
     whole_number("resamples", resamples, 1)
     if max_unparsed is not None:
         finite_number("max_unparsed", max_unparsed)
-    scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
-    gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    study = study_of(Path(run), "gate")
+    wanted = read_requirements(",".join(require) or study.required, study.requirements)
+    scored = study.score(Path(run), Reading(independent, reread, resamples=resamples))
+    gate = study.gate(scored, wanted, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
     if gate.exit_code:
         raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
 

@@ -11,19 +11,25 @@ from eyechart.simulators import open_bank_simulator
 from eyechart.verdicts.channels import AXES, GUARDS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "policies.md").read_text(encoding="utf-8")
-FUNCTION, PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+FUNCTION, *PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.slow
 def test_the_function_is_a_policy_and_the_example_in_python_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first is asked by the doctor, which finds that it never moves; the second prints a shortcut."""
+    """The first is asked by the doctor, which finds that it never moves; the others are cells of one notebook."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "my_robot.py").write_text(FUNCTION, encoding="utf-8")
-    exec(compile(PYTHON, "docs/policies.md", "exec"), {})  # noqa: S102 - it is what is tested
-    assert capsys.readouterr().out == "ignores_camera state_shortcut\n"
+    session: dict[str, object] = {}
+    for cell in PYTHON:
+        exec(compile(cell, "docs/policies.md", "exec"), session)  # noqa: S102 - it is what is tested
+    printed = capsys.readouterr().out
+    assert "AMISS       state" not in printed
+    assert "camera_content state_used undecided []\n" in printed
+    assert "trained:sees, step 10000 → trained:one_object, step 20000: camera " in printed
+    assert (tmp_path / "report.html").is_file()
     from eyechart.frames import open_bank  # noqa: PLC0415 - the page made the bank
     from eyechart.probe.policies import examine_policy  # noqa: PLC0415
 

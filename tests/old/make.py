@@ -202,7 +202,7 @@ def _offered(module: ModuleType) -> dict[str, object]:
     return {
         name: _parameters(one) | {f".{word}": "member" for word in vars(one) if inspect.isclass(one) and word[0] != "_"}
         for name, one in vars(module).items()
-        if callable(one) and one.__module__ == module.__name__ and not name.startswith("_")
+        if callable(one) and one.__module__.startswith(module.__name__) and not name.startswith("_")
     }
 
 

@@ -124,12 +124,10 @@ def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
     from eyechart.probe.policies import examine_policy
 
     found = examine_policy(spec, open_bank(frames))
-    words = {True: "fine", False: "AMISS", None: "cannot say"}
     if json:
         print_json(found.as_dict())
     else:
-        print_each(f"{words[one.fine]:<10}  {one.name}: {one.says}" for one in found.findings)
-        print_each([f"asked: {found.calls} calls"])
+        print_each(found.lines())
     raise typer.Exit(found.exit_code)
 
 

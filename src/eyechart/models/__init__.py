@@ -94,6 +94,19 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     return model
 
 
+def open_policy(policy: str | Opened, timeout_s: float | None = None) -> Opened:
+    """Open the policy of a SPEC, with the seconds that an answer may take; one that is open already stays as it is."""
+    if isinstance(policy, Opened):
+        return policy
+    mode = policy_mode(policy, timeout_s)
+    return Opened(mode, open_model(policy, mode, answering="policy"))
+
+
+def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:
+    """Return how a policy is asked: within so many seconds, or as long as any model may take."""
+    return RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s)
+
+
 def machine_of(mode: RequestMode) -> str:
     """Return the machine in whose memory a model stands, as a name; "" where that is not known to matter."""
     if mode.spec.partition(":")[0] not in LOCAL:

@@ -21,7 +21,7 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import pixels_of
-from eyechart.models.python_callable import import_callable, in_thread
+from eyechart.models.python_callable import identity_of, import_callable, in_thread, name_of
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
 
@@ -83,6 +83,24 @@ class PolicyCallable:
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     """Import the callable; raises SpecError that says what is missing, or what it declares wrongly of itself."""
     act, digest = import_callable(name)
+    opened = _opened(act, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {})
+    opened.alone = _ALONE[name.rpartition(":")[0]]
+    return opened
+
+
+def hold(act: Act, mode: RequestMode) -> PolicyCallable:
+    """Return a callable that is at hand as a policy, for example one of a notebook; ``mode`` names it.
+
+    A version that it does not declare is that of `eyechart.models.python_callable.identity_of`. Raises SpecError where
+    it cannot be called with (images, state, instruction), or declares something wrongly of itself.
+    """
+    opened = _opened(act, mode, *identity_of(act))
+    opened.alone = _ALONE[name_of(act).partition(":")[0]]
+    return opened
+
+
+def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str]) -> PolicyCallable:
+    """Return a policy with what it declares; ``found`` is its version where it declares none."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
     seedable, version, channels, reset, step = (own[what] for what in DECLARED)
     wrong = {
@@ -94,23 +112,22 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
         raise SpecError(
-            f"'python:{name}' declares {amiss[0]} = {own[amiss[0]]!r}: see docs/policies.md for what it may be"
+            f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}: see docs/policies.md for what it may be"
         )
     if cannot := _cannot_be_called(act, *(("seed",) if seedable else ())):
-        raise SpecError(f"'python:{name}' cannot be asked: {cannot}")
-    facts = {"seedable": str(seedable).lower(), **({"file_sha256": digest} if digest else {})}
+        raise SpecError(f"'{mode.spec}' cannot be asked: {cannot}")
+    facts = {"seedable": str(seedable).lower(), **digests}
     if isinstance(channels, list | tuple):
         facts["channels"] = ", ".join(channels)
     if step is not None:
         facts["step"] = str(step)
     return PolicyCallable(
         act,
-        str(version) or digest[:12] or "no file",
+        str(version) or found,
         facts,
         mode.timeout_s,
         seedable=bool(seedable),
         reset=reset if callable(reset) else None,
-        alone=_ALONE[name.rpartition(":")[0]],
     )
 
 

@@ -138,16 +138,24 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
-    """Return a callable that is at hand as a model; ``mode`` names it, see `name_of`.
+    """Return a callable that is at hand as a model; ``mode`` names it, see `name_of`, and `identity_of` its version.
 
-    Its version is the head of its module's file's digest, as where it is imported by its SPEC; of one that no file
-    holds, as in a notebook, of its own code, in which what it takes from elsewhere has no part. What a partial, a
-    closure or an object holds is part of it as far as it is text, numbers, arrays and collections of these; of what
-    else it holds, a network say, the type alone: give such models folders of their own. Raises SpecError where it takes
-    other than (prompt, image) or (prompt, images, state).
+    Raises SpecError where it takes other than (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
     whole = _takes_all(ask, mode.spec.partition(":")[2])
+    version, facts = identity_of(ask)
+    return PythonCallable(ask, mode, version, facts, whole)
+
+
+def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:
+    """Return the version of a callable that is at hand, with the digests that it is the head of.
+
+    It is that of its module's file, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
+    of its own code, in which what it takes from elsewhere has no part. What a partial, a closure or an object holds is
+    part of it as far as it is text, numbers, arrays and collections of these; of what else it holds, a network say, the
+    type alone: give such models folders of their own.
+    """
     written = _written(ask)
     try:
         file = Path(inspect.getfile(written))
@@ -160,7 +168,7 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
         code = "" if name == "code_sha256" else "\n".join(_code(written))
         facts["state_sha256"] = hashlib.sha256(f"{held}\n{code}".encode()).hexdigest()
         version = hashlib.sha256("".join(facts.values()).encode()).hexdigest()
-    return PythonCallable(ask, mode, version[:12], facts, whole)
+    return version[:12], facts
 
 
 def name_of(ask: Ask) -> str:

@@ -13,13 +13,13 @@ from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
 from eyechart.loops import in_own_loop
-from eyechart.models import Model, ask, open_model
-from eyechart.modes import RequestMode
+from eyechart.models import Model, Opened, ask, open_policy
 from eyechart.prompts import Prompt, policy_prompt
 from eyechart.spaces.motion import Floats, Motion, MotionSpace
 from eyechart.spaces.space import Decision
 
 MOST_CALLS = 20
+_OUTCOMES = {True: "fine", False: "amiss", None: "cannot say"}
 _FEW = 4
 """Further frames on which the numbers are held against the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
@@ -55,21 +55,29 @@ class PolicyDiagnosis:
         fine = [one.fine for one in self.findings]
         return 1 if False in fine else 0 if True in fine else 2
 
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def lines(self) -> list[str]:
+        """Return each check in words, with what is amiss in capitals, and how many calls it took."""
+        words = {**_OUTCOMES, False: "AMISS"}
+        found = [f"{words[one.fine]:<10}  {one.name}: {one.says}" for one in self.findings]
+        return [*found, f"asked: {self.calls} calls"]
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        words = {True: "fine", False: "amiss", None: "cannot say"}
-        found = [{"check": one.name, "outcome": words[one.fine], "says": one.says} for one in self.findings]
+        found = [{"check": one.name, "outcome": _OUTCOMES[one.fine], "says": one.says} for one in self.findings]
         return {"policy": self.spec, "calls": self.calls, "findings": found}
 
 
-def examine_policy(spec: str, bank: FrameBank, *, timeout_s: float | None = None) -> PolicyDiagnosis:
-    """Ask a policy about a few frames of a bank, and say what is amiss.
+def examine_policy(policy: str | Opened, bank: FrameBank, *, timeout_s: float | None = None) -> PolicyDiagnosis:
+    """Ask a policy about a few frames of a bank, and say what is amiss; ``policy`` is its SPEC, or it is open already.
 
     Raises SpecError for an unknown policy, or one that declares a channel that the bank has not, and BankError for a
     bank that declares no motion or has one episode.
     """
-    mode = RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s)
-    model = open_model(spec, mode, answering="policy")
+    opened = open_policy(policy, timeout_s)
+    spec, model = opened.mode.spec, opened.model
     space = bank.manifest.motion
     if space is None:
         raise BankError(f"the bank {bank.root} does not say what a motion is, so no answer can be held against it")
@@ -401,7 +409,11 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
     for number, one in enumerate(asked.space.dimensions):
         if every[..., number].std() < 1e-9:
             continue
-        if not _SMALL <= sizes[number] <= _LARGE or away[number] > _AWAY:
-            said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
-            return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit another?")
+        if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:
+            continue
+        if np.ptp(answers[..., number]) == 0 < np.ptp(logged[..., number]):
+            said = f"'{one.name}' is the same in every answer, and varies in the log"
+            return Finding("unit", False, f"{said}: does the policy answer with it?")
+        said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
+        return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit another?")
     return Finding("unit", True, f"its numbers are of the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")

@@ -20,6 +20,7 @@ from eyechart.verdicts.axes import (
     judge_state,
     rests_on,
 )
+from eyechart.verdicts.card import card
 from eyechart.verdicts.uses import (
     EVERYTHING,
     IGNORED,
@@ -156,10 +157,41 @@ class PolicyVerdict:
         parts = (self.camera, *self.cameras.values(), self.state, self.instruction)
         return " ".join(dict.fromkeys(one.because for one in parts))
 
+    @property
+    def axes(self) -> dict[str, Judged]:
+        """Return what is said of each axis, by its name; each camera stands by ``camera:NAME``."""
+        cameras = {f"camera:{name}": one for name, one in self.cameras.items()}
+        return {"camera": self.camera, **cameras, "state": self.state, "instruction": self.instruction}
+
+    @property
+    def headline(self) -> str:
+        """Return the labels of camera, state and instruction; where a guard failed, which one."""
+        if self.guards:
+            return f"undecided: {', '.join(self.guards)}"
+        return ", ".join(one.label for one in (self.camera, self.state, self.instruction))
+
+    def facts(self) -> dict[str, str]:
+        """Return in words what is said of each axis and why not more; where guards failed, what each found."""
+        if self.guards:
+            return dict(self.guards)
+        return {
+            name: f"{one.label}. {one.because}{f' Not more, because {one.why_not}.' if one.why_not else ''}"
+            for name, one in self.axes.items()
+        }
+
+    def __repr__(self) -> str:
+        return f"<PolicyVerdict on {self.model}: {self.headline}>"
+
+    def __str__(self) -> str:
+        facts = (f"{name}: {words}" for name, words in self.facts().items())
+        return "\n  ".join([f"{self.model}: {self.headline}", *facts, *self.remarks, self.scope])
+
+    def _repr_html_(self) -> str:
+        """Return a card of what is said of each axis."""
+        return card(self.model, self.headline, "", self.facts(), (*self.remarks, self.scope))
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; the first seven keys are those that scripts may rely on."""
-        judged = {"camera": self.camera, "state": self.state, "instruction": self.instruction}
-        judged |= {f"camera:{name}": one for name, one in self.cameras.items()}
         return {
             "camera": self.camera.label,
             "cameras": {name: one.label for name, one in self.cameras.items()},
@@ -168,7 +200,7 @@ class PolicyVerdict:
             "guards": list(self.guards),
             "because": self.because,
             "channels": {name: picked(one, "T=value ci n") for name, one in self.channels.items()},
-            "axes": plain(judged),
+            "axes": plain(self.axes),
             **picked(self, "scope remarks"),
         }
 

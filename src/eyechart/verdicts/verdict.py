@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
-from html import escape
 from typing import TypeGuard
 
 from eyechart.conditions import BATTERY
@@ -13,6 +12,7 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.card import card
 from eyechart.verdicts.controls import EXCHANGE, below
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
@@ -33,13 +33,6 @@ CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
 """Labels that a model deserves whose answers are all the same: that they are is no fault of its run."""
 
 _COUNTED = ("finished", "planned")
-
-_CARD = (
-    "border:1px solid rgba(128,128,128,.4);border-radius:8px;padding:.9em 1.1em;margin:.6em 0;max-width:46em;"
-    "text-align:left;overflow-wrap:anywhere"
-)
-_SOFT = "opacity:.75;font-size:.9em"
-_CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;white-space:normal"
 
 
 @dataclass(frozen=True)
@@ -138,7 +131,7 @@ class Verdict(Written):
         return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
-        """Return a card: whose it is, the label, the sentence, a row a fact, the small print; tags come out as text."""
+        """Return a card of the evidence."""
         ruling = self.calibrated
         rows = {
             "because": str(ruling.reason),
@@ -151,19 +144,7 @@ class Verdict(Written):
             ),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        facts = "".join(
-            f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
-            f'{escape(name)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
-            for name, text in rows.items()
-        )
-        small = (*self.marks, *self.notes, self.scope)
-        fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
-        return (
-            f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(self.model)}</p>'
-            f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(self.headline)}</p>'
-            f'<p style="margin:.3em 0 .6em">{escape(self.trust)}</p>'
-            f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
-        )
+        return card(self.model, self.headline, self.trust, rows, (*self.marks, *self.notes, self.scope))
 
 
 def _marked(guard: Guard) -> str:

@@ -203,8 +203,8 @@ def require_scorable(
     """Raise LedgerError or SpecError where a run may not be scored as was asked, see ``score``."""
     if manifest.study != STUDY:
         raise LedgerError(
-            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}', or the "
-            "study's own module from Python (eyechart.studies.study_of finds it)"
+            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}', or "
+            "from Python eyechart.api.read_policies of policies, else eyechart.studies.study_of, which finds the study"
         )
     if manifest.reader not in READERS and not reread:
         raise LedgerError(

@@ -21,8 +21,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
 from eyechart.loops import Progress, make_calls
 from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, versions
-from eyechart.models import Model, open_model
-from eyechart.modes import RequestMode
+from eyechart.models import Model, Opened, open_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion
@@ -74,7 +73,7 @@ class PolicyRun:
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str],
+    specs: Sequence[str | Opened],
     out: Path,
     *,
     seed: int = 0,
@@ -90,10 +89,11 @@ def plan(
     """
     if extent.answers < 2:
         raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one cannot tell noise from what was shown")
-    modes = {spec: RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s) for spec in specs}
-    if not modes:
+    opened = {one.mode.spec: one for one in (open_policy(each, timeout_s) for each in specs)}
+    if not opened:
         raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
-    models = {spec: open_model(spec, mode, answering="policy") for spec, mode in modes.items()}
+    modes = {spec: one.mode for spec, one in opened.items()}
+    models = {spec: one.model for spec, one in opened.items()}
     bank = open_whole(bank_path)
     _require_asked(bank)
     for spec, model in models.items():

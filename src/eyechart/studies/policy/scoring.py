@@ -152,7 +152,10 @@ def score(path: Path, *, reread: bool = False) -> PolicyScore:
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
     """Raise LedgerError where a run is none of policies, or may not be scored so."""
     if manifest.study != STUDY:
-        raise LedgerError(f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score'")
+        raise LedgerError(
+            f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score {path}', "
+            "or eyechart.api.read_report of a battery from Python"
+        )
     if manifest.reader != MOTION_READER and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of motions, and this is version "

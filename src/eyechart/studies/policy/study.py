@@ -75,8 +75,7 @@ class Policies(OfFrames[PolicyScore]):
         for spec, one in verdicts.items():
             yield Text(spec, style="bold")
             yield from (f"  {name}: {why}" for name, why in one.guards.items())
-            axes = {"camera": one.camera, **one.cameras, "state": one.state, "instruction": one.instruction}
-            for name, judged in axes.items() if not one.guards else ():
+            for name, judged in one.axes.items() if not one.guards else ():
                 yield f"  {name}: {judged.label}. {judged.because}"
                 yield from [f"    not more, because {judged.why_not}"] if judged.why_not else []
             yield from (f"  ! {remark}" for remark in one.remarks)

@@ -1,18 +1,15 @@
-"""The main job in a few lines of Python: build a bank, run the battery on models, and look at the report.
-
-What the command line does step by step is done here in one call each; the steps stand in `eyechart.studies.battery`,
-`eyechart.verdicts` and the other modules that the docs name, and there is no third way.
-"""
+"""Models and their frames: a bank is built, the battery is run on it, and its report is read."""
 
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
+from eyechart.api.asked import each_named, require_new
+from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
@@ -31,35 +28,21 @@ from eyechart.studies.battery import Battery, BatteryScore, Extent
 from eyechart.studies.probed import Allowed, Asked, Probing, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
+if TYPE_CHECKING:  # a score needs no templates
+    from eyechart.report.page import Page
+
 _RESAMPLES = 5000
 AskedModel = str | RequestMode | Callable[..., object]
 """A model: its SPEC, the mode in which it is asked, or a callable that takes (prompt, image) and returns its answer."""
 
 
 @dataclass(frozen=True, repr=False)
-class Report:
+class Report(Read[BatteryScore, Verdict]):
     """A run, scored and judged: ``report["scripted:depth"]`` is the verdict on that model.
 
     ``path`` is the run's folder, ``score`` holds every statistic, ``verdicts`` maps each model's SPEC to its verdict.
     ``print`` it for the verdicts in words; a notebook shows them as cards.
     """
-
-    path: Path
-    score: BatteryScore
-    verdicts: Mapping[str, Verdict]
-
-    @speaks_of_arguments
-    def __getitem__(self, model: str) -> Verdict:
-        """Return the verdict on a model; raises SpecError that lists the models of the run."""
-        if model not in self.verdicts:
-            raise SpecError(f"{self.path} holds no model '{model}'; it holds {', '.join(self.verdicts) or 'none'}")
-        return self.verdicts[model]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.verdicts)
-
-    def __len__(self) -> int:
-        return len(self.verdicts)
 
     def rows(self) -> list[dict[str, object]]:
         """Return every statistic of every model as plain values, a row each; ``pandas.DataFrame`` takes the list.
@@ -68,17 +51,7 @@ class Report:
         is corrected; what cannot be said is None, and ``note`` says why.
         """
         return [
-            {
-                "model": spec,
-                "statistic": name,
-                "value": one.value,
-                "low": None if one.ci is None else one.ci[0],
-                "high": None if one.ci is None else one.ci[1],
-                "n": one.n,
-                "p": one.p,
-                "p_holm": model.holm.get(name),
-                "note": one.note,
-            }
+            row_of("model", spec, name, one, p_holm=model.holm.get(name))
             for spec, model in self.score.models.items()
             for name, one in model.statistics.items()
         ]
@@ -90,27 +63,18 @@ class Report:
         The page shows this report's own score. Raises LedgerError where the ledger cannot be read, and OutputError
         where the page may not be written there.
         """
-        from eyechart.destination import require_free  # noqa: PLC0415
-        from eyechart.report.page import write_page  # noqa: PLC0415
-        from eyechart.studies.battery.page import make_page  # noqa: PLC0415
-        from eyechart.studies.battery.subjects import evidence_of, find_pictures  # noqa: PLC0415 - matplotlib is slow to import
+        from eyechart.studies.battery.page import make_page  # noqa: PLC0415 - matplotlib is slow to import
+        from eyechart.studies.battery.subjects import evidence_of, find_pictures  # noqa: PLC0415 - as above
 
-        require_free(Path(out), "report")
-        pictures = find_pictures(self.score.manifest, self.score.bank, self.path)
-        name = self.path.resolve().name or "run"
-        write_page(make_page([evidence_of(name, self.score, self.path / LEDGER, *pictures)]), Path(out))
-        return Path(out)
+        def page() -> "Page":
+            pictures = find_pictures(self.score.manifest, self.score.bank, self.path)
+            name = self.path.resolve().name or "run"
+            return make_page([evidence_of(name, self.score, self.path / LEDGER, *pictures)])
 
-    def __repr__(self) -> str:
-        labels = ", ".join(f"{spec}: {one.headline}" for spec, one in self.verdicts.items())
-        return f"<Report on {self.path}: {labels or 'no model'}>"
+        return written_page(page, out)
 
-    def __str__(self) -> str:
-        return "\n\n".join([*filter(None, [words_of(self.verdicts)]), f"Scope: {self._scope()}"])
-
-    def _repr_html_(self) -> str:
-        cards = "".join(one._repr_html_() for one in self.verdicts.values())
-        return f"<div><p><strong>{escape(str(self.path))}</strong>. {escape(self._scope())}</p>{cards}</div>"
+    def _said(self) -> str:
+        return words_of(self.verdicts)
 
     def _scope(self) -> str:
         return self.score.scope() if self.verdicts else "the run holds no model"
@@ -238,44 +202,19 @@ def _asked_models(
     """
     held: dict[str, Opened] = {}
     modes: list[RequestMode] = []
-    several = _several(models)
+    several = each_named(models, "model", "models", (str, RequestMode))
     for name, one in several:
         if isinstance(one, str | RequestMode):
             modes.append(one if isinstance(one, RequestMode) else RequestMode(one, **how))
             continue
+        assert callable(one)
         mode = RequestMode(f"python:{name or name_of(one)}", **how)
-        if mode.spec in held:
-            raise SpecError(f"two callables are called '{mode.spec}'; name each: models={{'one': f, 'other': g}}")
+        require_new(mode.spec, held, "models")
         held[mode.spec] = Opened(mode, hold(one, mode))
         modes.append(mode)
     if how and all(isinstance(one, RequestMode) for _, one in several):
         raise SpecError(f"{', '.join(how)} would change no model: those with a RequestMode are asked as it says")
     return held, modes, frozenset(one for _, one in several if isinstance(one, str))
-
-
-def _several(
-    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
-) -> list[tuple[str, AskedModel]]:
-    """Return each model with the name that it is given, "" for none; raises SpecError for what is no model."""
-    several: list[tuple[str, AskedModel]] = []
-    if isinstance(models, Mapping):
-        several += models.items()
-        for name, one in several:
-            if isinstance(one, str | RequestMode):
-                raise SpecError(
-                    f"models={{{name!r}: …}} names a callable, and a {type(one).__name__} is called by its SPEC: "
-                    "give it in a list"
-                )
-            if not isinstance(name, str):
-                raise SpecError(f"models maps names to callables; {name!r} is no name")
-    elif isinstance(models, str | RequestMode) or not isinstance(models, Sequence):
-        several.append(("", models))
-    else:
-        several += (("", one) for one in models)
-    for _, one in several:
-        if not (isinstance(one, str | RequestMode) or callable(one)):
-            raise SpecError(f"a model is a SPEC, a RequestMode or a callable, not a {type(one).__name__}")
-    return several
 
 
 @speaks_of_arguments

@@ -1,0 +1,21 @@
+"""The main job in a few lines of Python: build a bank, ask models or policies about it, and look at the report.
+
+What the command line does step by step is done here in one call each; the steps stand in `eyechart.studies.battery`,
+`eyechart.studies.policy`, `eyechart.verdicts` and the other modules that the docs name, and there is no third way.
+"""
+
+from eyechart.api.battery import AskedModel, Report, build_bank, read_report, run_battery
+from eyechart.api.policy import AskedPolicy, PolicyReport, examine_policy, read_policies, run_policies
+
+__all__ = [
+    "AskedModel",
+    "AskedPolicy",
+    "PolicyReport",
+    "Report",
+    "build_bank",
+    "examine_policy",
+    "read_policies",
+    "read_report",
+    "run_battery",
+    "run_policies",
+]

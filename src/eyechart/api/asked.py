@@ -1,0 +1,40 @@
+"""Who is asked: by a SPEC, or as a callable that is at hand and may be given a name."""
+
+from collections.abc import Mapping, Sequence
+
+from eyechart.errors import SpecError
+
+
+def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type]) -> list[tuple[str, object]]:
+    """Return each of those ``asked`` with the name that it is given, "" for none.
+
+    What is ``by_spec`` has a name of its own, and a mapping names callables. Raises SpecError for what is no ``kind``
+    (model, policy), in words that name the ``argument`` it was given in.
+    """
+    own = tuple(by_spec)
+    several: list[tuple[str, object]]
+    if isinstance(asked, Mapping):
+        several = [*asked.items()]
+        for name, one in several:
+            if isinstance(one, own):
+                raise SpecError(
+                    f"{argument}={{{name!r}: …}} names a callable, and a {type(one).__name__} is called by its SPEC: "
+                    "give it in a list"
+                )
+            if not isinstance(name, str):
+                raise SpecError(f"{argument} maps names to callables; {name!r} is no name")
+    elif isinstance(asked, own) or not isinstance(asked, Sequence):
+        several = [("", asked)]
+    else:
+        several = [("", one) for one in asked]
+    for _, one in several:
+        if not (isinstance(one, own) or callable(one)):
+            kinds = ", a ".join(each for each in ("SPEC", *(one.__name__ for one in own if one is not str)))
+            raise SpecError(f"a {kind} is a {kinds} or a callable, not a {type(one).__name__}")
+    return several
+
+
+def require_new(spec: str, known: Mapping[str, object], argument: str) -> None:
+    """Raise SpecError where two callables have one name."""
+    if spec in known:
+        raise SpecError(f"two callables are called '{spec}'; name each: {argument}={{'one': f, 'other': g}}")

@@ -1,0 +1,89 @@
+"""What the reports on every kind of run have in common: verdicts by name, words, cards and a page."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Generic, Protocol, TypeVar
+
+from eyechart.errors import SpecError, speaks_of_arguments
+from eyechart.stats.statistic import Statistic
+
+if TYPE_CHECKING:  # a score needs no templates
+    from eyechart.report.page import Page
+
+
+class _Judged(Protocol):
+    """A verdict on one model or policy."""
+
+    @property
+    def headline(self) -> str:
+        """Return its labels."""
+
+    def _repr_html_(self) -> str:
+        """Return it as a card."""
+
+
+S = TypeVar("S")
+V = TypeVar("V", bound=_Judged)
+
+
+@dataclass(frozen=True, repr=False)
+class Read(Generic[S, V]):
+    """A run that was scored and judged: its folder, its score, and the verdict on each of whom it asked, by SPEC."""
+
+    path: Path
+    score: S
+    verdicts: Mapping[str, V]
+    asked: ClassVar[str] = "model"
+
+    @speaks_of_arguments
+    def __getitem__(self, model: str) -> V:
+        """Return the verdict on a model; raises SpecError that lists the models of the run."""
+        if model not in self.verdicts:
+            raise SpecError(
+                f"{self.path} holds no {self.asked} '{model}'; it holds {', '.join(self.verdicts) or 'none'}"
+            )
+        return self.verdicts[model]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.verdicts)
+
+    def __len__(self) -> int:
+        return len(self.verdicts)
+
+    def __repr__(self) -> str:
+        labels = ", ".join(f"{spec}: {one.headline}" for spec, one in self.verdicts.items())
+        return f"<{type(self).__name__} on {self.path}: {labels or f'no {self.asked}'}>"
+
+    def __str__(self) -> str:
+        return "\n\n".join([*filter(None, [self._said()]), f"Scope: {self._scope()}"])
+
+    def _repr_html_(self) -> str:
+        cards = "".join(one._repr_html_() for one in self.verdicts.values())
+        return f"<div><p><strong>{escape(str(self.path))}</strong>. {escape(self._scope())}</p>{cards}</div>"
+
+    def _said(self) -> str:
+        """Return the verdicts in words."""
+        return "\n\n".join(map(str, self.verdicts.values()))
+
+    def _scope(self) -> str:
+        """Return the sentence that bounds what is said."""
+        raise NotImplementedError
+
+
+def row_of(who: str, spec: str, name: str, one: Statistic, **further: float | None) -> dict[str, object]:
+    """Return a statistic as plain values; ``who`` is what its first column is called."""
+    low, high = one.ci or (None, None)
+    found = {who: spec, "statistic": name, "value": one.value, "low": low, "high": high, "n": one.n, "p": one.p}
+    return {**found, **further, "note": one.note}
+
+
+def written_page(made: "Callable[[], Page]", out: Path | str) -> Path:
+    """Write a page, and return where it is; raises OutputError before it is made, where it may not stand there."""
+    from eyechart.destination import require_free  # noqa: PLC0415 - a score needs no templates
+    from eyechart.report.page import write_page  # noqa: PLC0415 - as above
+
+    require_free(Path(out), "report")
+    write_page(made(), Path(out))
+    return Path(out)

@@ -1,0 +1,27 @@
+"""A verdict as a notebook shows it: a card of HTML in which everything that a model or a file said is text."""
+
+from collections.abc import Iterable, Mapping
+from html import escape
+
+_CARD = (
+    "border:1px solid rgba(128,128,128,.4);border-radius:8px;padding:.9em 1.1em;margin:.6em 0;max-width:46em;"
+    "text-align:left;overflow-wrap:anywhere"
+)
+_SOFT = "opacity:.75;font-size:.9em"
+_CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;white-space:normal"
+
+
+def card(name: str, headline: str, says: str, rows: Mapping[str, str], small: Iterable[str]) -> str:
+    """Return a card: whose it is, the label, the sentence, a row a fact, the small print; tags come out as text."""
+    facts = "".join(
+        f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
+        f'{escape(row)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
+        for row, text in rows.items()
+    )
+    fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
+    return (
+        f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(name)}</p>'
+        f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(headline)}</p>'
+        f'<p style="margin:.3em 0 .6em">{escape(says)}</p>'
+        f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
+    )

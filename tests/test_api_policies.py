@@ -1,0 +1,157 @@
+"""Policies from Python: callables of a notebook are asked, and what a report shows is what the command says."""
+
+import asyncio
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from arms import deaf, middle, queue, reach
+from eyechart.api import PolicyReport, examine_policy, read_policies, run_policies
+from eyechart.cli.app import app
+from eyechart.errors import EyechartError, LedgerError, SpecError
+from eyechart.frames import FrameBank
+from eyechart.manifest import LEDGER
+from eyechart.simulators import open_bank_simulator
+from eyechart.testing import assert_grounded
+from test_api import Page
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of twelve episodes of four frames."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("policies") / "bank", steps=4)
+
+
+@pytest.fixture(scope="module")
+def report(bank: FrameBank) -> PolicyReport:
+    """Return the report on two callables with names, and one by its SPEC."""
+    found = run_policies(bank, {"mine": reach, "blind": middle}, bank.root.parent / "run")
+    assert list(found) == ["python:mine", "python:blind"]
+    return found
+
+
+def told(*words: object) -> str:
+    """Return what a command prints."""
+    found = CliRunner().invoke(app, list(map(str, words)))
+    assert found.exit_code == 0, found.output
+    return found.stdout
+
+
+def test_a_report_says_what_the_command_says(report: PolicyReport) -> None:
+    """By labels, by words, and by every number; it can be read again, and the page is the command's."""
+    said = json.loads(told("verdict", report.path, "--json"))["policies"]
+    assert {spec: json.loads(json.dumps(one.as_dict())) for spec, one in report.verdicts.items()} == said
+    assert (said["python:mine"]["camera"], said["python:blind"]["camera"]) == ("object_grounded", "ignores_camera")
+    words = str(report)
+    for one in said.values():
+        for axis in one["axes"].values():
+            assert f"{axis['label']}. {axis['because']}" in words
+    assert read_policies(str(report.path)).verdicts == report.verdicts
+    rows = {(row["policy"], row["statistic"]): row for row in report.rows()}
+    share = report["python:mine"].channels["cameras"]
+    row = rows["python:mine", "T.swapped@cameras"]
+    assert (row["value"], (row["low"], row["high"]), row["n"]) == (share.value, share.ci, share.n)
+    page = report.to_html(report.path.with_name("page.html"))
+    told("report", report.path, "--out", report.path.with_name("told.html"))
+    assert page.read_text() == report.path.with_name("told.html").read_text()
+
+
+def test_a_notebook_shows_cards_and_takes_nothing_for_markup(report: PolicyReport) -> None:
+    """A row an axis, each with its label; a name that is markup stays text."""
+    shown = Page(report._repr_html_())
+    assert shown.tags.count("table") == 2
+    assert shown.tags.count("tr") == sum(len(one.axes) for one in report.verdicts.values())
+    for one in report.verdicts.values():
+        for name, axis in one.axes.items():
+            assert name in shown.words
+            assert axis.because in shown.text
+    assert repr(report["python:blind"]) == (
+        "<PolicyVerdict on python:blind: ignores_camera, state_shortcut, instruction_ignored>"
+    )
+    evil = PolicyReport(report.path, report.score, {"<b>": report["python:mine"]})
+    assert "b" not in Page(evil._repr_html_()).tags
+
+
+def test_a_run_goes_on_and_is_held_in_a_test_suite(bank: FrameBank, tmp_path: Path) -> None:
+    """What is asked already is not asked again; a requirement is one of the command's."""
+    asked = []
+
+    def counts(images: object, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        asked.append(instruction)
+        return reach(images, state, instruction)  # type: ignore[arg-type]
+
+    counts.version = "1"  # type: ignore[attr-defined]
+    some = {"mine": counts}
+    first = run_policies(bank, some, tmp_path / "run", max_calls=100)
+    assert len(asked) == 100
+    assert "unfinished" in str(first)
+    with pytest.raises(AssertionError, match=r"cannot say: \d+ calls are unfinished"):
+        assert_grounded(tmp_path / "run", "camera:camera_content")
+    done = run_policies(bank, some, tmp_path / "run")
+    assert len(asked) == done.score.models["python:mine"].motions.planned
+    assert_grounded(tmp_path / "run")
+    assert_grounded(tmp_path / "run", "camera:object_grounded", "instruction:instruction_followed")
+    with pytest.raises(AssertionError, match="python:mine state:ignores_state: fails: state_used"):
+        assert_grounded(tmp_path / "run", "state:ignores_state")
+    with pytest.raises(SpecError, match="takes one or more of camera:object_grounded"):
+        assert_grounded(tmp_path / "run", "depth")
+    counts.version = "2"  # type: ignore[attr-defined]
+    with pytest.raises(LedgerError, match="version"):
+        run_policies(bank, some, tmp_path / "run")
+
+
+def test_a_callable_is_known_by_what_it_holds(bank: FrameBank, tmp_path: Path) -> None:
+    """Two partials of one function are two versions; a function of a file goes on where its command began."""
+
+    def scaled(images: object, state: np.ndarray, instruction: str | None, *, by: float) -> np.ndarray:
+        return by * reach(images, state, instruction)  # type: ignore[arg-type]
+
+    given = {f"by {by:g}": partial(scaled, by=by) for by in (0.5, 2.0)}
+    found = run_policies(bank, given, tmp_path / "partials", conditions=["real"], limit=3)
+    versions = {one.version for one in found.score.models.values()}
+    assert len(versions) == 2
+    command = ("run", "policy", "--policy", "python:arms:deaf", "--frames", bank.root, "--out", tmp_path / "run")
+    told(*command, "--conditions", "real", "--limit", 6)
+    ledger = (tmp_path / "run" / LEDGER).read_bytes()
+    same = run_policies(bank, deaf, tmp_path / "run", conditions=["real"], limit=6)
+    assert list(same) == ["python:arms:deaf"]
+    assert (tmp_path / "run" / LEDGER).read_bytes() == ledger
+
+
+def test_the_doctor_takes_a_callable(bank: FrameBank) -> None:
+    """In words, a line a check; one with a queue is found."""
+    fine, amiss = examine_policy(bank, reach), examine_policy(bank.root, {"queued": queue})
+    assert fine.exit_code == 0
+    assert str(fine).splitlines()[-1] == f"asked: {fine.calls} calls"
+    assert amiss.exit_code == 1
+    assert amiss.spec == "python:queued"
+    assert "AMISS       same: " in str(amiss)
+
+
+def test_it_works_where_a_loop_is_running(bank: FrameBank, tmp_path: Path) -> None:
+    """As in a notebook."""
+
+    async def cell() -> PolicyReport:
+        examine_policy(bank, reach)
+        return run_policies(bank, reach, tmp_path / "run", limit=3, conditions=["real", "swapped@cameras"])
+
+    found = asyncio.run(cell())
+    assert found.score.models["python:arms:reach"].motions.missing == {}
+
+
+def test_an_unknown_option_is_named(bank: FrameBank, tmp_path: Path) -> None:
+    """As Python does; and a policy that is not in a report is told which are."""
+    with pytest.raises(TypeError, match="'answer'"):
+        run_policies(bank, reach, tmp_path / "run", answer=3)  # type: ignore[call-arg]
+    found = run_policies(bank, reach, tmp_path / "run", limit=3, conditions=["real"])
+    with pytest.raises(EyechartError, match="no policy 'reach'; it holds python:arms:reach"):
+        found["reach"]
+    assert (
+        repr(found) == f"<PolicyReport on {tmp_path / 'run'}: python:arms:reach: {found['python:arms:reach'].headline}>"
+    )
