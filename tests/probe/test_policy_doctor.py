@@ -77,6 +77,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("cached", "cameras", False, "is an earlier answer kept?"),
         ("unseeded", "same", False, "two answers to one seed"),
         ("jitters", "same", True, "but for rounding"),
+        ("jitters_unseeing", "cameras", False, "another picture changes the answer by no more than rounding"),
         ("one_buffer", "pictures", True, "as they are given"),
         ("mutates", "pictures", True, "as they are given"),
     ],

@@ -100,12 +100,27 @@ def test_an_answer_is_copied_before_another_call_may_write_to_it(
 
 
 def test_what_draws_its_answers_keeps_nothing(bank: FrameBank, tmp_path: Path) -> None:
-    """Neither noise of a stream of its own nor rounding is taken for a history."""
-    found = asked(bank, tmp_path / "run", "unseeded", "jitters")
-    for spec, one in found.models.items():
-        assert one.drawn
-        assert one.statistics["memory"].p > 0.001
-        assert judge(found)[spec].guards == {}
+    """Noise of a stream of its own is not taken for a history."""
+    found = asked(bank, tmp_path / "run", "unseeded")
+    ((spec, one),) = found.models.items()
+    assert one.drawn
+    assert one.statistics["memory"].p > 0.001
+    assert judge(found)[spec].guards == {}
+
+
+def test_who_differs_in_the_last_bits_is_asked_once(bank: FrameBank, tmp_path: Path) -> None:
+    """Its labels are those of who answers alike, and pictures that never reach it are named all the same."""
+    found = asked(bank, tmp_path / "run", "sound", "jitters", "jitters_unseeing")
+    exact, rounds, unseeing = found.models.values()
+    assert not any(one.drawn for one in found.models.values())
+    assert exact.motions.planned == exact.answered == rounds.motions.planned == rounds.answered
+    assert 0 < rounds.statistics["noise"].value < 1e-8
+    assert rounds.statistics["T.swapped@cameras"].value == pytest.approx(exact.statistics["T.swapped@cameras"].value)
+    same, also, blind = judge(found).values()
+    assert [one.label for one in also.axes.values()] == [one.label for one in same.axes.values()]
+    assert unseeing.statistics["T.swapped@cameras"].value > 0
+    assert blind.camera.label == "undecided"
+    assert "changes none of 48 answers by more than rounding" in blind.camera.because
 
 
 def test_what_goes_with_the_time_is_no_noise(bank: FrameBank, tmp_path: Path) -> None:

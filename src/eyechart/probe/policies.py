@@ -17,6 +17,7 @@ from eyechart.models import Model, Opened, ask, open_policy
 from eyechart.prompts import Prompt, policy_prompt
 from eyechart.spaces.motion import Floats, Motion, MotionSpace
 from eyechart.spaces.space import Decision
+from eyechart.stats.total_effect import ROUNDING
 
 MOST_CALLS = 20
 _OUTCOMES = {True: "fine", False: "amiss", None: "cannot say"}
@@ -24,8 +25,8 @@ _FEW = 4
 """Further frames on which the numbers are held against the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 """Numbers so many times the log's, or a mean so many of its spreads away, are of another unit."""
-_FAINT, _ROUNDING = 0.02, 1e-4
-"""Of what another moment changes: a channel that changes less is next to none, and two answers differ by rounding."""
+_FAINT = 0.02
+"""Of what another moment changes: a channel that changes less is next to none."""
 _CONSTANT, _NOISY = 0.02, 0.5
 """Answers that vary less than this share of the log's are the same; those to one moment may vary this much of it."""
 _FITS, _BETTER = 0.25, 0.25
@@ -270,7 +271,7 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
     first, second, other, _ = (one.action for one in order)
     if first is None or second is None or other is None:
         return first != second
-    return first != second and _apart(first, second) > _ROUNDING * _apart(first, other)
+    return first != second and _apart(first, second) > ROUNDING * _apart(first, other)
 
 
 def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
@@ -284,7 +285,7 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Find
     if other == second and varies:
         said = "another moment got the answer of the one before: does it answer from a queue? declare reset"
         return Finding("same", False, said)
-    if max(_apart(first, one) for one in (second, third)) <= _ROUNDING * _apart(first, other):
+    if max(_apart(first, one) for one in (second, third)) <= ROUNDING * _apart(first, other):
         said = "the same moment gets the same answer, also after another one"
         return Finding("same", True, said if first == second == third else f"{said}, but for rounding")
     if first == second:
@@ -300,15 +301,18 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
     assert first is not None
     whole = 0.0 if other is None else _apart(first, other)
+    rounds = any(one.action not in (first, None) for one in (order[1], order[3]))
+    near = ROUNDING * whole if rounds else 0.0
     for name, one in changed.items():
         if one.action is None or drawn:
             why = "its answers are drawn, so that a change shows nothing" if drawn else f"no motion: {one.reason}"
             yield Finding(name, None, why)
-        elif one.action == first:
+        elif (size := _apart(first, one.action)) <= near:
             what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
-            said = f"{what or 'another picture'} changes not one bit of the answer: does it reach the policy?"
+            change = "the answer by no more than rounding" if rounds else "not one bit of the answer"
+            said = f"{what or 'another picture'} changes {change}: does it reach the policy?"
             yield Finding(name, False, f"{said} is an earlier answer kept?")
-        elif (size := _apart(first, one.action)) < _FAINT * whole:
+        elif size < _FAINT * whole:
             said = f"it changes the answer by {size / whole:.2g} of what another moment does: it is ignored, or hardly"
             yield Finding(name, None, f"{said} to be seen (a picture that is divided by 255 twice?)")
         else:

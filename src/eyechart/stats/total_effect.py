@@ -23,8 +23,8 @@ LEVEL = 0.98
 _SURE = 2.0
 """A share so many standard errors above 0 has an interval on the scale of its logarithm alone."""
 _MOST_EXPONENT = 50.0
-_STILL = 1e-4
-"""A dimension that varies less than this share of the log's spread is held still, but for rounding."""
+ROUNDING = 1e-4
+"""What varies less than this share of what it is held against is the same, but for rounding."""
 
 
 _MOVES = 0.1
@@ -334,7 +334,17 @@ def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]
     Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no movement.
     """
     own, theirs = (np.asarray(one, np.float64).reshape(-1, np.shape(one)[-1]).std(axis=0) for one in (answers, logged))
-    return tuple(np.flatnonzero((own < _STILL) & (theirs > _MOVES)).tolist())
+    return tuple(np.flatnonzero((own < ROUNDING) & (theirs > _MOVES)).tolist())
+
+
+def rounded(answers: npt.ArrayLike) -> Floats:
+    """Return how far two answers to one moment may be apart and be the same but for rounding, shape (dimensions,).
+
+    ``answers``, shape (frames, steps, dimensions), are those to different moments: sums in parallel give other last
+    bits each time, of which shares know nothing.
+    """
+    found = np.asarray(answers, np.float64)
+    return np.asarray(ROUNDING * found.reshape(-1, found.shape[-1]).std(axis=0))
 
 
 def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
@@ -351,7 +361,7 @@ def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
     moved = spread > TIE
     outside = ((a < b.min(axis=0) - spread / 2) | (a > b.max(axis=0) + spread / 2)).mean(axis=0)
     offset = np.abs(a.mean(axis=0) - b.mean(axis=0)) / np.where(moved, spread, 1.0)
-    both = moved & (own > _STILL * spread)
+    both = moved & (own > ROUNDING * spread)
     ratios = [
         np.where(both, first, 1.0) / np.where(both, second, 1.0) for first, second in ((own, spread), _ranges(a, b))
     ]

@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Unpack
 
+import numpy as np
+
 from eyechart.calls import CallKey, Reply
 from eyechart.channels import (
     conditions_of,
@@ -24,7 +26,8 @@ from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, version
 from eyechart.models import Model, Opened, open_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
-from eyechart.spaces.motion import MOTION_READER, Motion
+from eyechart.spaces.motion import MOTION_READER, Floats, Motion
+from eyechart.stats.total_effect import rounded
 from eyechart.studies.battery import open_whole, plan_of, resumed, writing
 
 STUDY = "policy"
@@ -169,9 +172,13 @@ def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
 
 
 def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
-    """Return the policies that draw their answers: two to one moment differ, of who says it is seeded to one seed."""
+    """Return the policies that draw their answers: two to one moment differ, of who says it is seeded to one seed.
+
+    By more than rounding: a policy that sums in parallel answers otherwise in the last bits, and asking it again for
+    those would cost calls and tell nothing.
+    """
     return frozenset(
-        spec for spec in manifest.models if _differs(ledger.replies(spec), again=int(seeded(manifest, spec)))
+        spec for spec in manifest.models if _draws(ledger.replies(spec), again=int(seeded(manifest, spec)))
     )
 
 
@@ -180,24 +187,30 @@ def seeded(manifest: RunManifest, spec: str) -> bool:
     return manifest.facts.get(spec, {}).get("seedable") == "true"
 
 
-def _differs(replies: Iterator[tuple[CallKey, Reply]], *, again: int) -> bool:
-    found: dict[str, str] = {}
+def _draws(replies: Iterator[tuple[CallKey, Reply]], *, again: int) -> bool:
+    first: dict[str, str] = {}
+    apart = []
     for key, reply in replies:
         if (key.condition, key.repeat) in {("real", 0), ("real_repeat", again)} and reply.error is None:
-            before = found.setdefault(key.frame, reply.text)
-            if not _alike(before, reply.text):
-                return True
-    return False
-
-
-def _alike(one: str, other: str) -> bool:
-    """Return whether two texts hold the same bytes; what is no motion is like every other."""
-    if one == other:
+            before = first.setdefault(key.frame, reply.text)
+            if before != reply.text:
+                apart.append((_array(before), _array(reply.text)))
+    pairs = [(one, other) for one, other in apart if one is not None and other is not None]
+    if all(np.array_equal(one, other) for one, other in pairs):
+        return False
+    if any(one.shape != other.shape for one, other in pairs):
         return True
+    answers = [one for one in map(_array, first.values()) if one is not None and one.shape == pairs[0][0].shape]
+    near = rounded(np.stack(answers))
+    return not all(bool((np.abs(one - other) <= near).all()) for one, other in pairs)
+
+
+def _array(text: str) -> Floats | None:
+    """Return the numbers of an answer, None where it is no motion: that is like every other."""
     try:
-        return Motion.read(one).data == Motion.read(other).data
+        return Motion.read(text).array
     except ValueError:
-        return True
+        return None
 
 
 class _Again(Stages):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,7 @@ from eyechart.stats.total_effect import (
     noise_share,
     relabelling_p,
     responding,
+    rounded,
     share_beyond,
     share_difference,
     shares_of_parts,
@@ -243,12 +245,12 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     is the share of any other episode's pictures in the moments that have one at a similar state.
     ``shapley.CHANNEL`` is there where every subset of the channels was asked.
     """
-    taken = _Taken(motions, drawn=drawn)
+    taken = _Taken(motions, drawn=drawn, seeded=seeded)
     found = {
         "motions": rate(motions.finished - sum(motions.missing.values()), motions.finished),
         "misfit": taken.misfit(),
         "variation": taken.variation_share(),
-        "noise": taken.noise(seeded=seeded),
+        "noise": taken.noise(),
         **({"memory": taken.memory()} if drawn else {}),
     }
     for name in motions.plan.conditions:
@@ -281,8 +283,8 @@ def difference(first: OnePolicy, second: OnePolicy, channel: str) -> Statistic:
 class _Taken:
     """The statistics of one policy's motions, one by one."""
 
-    def __init__(self, motions: Motions, *, drawn: bool) -> None:
-        self._motions, self._drawn = motions, drawn
+    def __init__(self, motions: Motions, *, drawn: bool, seeded: bool = False) -> None:
+        self._motions, self._drawn, self._seeded = motions, drawn, seeded
         real = motions.of("real")
         empty = np.full((1, len(motions.plan.frames), *motions.plan.motions.shape), np.nan)
         self._real = empty if real is None else real
@@ -346,7 +348,7 @@ class _Taken:
         found = [memory_share(apart, one, seed=key_seed("memory")) for one in before]
         return min(found, key=lambda one: 2.0 if one.p is None else one.p)
 
-    def noise(self, *, seeded: bool) -> Statistic:
+    def noise(self) -> Statistic:
         """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
         again = self._motions.of("real_repeat")
         if again is None:
@@ -354,9 +356,18 @@ class _Taken:
         frames, others = self._others()
         good = np.isfinite(again[0, frames]).all(axis=(1, 2))
         frames, others = frames[good], others[good]
-        other = again[0] if seeded and np.isfinite(again[0, others]).all() else self._real[0]
+        other = again[0] if self._seeded and np.isfinite(again[0, others]).all() else self._real[0]
         found = noise_share(self._real[0, frames], again[0, frames], other[others])
         return self._counted(found, "real_repeat")
+
+    @cached_property
+    def _near(self) -> Floats:
+        """Return by how much two answers may differ and be one: by nothing, but of who rounds one moment otherwise."""
+        again = self._motions.of("real_repeat")
+        frames = self._whole(self._real) if again is None else self._whole(self._real, again)
+        if again is None or self._drawn or self._seeded or (self._real[:, frames] == again[:, frames]).all():
+            return np.zeros(self._real.shape[-1])
+        return rounded(self._real[0, frames])
 
     def _counted(self, found: Statistic, *conditions: str) -> Statistic:
         """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
@@ -400,7 +411,7 @@ class _Taken:
             **(found.detail or {}),
             "by_dimension": dict(zip(names, parts["dimension"], strict=True)),
             "by_step": list(parts["step"]),
-            "same": float((real == other).all(axis=(0, 2, 3)).mean()),
+            "same": float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean()),
         }
         if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
             detail["carried"] = carried
