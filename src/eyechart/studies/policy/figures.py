@@ -12,6 +12,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import BLUE, INK, LINE, MUTED, SOFT, VERMILLION, Drawing, canvas, named_rows, style
 from eyechart.report.table import number
+from eyechart.spaces.motion import MotionSpace
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.course import Course
 from eyechart.studies.policy.reading import Floats, Motions
@@ -65,8 +66,10 @@ def shares(spec: str, policy: OnePolicy) -> Iterator[Drawing]:
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xlabel("share of its own variation", fontsize=8.5)
     told = "; ".join(f"{name} {number(one.value, 3)}" for name, one in rows)
-    title = "How much each channel carries: blue is used, red ignored (left of the dashes), grey undecided"
-    yield Drawing(_slug(f"shares-{spec}"), title, f"Shares with 98 % intervals. {told}", figure)
+    frames = sorted({one.n for _, one in rows})
+    of = f"{frames[0]} to {frames[-1]}" if len(frames) > 1 else f"{frames[0]}"
+    title = "How much each channel carries: blue is used, orange ignored (left of the dashes), grey undecided"
+    yield Drawing(_slug(f"shares-{spec}"), f"{title}; 98 % intervals, {of} frames", f"Shares. {told}", figure)
 
 
 def _in_words(name: str) -> str:
@@ -115,7 +118,7 @@ def training(course: Course) -> Drawing:
         f"{name} " + ", ".join(f"{number(each[name].value, 2)} at {step}" for step, each in points if name in each)
         for name in names
     )
-    title = "When did it stop looking? Each channel's share: blue is used, red ignored (below the dashes), grey open"
+    title = "When did it stop looking? Each channel's share: blue is used, orange ignored (below the dashes), grey open"
     return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure)
 
 
@@ -273,8 +276,14 @@ def _paths(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:
     axes.scatter([0], [0], s=26, facecolors="none", edgecolors=INK, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    _quiet(axes, across, down)
+    _quiet(axes, _with_unit(space, across), _with_unit(space, down))
     return drawn
+
+
+def _with_unit(space: MotionSpace, axis: str) -> str:
+    """Return an axis of the world with the unit of the numbers along it; of velocities, which are summed, without."""
+    units = {one.unit for one in space.dimensions if one.along == axis and one.unit}
+    return f"{axis} ({', '.join(sorted(units))})" if units and space.kind != "velocity" else axis
 
 
 def _curves(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:

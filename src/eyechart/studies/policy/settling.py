@@ -58,7 +58,7 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
     if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
         yield (
             "ask about frames in which objects stand elsewhere while the robot stands alike, or a world that moves "
-            "them: more of the same need not tell what it sees from its pose."
+            "them: more frames like these may never tell what it sees from where it stands."
         )
 
 
