@@ -44,8 +44,8 @@ def _near_its_pose(coloured: Statistic) -> dict[str, Statistic | None]:
         ({"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)}, "camera_content", "lower end is too low"),
         ({"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)}, "camera_content", "p is not below .01"),
         ({"follow": TOO_FEW}, "camera_content", "below seven episodes"),
-        ({"named": UNFOLLOWED}, "camera_content", "where another is named"),
-        ({"matched": IGNORED}, "pose_only", "it reads its own pose"),
+        ({"named": UNFOLLOWED}, "camera_content", "because it is named is not shown"),
+        ({"matched": IGNORED}, "pose_only", "it reads what its state tells too"),
         ({"matched": None}, "undecided", "no state to match by"),
         ({"matched": OPEN}, "undecided", "where the state is alike"),
         ({"swap": OPEN}, "undecided", "more episodes make it shorter"),
@@ -438,7 +438,9 @@ def test_what_it_is_told_and_what_it_does_are_two_things() -> None:
     """Where nothing is moved that is said, and where it hardly goes there."""
     open_ = verdict(named=None, follow=None).instruction
     assert (open_.label, "is not tested" in open_.because) == ("instruction_followed", True)
-    little = Statistic(0.05, 72, (0.02, 0.08), 0.0002)
+    hardly = verdict(named=Statistic(0.05, 72, (0.02, 0.08), 0.0002)).instruction
+    assert (hardly.label, "only 5.0 % [2.0, 8.0]" in hardly.because) == ("undecided", True)
+    little = Statistic(0.15, 72, (0.12, 0.18), 0.0002)
     found = verdict(named=little)
     assert found.instruction.label == "instruction_followed"
     assert any("hardly does what it is told" in one for one in found.remarks)

@@ -169,7 +169,8 @@ def test_the_files_of_a_condition_are_those_that_it_shows(bank: FrameBank) -> No
         files = sources(name, frame, bank, 0)
         seen = {bank.read(file) for file in files}
         assert (
-            name.startswith(("blank", "noise", "mirrored")) or set(show(name, frame, bank, 0).images.values()) <= seen
+            name.startswith(("nudged", "blank", "noise", "mirrored"))
+            or set(show(name, frame, bank, 0).images.values()) <= seen
         )
 
 
@@ -209,7 +210,7 @@ def test_a_camera_whose_pictures_are_all_alike_is_not_exchanged(tmp_path: Path) 
     """Its swap would show what is there anyway; both the bank's check and its import say so, and the others stay."""
     still = arm_bank(tmp_path / "still", side="still")
     every, left_out = conditions_of(still)
-    why = "48 of 48 frames have no frame of another episode that differs there"
+    why = "48 of 48 frames have no frame of another episode that differs in the side camera"
     assert {name: left_out[name] for name in left_out if name.endswith("camera:side")} == dict.fromkeys(
         ("swapped@camera:side", "matched@camera:side", "near@camera:side"), why
     )

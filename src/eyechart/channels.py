@@ -40,7 +40,10 @@ MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus
 _ASKS = {
     "swapped": ("another episode's", "does the channel decide?"),
     "matched": ("that of another episode at a similar state", "does it tell more than the state?"),
-    "near": ("that of its own episode, as far off in its state as the matched one", "is it no more than the pose?"),
+    "near": (
+        "that of its own episode, as far off in its state as the matched one or farther",
+        "is it no more than the pose?",
+    ),
     "kept": ("its own, all others another episode's", "is the channel enough?"),
     ALONE: ("that of the moment whose pictures are swapped", "what is its Shapley share?"),
 }
@@ -57,7 +60,7 @@ _DRAWN = {
     "recoloured": ("same moment, another table", "does paint decide?"),
     "decoys": ("same moment, further objects", "do others distract it?"),
 }
-_PLAIN = ("real", "real_repeat", "blank", "noise", "mirrored")
+_PLAIN = ("real", "real_repeat", "nudged", "blank", "noise", "mirrored")
 EXCHANGED = "exchanged"
 """The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
 
@@ -103,7 +106,7 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
 
     Without ``reading`` no picture is opened, which a run has no copy of: ``mirrored`` is not among them.
     """
-    every, left_out = ["real", "real_repeat"], {}
+    every, left_out = ["real", "real_repeat", "nudged"], {}
     for channel in channels_of(bank):
         over = channel.removeprefix(CAMERA) if channel.startswith(CAMERA) else ""
         every += [f"{name}{OVER}{channel}" for name in PARTNERS if name != ALONE and not (over and name == "kept")]
@@ -200,10 +203,14 @@ def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
         return "the bank has no state to match by"
     without = _alone("swapped", channel, bank)
     if without:
-        return f"{without} of {len(bank)} frames have no frame of another episode that differs there"
+        return f"{without} of {len(bank)} frames have no frame of another episode that differs in {_its_name(channel)}"
     if base in BY_STATE and (without := _alone(base, channel, bank)) > (1 - LEAST_MATCHED) * len(bank):
         return f"{without} of {len(bank)} frames have no frame of another episode at a similar state"
     return ""
+
+
+def _its_name(channel: str) -> str:
+    return f"the {channel.removeprefix(CAMERA)} camera" if channel.startswith(CAMERA) else f"its {channel}"
 
 
 def _alone(base: str, channel: str, bank: FrameBank) -> int:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eyechart.stats.partners import NOBODY, balanced_partners, matched_partners, near_partners
+from eyechart.stats.partners import NOBODY, balanced_partners, least_reach, matched_partners, near_partners
 
 
 @settings(max_examples=60, deadline=None)
@@ -62,7 +62,20 @@ def test_a_near_partner_is_of_the_own_episode_and_as_far_off_as_the_match() -> N
     states = [[0.0], [0.1], [1.0], [0.12], [5.0], [1.05]]
     matched = matched_partners(episodes, states)
     assert list(matched) == [3, 3, 5, 1, NOBODY, 2]
-    assert list(near_partners(episodes, states, matched)) == [1, 0, 1, 4, NOBODY, NOBODY]
+    assert list(near_partners(episodes, states, matched)) == [2, 0, 1, 4, NOBODY, NOBODY]
+
+
+def test_a_near_partner_is_as_far_off_in_every_number() -> None:
+    """One that moves its gripper alone is no match for one that moves its arm; what falls short is said."""
+    episodes = ["a"] * 3 + ["b"]
+    states = np.array([[0.0, 0.0], [0.0, 9.0], [0.2, 0.1], [0.2, 0.0]])
+    matched = np.array([3, NOBODY, NOBODY, NOBODY])
+    near = near_partners(episodes, states, matched)
+    assert list(near) == [2, NOBODY, NOBODY, NOBODY]
+    here = np.array([0])
+    assert least_reach(states, here, near[here], matched[here]) == (pytest.approx(1.0), 0)
+    assert least_reach(states, here, np.array([1]), matched[here]) == (0.0, 0)
+    assert least_reach(states, here, np.array([1]), here)[0] == np.inf
 
 
 def test_a_partner_by_state_has_another_value() -> None:

@@ -18,6 +18,8 @@ from eyechart.stats.total_effect import (
     noise_share,
     relabelling_p,
     responding,
+    rounded,
+    scattering,
     share_beyond,
     shares_of_parts,
     total_effect,
@@ -211,12 +213,40 @@ def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
     """Answers to other moments are alike; another unit or another zero is not, and the worst dimension counts."""
     rng = np.random.default_rng(1)
     logged = rng.normal([0, 5], [1, 2], (400, 4, 2))
-    assert unlikeness(logged[::-1], logged) == pytest.approx((0.0, 1.0))
-    assert unlikeness(logged * [1, 3], logged) == pytest.approx((5.0, 3.0), rel=0.02)
-    assert unlikeness(logged * [0.1, 1], logged) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
-    assert unlikeness(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
+
+    def sizes(answers: np.ndarray, log: np.ndarray = logged) -> tuple[float, ...]:
+        return tuple(size for size, _ in unlikeness(answers, log))
+
+    assert sizes(logged[::-1]) == pytest.approx((0.0, 1.0))
+    assert sizes(logged * [1, 3]) == pytest.approx((5.0, 3.0), rel=0.02)
+    assert [which for _, which in unlikeness(logged * [1, 3], logged)] == [1, 1]
+    assert sizes(logged * [0.1, 1]) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
+    assert unlikeness(logged * [0.1, 1], logged)[1][1] == 0
+    assert sizes(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
     held = logged * [1, 0] + [0, 5] + 1e-6 * rng.normal(size=logged.shape)
-    assert unlikeness(held, logged) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"
+    assert sizes(held) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"
+
+
+def test_who_scatters_otherwise_is_found_though_its_mean_stays() -> None:
+    """By a share of the variation, and a test that deals answers out anew; a moved mean is no scatter."""
+    rng = np.random.default_rng(5)
+    still, moved = (rng.normal(size=(4, 60, 2, 1)) for _ in range(2))
+    assert scattering(still, moved, 1.0, seed=0)[1] > 0.01
+    assert scattering(still, moved + 3, 1.0, seed=0)[1] > 0.01
+    size, p = scattering(0.1 * still, moved, 2.0, seed=0)
+    assert p == 1 / 2000
+    assert 0.1 < size < 0.5, "half a variance of 1, less what chance brings about in four answers"
+    turn = rng.integers(2, size=(1, 60, 1, 1))
+    sides = [np.where(turn == which, 1.0, 0.2) * rng.normal(size=still.shape) for which in (0, 1)]
+    assert scattering(*sides, 2.0, seed=0)[1] == 1 / 2000, "of each frame, although as many scatter more as less"
+    assert scattering(still[:1], moved[:1], 1.0, seed=0) is None
+    assert scattering(still, moved, 0.0, seed=0) is None
+
+
+def test_answers_within_rounding_are_one() -> None:
+    """A ten-thousandth of what each number varies by between moments."""
+    answers = np.random.default_rng(3).normal([0, 5], [1, 20], (400, 4, 2))
+    assert rounded(answers) == pytest.approx([1e-4, 2e-3], rel=0.1)
 
 
 def skewed(shares: tuple[float, ...], rng: np.random.Generator) -> tuple[Pairs, ...]:
@@ -286,3 +316,15 @@ def test_a_number_that_is_held_still_is_named() -> None:
     answers[..., 1] = 0.5 + 1e-7 * answers[..., 1]
     answers[..., 2], log[..., 2] = 0.5, 0.5
     assert held_still(answers, log) == (1,)
+
+
+def test_a_partner_may_be_of_an_episode_that_was_not_asked() -> None:
+    """Of a run on a few frames, whose partners are any of the bank's."""
+    rng = np.random.default_rng(2)
+    owner = np.repeat(np.arange(4), 3)
+    effect = Pairs(rng.uniform(0.1, 0.2, 12), owner, rng.integers(4, 9, 12))
+    variation = Pairs(rng.uniform(1, 2, 12), owner, (owner + 1) % 4)
+    found = total_effect(effect, variation)
+    assert found.value == pytest.approx(effect.values.mean() / variation.values.mean())
+    assert found.ci is not None
+    assert share_difference((effect, variation), (effect, variation)).value == 0

@@ -44,7 +44,7 @@ FAULTS = {
     "python:arms:tossed": ("self_inconsistent", "nothing changes"),
     "python:arms:queue": ("self_inconsistent", "nothing changes"),
 }
-FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+FEW = ("real", "real_repeat", "nudged", "swapped@cameras", "blank")
 
 
 @pytest.fixture(scope="module")
@@ -176,8 +176,7 @@ def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: F
 
 def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, tmp_path: Path) -> None:
     """One seed gives two answers: it is asked as one that draws, and its noise is not taken for looking."""
-    asked = (*FEW, "matched@cameras")
-    policy.run(policy.plan(bank.root, ["python:arms:liar"], tmp_path / "run", conditions=asked))
+    policy.run(policy.plan(bank.root, ["python:arms:liar"], tmp_path / "run"))
     scored = policy.score(tmp_path / "run")
     found = scored.models["python:arms:liar"]
     assert found.drawn
@@ -189,7 +188,7 @@ def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, t
 
 def test_a_pose_in_the_picture_is_no_content(bank: FrameBank, tmp_path: Path) -> None:
     """States match roughly, and the rest of the difference shows; a picture of the own episode shows as much."""
-    asked = ("real", "real_repeat", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
+    asked = ("real", "real_repeat", "nudged", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
     specs = ["python:arms:poses", "python:arms:deaf"]
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=asked))
     scored = policy.score(tmp_path / "run")
@@ -207,7 +206,7 @@ def test_a_wrist_that_looks_at_the_block_is_content(bank: FrameBank, tmp_path: P
     over = ("swapped@cameras", "swapped@camera:wrist", "matched@camera:wrist", "near@camera:wrist", "exchanged@wrist")
     spec = "python:arms:by_wrist"
     for name, conditions in (("without", over[:-1]), ("with", over)):
-        policy.run(policy.plan(bank.root, [spec], tmp_path / name, conditions=("real", "real_repeat", *conditions)))
+        policy.run(policy.plan(bank.root, [spec], tmp_path / name, conditions=(*FEW[:3], *conditions)))
     without, found = (judge(policy.score(tmp_path / name))[spec].cameras["wrist"] for name in ("without", "with"))
     assert without.label == "undecided"
     assert found.label == "camera_content"
@@ -236,7 +235,7 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
     assert "calls are unfinished" in judge(policy.score(tmp_path / "cut"))[specs[0]].remarks[0]
     policy.run(cut)
     assert judge(policy.score(tmp_path / "cut"))[specs[0]].remarks == ()
-    assert cut.counts() == (48 * 9, 48 * 9, 0)
+    assert cut.counts() == (48 * 11, 48 * 11, 0)
     first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
     assert first == second
     other = open_bank_simulator("tabletop").build(tmp_path / "other", steps=4, seeds=(7, 8))
@@ -252,7 +251,7 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
     program = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     kept: dict[CallKey, Reply] = {}
-    for more in (*random.Random(3).sample(range(1, 120), 6), 48 * 9):  # noqa: S311
+    for more in (*random.Random(3).sample(range(1, 120), 6), 48 * 11):  # noqa: S311
         wanted = stand_ins.rows_in(out / "ledger.sqlite", "replies") + more
         with subprocess.Popen(program, env=env, stderr=subprocess.DEVNULL) as running:
             while running.poll() is None:
@@ -261,10 +260,10 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
                 time.sleep(0.002)
         with Ledger(out / "ledger.sqlite") as ledger:
             found = {key: reply for spec in specs for key, reply in ledger.replies(spec)}
-        assert len(found) >= min(wanted, 48 * 9)
+        assert len(found) >= min(wanted, 48 * 11)
         assert kept.items() <= found.items()
         kept = found
-    assert len(kept) == 48 * 9
+    assert len(kept) == 48 * 11
     policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
     with Ledger(out / "ledger.sqlite") as ledger:
         finals = [sent.key for spec in specs for sent in ledger.attempts(spec) if sent.final]
@@ -326,8 +325,7 @@ def test_absence_is_said_of_the_data_set_where_enough_episodes_were_asked(run: P
     assert "none of 12 responds, so that up to 32% of the data set's may; 44 episodes" in few["why_not"]
     assert "data_set" not in policies["python:arms:reach"]["axes"]["camera"]
     large = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(12), steps=4)
-    asked = (*FEW, "matched@cameras", "swapped@state")
-    policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run", conditions=asked))
+    policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run"))
     verdict = judge(policy.score(tmp_path / "run"))["python:arms:middle"]
     for one in (verdict.camera, verdict.state):
         assert (one.of_data_set, one.why_not) == (one.label, "")

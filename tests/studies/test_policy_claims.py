@@ -17,7 +17,7 @@ from eyechart.verdicts.channels import PolicyVerdict
 
 pytestmark = pytest.mark.slow
 
-FEW = ("real", "real_repeat", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
+FEW = ("real", "real_repeat", "nudged", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
 TOLD = (
     "swapped@instruction",
     *(f"{told}{which}_{side}" for told in ("", "told_") for which in ("named", "other") for side in ("plus", "minus")),
@@ -101,7 +101,7 @@ def test_a_control_that_is_left_out_passes_no_gate(bank: FrameBank, tmp_path: Pa
 
 def test_a_verdict_opens_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run has no copy of its bank's pictures, and what it left out is known without them."""
-    judged(bank, tmp_path / "run", "poses", "real", "real_repeat", module="arms")
+    judged(bank, tmp_path / "run", "poses", *FEW[:3], module="arms")
 
     def read(*_: object) -> bytes:
         raise AssertionError("a picture was read")
@@ -114,7 +114,7 @@ def test_a_verdict_opens_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch
 
 def test_who_does_the_opposite_or_something_else_is_not_said_to_follow(bank: FrameBank, tmp_path: Path) -> None:
     """Of two that change with every word, one goes away from what is named, and one anywhere."""
-    asked = ("real", "real_repeat", *TOLD)
+    asked = (*FEW[:3], *TOLD)
     found = {name: judged(bank, tmp_path / name, name, *asked).instruction for name in ("away", "by_word")}
     assert {one.label for one in found.values()} == {"undecided"}
     assert "goes away from what is named" in found["away"].because
@@ -184,7 +184,9 @@ def seven_joints(folder: Path) -> FrameBank:
 def test_a_pose_is_not_said_of_moments_in_which_nothing_is_seen(tmp_path: Path) -> None:
     """A bank of many joints has moments of a like state near home alone, where this one drives without looking."""
     bank = seven_joints(tmp_path)
-    found = judged(bank, tmp_path / "run", "late", "real", "real_repeat", "swapped@cameras", "matched@cameras", "blank")
+    found = judged(
+        bank, tmp_path / "run", "late", "real", "real_repeat", "nudged", "swapped@cameras", "matched@cameras", "blank"
+    )
     matched = policy.score(tmp_path / "run").models[f"python:{__name__}:late"].statistics["T.matched@cameras"]
     assert matched.ci is not None
     assert matched.ci[1] < 0.10

@@ -53,7 +53,7 @@ def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, mo
     assert {pair[1] for shares in said["said"].values() for pair in shares.values()} == {0.0}
     assert {"camera_content", "pose_only", "object_grounded"} <= set(said["unreachable"])
     assert said["unreachable"]["pose_only"].endswith("frames have no frame of another episode at a similar state")
-    assert "differs there" in said["unreachable"]["ignores_camera of camera:side"]
+    assert "differs in the side camera" in said["unreachable"]["ignores_camera of camera:side"]
     assert {"ignores_camera", "camera_presence", "state_shortcut", "instruction_ignored"} <= set(said["reachable"])
     printed = " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
     assert "frames with a match at a similar state, of 48: cameras 0, camera:front 0, camera:side 0" in printed

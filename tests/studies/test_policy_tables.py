@@ -19,7 +19,7 @@ from eyechart.studies.policy.tables import channel_table, parts_table, steps_tab
 from policies_by_hand import share, verdict
 
 HERE = "python:test_policy_tables"
-FEW = ("real", "real_repeat", "swapped@cameras", "swapped@state", "swapped@instruction", "blank")
+FEW = ("real", "real_repeat", "nudged", "swapped@cameras", "swapped@state", "swapped@instruction", "blank")
 
 
 def unread(images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import chunks
+from eyechart.stats.statistic import TIE, chunks
 
 Places = npt.NDArray[np.intp]
 _Marks = npt.NDArray[np.bool_]
@@ -77,8 +77,10 @@ def near_partners(
 ) -> Places:
     """Return for each frame the place of one of its own episode, as far off in its state as its match, shape (n,).
 
-    ``matched`` are `matched_partners` of the same ``values``; of all other frames of the episode that have another it
-    is the one whose distance is nearest to theirs. `NOBODY` where a frame has no match, or no such frame is there.
+    ``matched`` are `matched_partners` of the same ``values``. Of all other frames of the episode that have another it
+    is the one that falls least short of the match, number by number of the state: what a smaller change of pose brings
+    about says nothing of a larger one, nor that of a gripper of that of an arm. Of several it is the nearest. `NOBODY`
+    where a frame has no match, or no such frame is there.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
@@ -86,10 +88,24 @@ def near_partners(
         own = np.flatnonzero(episode == episode[place])
         own = own[value[own] != value[place]]
         if len(own):
-            far = np.sqrt(((scaled[own] - scaled[place]) ** 2).sum(axis=1))
-            wanted = np.sqrt(((scaled[matched[place]] - scaled[place]) ** 2).sum())
-            found[place] = own[np.abs(far - wanted).argmin()]
+            far = (scaled[own] - scaled[place]) ** 2
+            short = np.maximum((scaled[matched[place]] - scaled[place]) ** 2 - far, 0.0).sum(axis=1)
+            found[place] = own[np.lexsort((far.sum(axis=1), short))[0]]
     return found
+
+
+def least_reach(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> tuple[float, int]:
+    """Return the least ratio, over the numbers of the state, of two mean squared changes, and of which number it is.
+
+    That of ``frames`` to their partners of their own episode over that to their matches; ``states`` has shape (n, d),
+    the others are places in it. Below 1 a change of that number is smaller than the match's. A number that no match
+    changes has no ratio; infinite where none does.
+    """
+    given = np.asarray(states, np.float64)
+    own, theirs = (((given[places] - given[frames]) ** 2).mean(axis=0) for places in (near, matched))
+    moved = theirs > TIE * given.var(axis=0)
+    ratios = np.where(moved, own, np.inf) / np.where(moved, theirs, 1.0)
+    return float(ratios.min(initial=np.inf)), int(ratios.argmin()) if len(ratios) else 0
 
 
 def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -95,7 +95,7 @@ def total_effect(
     2007). Measured in docs/decisions/0050-any-policy-simulated.md.
     """
     method = f"share of own variation, jackknife over owners and partners, {100 * level:g}% interval"
-    episodes = int(max(np.max(one.owner, initial=-1) for one in (effect, variation))) + 1
+    episodes = _count(effect, variation)
     n, there = len(effect.values), len(np.unique(effect.owner))
     if there < 3:
         return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
@@ -139,7 +139,7 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
     """
     method = f"difference of shares, jackknife over owners and partners, {100 * level:g}% interval"
     effect, n = first[0], len(second[0].values)
-    episodes = int(max(np.max(one.owner, initial=-1) for pair in (first, second) for one in pair)) + 1
+    episodes = _count(*first, *second)
     there = len(np.unique(effect.owner))
     if there < 3:
         return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
@@ -217,6 +217,11 @@ def _inverted(first: float, second: float, left: Floats, quantile: float) -> tup
     return float(lower - second), float(reached[above[0], 0] - second)
 
 
+def _count(*pairs: Pairs) -> int:
+    """Return how many episodes are numbered; one may be the partner of a frame and have none among those asked."""
+    return max(int(max(np.max(one.owner, initial=-1), np.max(one.partner, initial=-1))) for one in pairs) + 1
+
+
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
     """Return the mean of all values, and that without each episode, NaN where none is left or it has none."""
     sums, counts = pairs.table(episodes)
@@ -271,6 +276,36 @@ def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, res
         turns = rng.integers(len(dealt), size=(rows.stop - rows.start, n))
         drawn += int(np.count_nonzero(apart[turns, np.arange(n)].sum(axis=1) >= observed))
     return (drawn + 1) / (resamples + 1)
+
+
+def scattering(
+    first: npt.ArrayLike, second: npt.ArrayLike, variation: float, *, seed: int, resamples: int = 1999
+) -> tuple[float, float] | None:
+    """Return by how much of the variation the answers to one moment scatter otherwise, and the p that they do.
+
+    Both have shape (k, n, …), with the channel and with it exchanged; ``variation`` is half the mean squared distance
+    of the answers to two moments. The size is the mean over frames of how far two variances are apart, less what
+    dealing the 2 k answers to a frame out anew brings about, over it; p that of the sum of its squares, (j + 1) /
+    (B + 1). A controller may answer with one mean and another spread, which no difference of means tells. None with one
+    answer each, or without variation.
+    """
+    r, s = (np.asarray(one, np.float64) for one in (first, second))
+    k, n = r.shape[:2]
+    if k < 2 or not n or not variation > 0:
+        return None
+    pool = np.concatenate([r, s]).reshape(2 * k, n, -1)
+    every = range(2 * k)
+    dealt = [(list(one), [other for other in every if other not in one]) for one in combinations(every, k) if 0 in one]
+    apart = np.stack(
+        [abs(pool[one].var(axis=0, ddof=1) - pool[other].var(axis=0, ddof=1)).mean(axis=1) for one, other in dealt]
+    )
+    observed = float((apart[0] ** 2).sum()) * (1 - TIE)
+    rng, drawn = np.random.default_rng(seed), 0
+    for rows in chunks(resamples, n):
+        turns = rng.integers(len(dealt), size=(rows.stop - rows.start, n))
+        drawn += int(np.count_nonzero((apart[turns, np.arange(n)] ** 2).sum(axis=1) >= observed))
+    size = float(apart[0].mean() - apart.mean()) / variation
+    return max(size, 0.0), (drawn + 1) / (resamples + 1)
 
 
 def shares_of_parts(
@@ -347,8 +382,8 @@ def rounded(answers: npt.ArrayLike) -> Floats:
     return np.asarray(ROUNDING * found.reshape(-1, found.shape[-1]).std(axis=0))
 
 
-def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
-    """Return how far the numbers of a dimension are from the logged ones as a whole: in their mean, and in spread.
+def unlikeness(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
+    """Return how far the numbers of a dimension are from the logged ones as a whole, and of which dimension.
 
     Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
     logged spread, of the dimensions of which most answers lie half a spread or more outside all that was logged; then
@@ -366,7 +401,9 @@ def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
         np.where(both, first, 1.0) / np.where(both, second, 1.0) for first, second in ((own, spread), _ranges(a, b))
     ]
     ratio = np.minimum(*(np.maximum(one, 1 / one) for one in ratios))
-    return float(np.where(outside > 0.5, offset, 0.0).max()), float(ratio.max())
+    far = np.where(outside > 0.5, offset, 0.0)
+    first, second = ((float(one.max()), int(one.argmax())) for one in (far, ratio))
+    return first, second
 
 
 def _ranges(*many: Floats) -> list[Floats]:

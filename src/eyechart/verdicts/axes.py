@@ -3,16 +3,20 @@
 Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.records import picked
 from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.uses import (
+    ALPHA,
     COLOURED,
     EVERYTHING,
     FOLLOWED,
+    HEADING,
+    HEARD,
     IGNORED,
     USED,
     Asked,
@@ -110,7 +114,7 @@ def judge_camera(statistics: Statistics, channel: str, what: str, asked: Asked =
     if ignored(swap) and (matched is None or ignored(matched)):
         return _unshown(statistics, channel, what, shown, asked)
     if used(swap) and ignored(matched):
-        return _pose(statistics, channel, shown)
+        return _pose(statistics, channel, shown, asked)
     if used(swap) and used(matched):
         return _content(statistics, channel, f"{shown}, and {share(matched)} where the state is alike", asked)
     why = _why_open(swap, matched, asked.without(f"matched@{channel}"))
@@ -122,19 +126,29 @@ def _unshown(statistics: Statistics, channel: str, what: str, shown: str, asked:
     grey = "blank" if channel == "cameras" else f"blank@{channel.partition(':')[2]}"
     blank = statistics.get(f"T.{grey}")
     if ignored(blank):
-        words = f"{what} could be unplugged without anybody noticing ({shown}; grey pictures {share(blank)})"
+        words = f"{what} could be unplugged{_unnoticed(statistics, channel)} ({shown}; grey pictures {share(blank)})"
         gone = Judged("ignores_camera", sentence(words), f"T.swapped@{channel}")
-        return _absent(gone, statistics, "responds", channel, f"{shown}, and grey pictures {share(blank)}")
+        return _absent(gone, statistics, "responds", channel, f"{shown}, and grey pictures {share(blank)}", asked)
     if used(blank):
-        words = f"{shown}, but grey pictures {share(blank)}: that there is a picture matters, not what it shows"
+        words = f"{shown}, but grey pictures {share(blank)}: that there is a picture matters, not which of these it is"
         there = Judged("camera_presence", sentence(words), f"T.{grey}")
-        return _absent(there, statistics, "responds.shown", channel, f"{shown}, but grey pictures {share(blank)}")
+        return _absent(
+            there, statistics, "responds.shown", channel, f"{shown}, but grey pictures {share(blank)}", asked
+        )
     why = asked.without(grey) or (f"grey ones change {share(blank)}" if settled(blank) else why_open(blank))
     words = f"{shown}; whether a picture must be there is open: {why}"
     return Judged("undecided", sentence(words), f"T.{grey}")
 
 
-def _pose(statistics: Statistics, channel: str, shown: str) -> Judged:
+def _unnoticed(statistics: Statistics, channel: str) -> str:
+    """Return that nobody would notice, of who answers alike to the same and of whose episodes none responds."""
+    one = statistics.get(f"responds@{channel}")
+    swap = statistics.get(f"T.swapped@{channel}")
+    drawn = swap is not None and swap.p is not None
+    return "" if drawn or (one is not None and one.value) else " without anybody noticing"
+
+
+def _pose(statistics: Statistics, channel: str, shown: str, asked: Asked) -> Judged:
     """Return the label of pictures that are used, and not at a similar state.
 
     A bank may hold such moments in a part of its states only. So any other episode's picture must be used in these
@@ -147,16 +161,16 @@ def _pose(statistics: Statistics, channel: str, shown: str) -> Judged:
     if not used(there):
         why = f"in these moments any other episode's changes {share(there)}, so that what it uses elsewhere is open"
         return Judged("undecided", sentence(f"{words}; {why}"), f"swapped.alike@{channel}")
-    pose = Judged("pose_only", sentence(f"{words}: it reads its own pose"), f"T.matched@{channel}")
-    return _absent(pose, statistics, "responds.alike", channel, words)
+    pose = Judged("pose_only", sentence(f"{words}: it reads what its state tells too"), f"T.matched@{channel}")
+    return _absent(pose, statistics, "responds.alike", channel, words, asked)
 
 
 def _content(statistics: Statistics, channel: str, shown: str, asked: Asked) -> Judged:
     """Return the label of pictures whose content decides: whether the object in them is followed, is of all cameras.
 
-    A picture of the own episode, as far off in its state as the matched one, takes the claim away where it changes as
-    much, or was not asked; not from who follows an object that is moved, or answers to objects whose colours are
-    exchanged, while the state stays.
+    A picture of the own episode, as far off in its state as the matched one, or farther, takes the claim away where it
+    changes as much, or was not asked; not from who follows an object that is moved, or answers to objects whose colours
+    are exchanged, while the state stays.
     """
     plain = Judged("camera_content", sentence(shown), f"T.matched@{channel}")
     gain = None if channel != "cameras" else statistics.get("follow.named")
@@ -166,8 +180,9 @@ def _content(statistics: Statistics, channel: str, shown: str, asked: Asked) -> 
     if used(beyond) or used(colours, COLOURED) or followed(gain, FOLLOWED):
         return plain if channel != "cameras" else _grounded(plain, statistics, shown, asked)
     if beyond is not None and beyond.value is not None:
-        own = f"one of its own episode, as far off in its state, {share(statistics.get(f'T.{near}'))}"
-        why = f"{lost(beyond) or own}{also}: it may read its own pose"
+        own = f"one of its own episode, as far off in its state or farther, {share(statistics.get(f'T.{near}'))}"
+        apart = f"that it is more is not settled ({way(beyond)} more)"
+        why = f"{lost(beyond) or f'{own}, and {apart}'}{also}: it may read its own pose"
         return Judged("undecided", sentence(f"{shown}; but {why}"), f"beyond@{channel}")
     if why := asked.without(near) or ("" if beyond is None else why_open(beyond)):
         why = f"without a picture of its own episode it may read its own pose: {why}{also}"
@@ -187,11 +202,23 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
     if not followed(gain, FOLLOWED):
         why = f"the moved object is followed {way(gain)} of the oracle's way; {unfollowed(gain)}"
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(gain) else "")
-    if not followed(rather := statistics.get(control), 0.0):
-        apart = f"the difference is {way(rather)}; {unfollowed(rather)}"
-        why = f"objects are followed as well where another is named: {apart}"
+    heading = (gain.detail or {}).get("heading")
+    if isinstance(heading, float) and heading < HEADING:
+        off = math.degrees(math.acos(max(-1.0, heading)))
+        why = (
+            f"its way is {off:.0f} degrees off that of the moved object, and goes {way(gain)} of the oracle's along it"
+        )
+        return replace(plain, why_not=why)
+    if not followed(rather := statistics.get(control), FOLLOWED):
+        apart = (
+            f"where it is named an object is followed {way(rather)} of the oracle's way farther; {unfollowed(rather)}"
+        )
+        why = f"that it is followed because it is named is not shown: {apart}"
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(rather) else "")
-    words = f"{shown}; moved, the named object is followed {way(gain)} of the oracle's way (p {gain.p:.4f})"
+    words = (
+        f"{shown}; moved, the named object is followed {way(gain)} of the oracle's way (p {gain.p:.4f}), and "
+        f"{way(rather)} farther than where another is named"
+    )
     return Judged("object_grounded", sentence(words), "follow.named")
 
 
@@ -214,16 +241,40 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Aske
         why = asked.without("swapped@state") or why_open(swap)
         return Judged("undecided", sentence(f"its state cannot be judged: {why}"), by)
     shown = f"its state carries {of_action(swap)}"
+    if why := _of_places(swap, statistics.get("reads@state")):
+        return Judged("undecided", sentence(f"{shown}; but {why}"), "reads@state")
     if ignored(swap):
-        return _absent(Judged("ignores_state", sentence(shown), by), statistics, "responds", "state", shown)
-    if used(swap) and camera == "ignores_camera":
-        told = statistics.get("T.swapped@instruction")
-        also = f"; another instruction changes {of_action(told)}" if used(told) else ""
-        short = Judged("state_shortcut", sentence(f"{shown}, and its cameras next to nothing{also}"), by)
-        return _bounded(short, statistics.get("responds@cameras"))
-    if used(swap):
+        return _absent(Judged("ignores_state", sentence(shown), by), statistics, "responds", "state", shown, asked)
+    if not used(swap):
+        return Judged("undecided", sentence(f"{shown}: {why_open(swap)}"), by)
+    return _needed(statistics, camera, shown, by)
+
+
+def _needed(statistics: Statistics, camera: str, shown: str, by: str) -> Judged:
+    """Return the label of a state that is used: alone, where the cameras are ignored."""
+    if camera != "ignores_camera":
         return Judged("state_used", sentence(shown), by)
-    return Judged("undecided", sentence(f"{shown}: {why_open(swap)}"), by)
+    told = statistics.get("T.swapped@instruction")
+    also = f"; another instruction changes {of_action(told)}" if used(told) else ""
+    short = Judged("state_shortcut", sentence(f"{shown}, and its cameras next to nothing{also}"), by)
+    return _bounded(short, statistics.get("responds@cameras"))
+
+
+def _of_places(swap: Statistic, reads: Statistic | None) -> str:
+    """Return in words what places tell of the state that they are measured relative to, against its own share.
+
+    A place that does not change is another one relative to another state; one that goes along with it is the same.
+    """
+    if reads is None or reads.value is None:
+        return ""
+    if used(swap) and not used(reads):
+        own = "relative to another state the same place is another motion"
+        return f"its answers are places, and as they are change by only {share(reads)} with it: {own}"
+    if ignored(swap) and not ignored(reads):
+        return (
+            f"its answers are places that go along with it ({share(reads)}): it reads it, and does the same from there"
+        )
+    return ""
 
 
 def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judged:
@@ -239,9 +290,9 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
     forgot = asked.forgot(*_moves(), *_moves("told_")) or lost(told)
     if (used(swap) or ignored(swap)) and forgot:
         return Judged("undecided", sentence(f"{shown}; whether it goes to what is named is open: {forgot}"), by)
-    if ignored(swap) and not followed(told, 0.0):
+    if ignored(swap) and not followed(told, HEARD):
         unheard = Judged("instruction_ignored", sentence(shown), by)
-        return _absent(unheard, statistics, "responds", "instruction", shown)
+        return _absent(unheard, statistics, "responds", "instruction", shown, asked)
     if used(swap):
         return _heard(statistics, shown)
     but = f", but it follows what is named {share(told)} of the oracle's way more than what is not"
@@ -252,7 +303,7 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
 def _heard(statistics: Statistics, shown: str) -> Judged:
     """Return the label of an instruction that changes the action: whether towards what is named."""
     told = statistics.get("follow.told")
-    if followed(told, 0.0):
+    if followed(told, HEARD):
         words = f"{shown}, and it follows what is named {way(told)} of the oracle's way more than what is not"
         return Judged("instruction_followed", sentence(words), "follow.told")
     if opposed(told):
@@ -267,30 +318,36 @@ def _heard(statistics: Statistics, shown: str) -> Judged:
 def _by_the_log(statistics: Statistics, shown: str) -> Judged:
     """Return the label of an instruction that changes the action where no object is followed, or none is moved.
 
-    Where objects are moved, its own instruction has to bring it nearer to what was logged than another one does. Where
-    none is, the label stands, and it is said whether that is so.
+    Its own instruction has to bring it nearer to what was logged than another one does. Where nobody can say whether it
+    does, and nothing is moved, the label stands, and it is said what is not tested.
     """
     told, logged = statistics.get("follow.told"), statistics.get("follow.logged")
     moved = told is not None and told.value is not None
     nearer = f"its own brings it nearer to what was logged by {way(logged)} of what both differ by"
     if opposed(logged):
         return Judged("undecided", sentence(f"{shown}, but {nearer}: the other way"), "follow.logged")
-    if followed(logged, 0.0):
-        what = "it follows no object that is moved in the picture" if moved else "the bank moves no object"
+    if followed(logged, HEARD):
+        what = "that it follows an object is not shown" if moved else "the bank moves no object"
         open_ = f"whether it goes to what is named is open: {what}"
         return Judged("instruction_followed", sentence(f"{shown}, and {nearer}"), "follow.logged", open_)
     if moved:
         why = f"it follows what is named only {way(told)} of the oracle's way more than what is not"
-        also = "" if logged is None or logged.value is None else f", and {nearer}"
+        also = "" if logged is None or logged.value is None else f", and {nearer}; {unfollowed(logged)}"
         return Judged("undecided", sentence(f"{shown}, but {why}{also}"), "follow.told")
-    why = "whether it does what it is told is not tested: the bank moves no object"
+    if logged is not None and logged.value is not None:
+        why = f"{nearer}; {unfollowed(logged)}: that it changes towards what it is told is not shown"
+        return Judged("undecided", sentence(f"{shown}, but {why}"), "follow.logged", may_be="instruction_followed")
+    why = "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
     return Judged("instruction_followed", sentence(f"{shown}; {why}"), "T.swapped@instruction", why)
 
 
-def _absent(found: Judged, statistics: Statistics, claim: str, channel: str, shown: str) -> Judged:
+def _absent(
+    found: Judged, statistics: Statistics, claim: str, channel: str, shown: str, asked: Asked = EVERYTHING
+) -> Judged:
     """Return a label of absence, bounded; undecided where a part of the answer, or another picture, shows a use.
 
-    ``shown`` are the shares that the label rests on, in words.
+    So it is where the run did not ask what may show one, and where more of its episodes respond than may. ``shown`` are
+    the shares that the label rests on, in words.
     """
     every = [f"T.{name}" for name in rests_on(claim, channel)]
     parts = {part: one for name in every for part, one in carried(statistics.get(name)).items()}
@@ -298,9 +355,57 @@ def _absent(found: Judged, statistics: Statistics, claim: str, channel: str, sho
         said = ", ".join(f"{part} (T {one:.2f})" for part, one in list(parts.items())[:4])
         why = f"that is the mean over all numbers, and some go with it: {said}"
         return Judged("undecided", sentence(f"{shown}; but {why}"), found.by)
-    if other := next(_contrary(statistics, claim, channel), ""):
+    if other := next(_contrary(statistics, claim, channel), "") or _otherwise(statistics, every):
         return Judged("undecided", sentence(f"{shown}; but {other}"), found.by)
-    return _bounded(found, statistics.get(f"{claim}@{channel}"))
+    if forgot := asked.forgot(*dict.fromkeys(_controls(statistics, claim, channel, asked))):
+        return Judged("undecided", sentence(f"{shown}; whether other pictures show a use is open: {forgot}"), found.by)
+    one, exact = statistics.get(f"{claim}@{channel}"), all(_exact(statistics.get(name)) for name in every)
+    if exact and one is not None and one.value is not None and one.value > OF_DATA_SET:
+        some = f"{round(one.value * one.n)} of {one.n} episodes each respond by {IGNORED:.2f} of the variation or more"
+        return Judged("undecided", sentence(f"{shown}; but that is the mean, and {some}"), found.by)
+    return _bounded(found, one)
+
+
+def _otherwise(statistics: Statistics, every: Sequence[str]) -> str:
+    """Return in words what the mean answer at one seed does not tell: how answers scatter, and those to other seeds."""
+    for name in every:
+        detail = getattr(statistics.get(name), "detail", None) or {}
+        size, p = detail.get("scatter"), detail.get("scatter_p")
+        if isinstance(size, float) and isinstance(p, float) and size > USED and p <= ALPHA:
+            what = f"how its answers scatter changes, by {size:.0%} of the variation (p {p:.4f})"
+            return f"that is their mean, and {what}"
+    noise = statistics.get("noise")
+    if noise is not None and (noise.detail or {}).get("seeds") and (noise.value or 0.0) >= IGNORED:
+        return f"that is at one seed, and another seed changes {of_action(noise)}: ask it without 'seedable' too"
+    return ""
+
+
+def _exact(one: Statistic | None) -> bool:
+    """Return whether a share is of answers that are not drawn: single episodes of these respond, and not by chance."""
+    return one is None or one.p is None
+
+
+def _controls(statistics: Statistics, claim: str, channel: str, asked: Asked) -> Iterator[str]:
+    """Yield the conditions that `_contrary` looks at."""
+    if channel in {"state", "instruction"}:
+        return
+    if channel != "cameras":
+        yield f"exchanged@{channel.partition(':')[2]}"
+        return
+    yield from OF_ITS_WORLD
+    yield from _moves()
+    for single in (*_singles(statistics), *_unasked_singles(asked)):
+        yield from rests_on(claim, single)
+
+
+def _unasked_singles(asked: Asked) -> list[str]:
+    swaps = (name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith("swapped@camera:"))
+    return list(swaps)
+
+
+def _singles(statistics: Statistics) -> list[str]:
+    """Return the single cameras of which there are shares."""
+    return [name.removeprefix("T.swapped@") for name in statistics if name.startswith("T.swapped@camera:")]
 
 
 def _contrary(statistics: Statistics, claim: str, channel: str) -> Iterator[str]:
@@ -329,7 +434,7 @@ def _in_part(statistics: Statistics, claim: str) -> Iterator[str]:
     for which in ("named", "other"):
         if followed(one := statistics.get(f"follow.{which}"), FOLLOWED):
             yield f"an object that is moved in the picture is followed {way(one)} of the oracle's way"
-    for single in [name.removeprefix("T.swapped@") for name in statistics if name.startswith("T.swapped@camera:")]:
+    for single in _singles(statistics):
         for one in (statistics.get(f"T.{condition}") for condition in rests_on(claim, single)):
             if _carries(one):
                 yield f"the {single.partition(':')[2]} camera alone carries {of_action(one)} while the others are there"

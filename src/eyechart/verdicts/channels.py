@@ -34,6 +34,7 @@ from eyechart.verdicts.uses import (
     may_follow,
     of_action,
     sentence,
+    share,
     used,
     way,
 )
@@ -267,6 +268,9 @@ def _unguarded(statistics: Statistics, asked: Asked) -> Judged | None:
         if one.value is None or lost(one):
             why = (asked.forgot("real_repeat") if name == "noise" else "") or lost(one) or one.note
             return Judged("undecided", sentence(f"{why}, so that {what}"), name)
+    if forgot := asked.forgot("nudged"):
+        what = "nobody knows whether it answers by the bytes of its pictures, and not by what they show"
+        return Judged("undecided", sentence(f"{forgot}, so that {what}"), "T.nudged")
     return None
 
 
@@ -333,20 +337,32 @@ def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[st
         reasons = _reasons(missing, "none came back")
         return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion{reasons}"}
     if misfit.value is not None and misfit.value >= MISFIT and (unlike := _unlike(misfit)):
-        words = "is its normalisation skipped, or its action space another?"
-        found["misfit"] = f"its error is {misfit.value:.2g} of the log's variance, and {unlike}: {words}"
+        words = "is its normalisation skipped, its action space another, or is it hardly trained?"
+        found["misfit"] = f"its error is {_size(misfit)} of the log's variance, and {unlike}: {words}"
     if varies.value is not None and varies.value < CONSTANT:
         found["constant"] = f"it varies {varies.value:.3f} times as much as the log between episodes, below {CONSTANT}"
     elif "do not vary" in noise.note:
         found["constant"] = "its answers are all the same"
     if noise.value is not None and noise.value > INCONSISTENT:
-        found["self_inconsistent"] = f"{noise.value:.0%} of its variation is there when nothing changes at all"
+        found["self_inconsistent"] = (
+            f"{noise.value:.0%} of its variation is there when nothing changes at all, on {noise.n} frames"
+        )
+    elif used(nudged := statistics.get("T.nudged")):
+        words = "it answers by the bytes of its pictures, as a cache or a hash of them does"
+        found["self_inconsistent"] = (
+            f"{share(nudged)} of its variation goes with one value of its pictures that is one level off: {words}"
+        )
     elif noise.value is not None and noise.value > LEAST_NOISE and _remembers(kept := statistics.get("memory")):
         words = "it keeps something; empty it before every call (reset)"
         found["self_inconsistent"] = (
-            f"{kept.value:.0%} of its noise goes with the call before (p {kept.p:.3f}): {words}"
+            f"{kept.value:.0%} of its noise goes with the call before (p {kept.p:.3f}, {kept.n} calls): {words}"
         )
     return found
+
+
+def _size(one: Statistic) -> str:
+    """Return a ratio in words, with its interval where there is one."""
+    return f"{one.value:.2g}" if one.ci is None else f"{one.value:.2g} [{one.ci[0]:.2g}, {one.ci[1]:.2g}]"
 
 
 def _remembers(kept: Statistic | None) -> TypeGuard[Statistic]:
@@ -355,12 +371,13 @@ def _remembers(kept: Statistic | None) -> TypeGuard[Statistic]:
 
 def _unlike(misfit: Statistic) -> str:
     """Return in words how a policy's numbers are not those of the log, nothing where they are."""
-    offset, spread = ((misfit.detail or {}).get(name) for name in ("offset", "spread"))
+    detail = misfit.detail or {}
+    offset, spread = (detail.get(name) for name in ("offset", "spread"))
     found = []
     if isinstance(offset, float) and offset > OFFSET:
-        found.append(f"a dimension's mean is {offset:.2g} spreads away")
+        found.append(f"the mean of '{detail.get('offset_of')}' is {offset:.2g} of the log's spreads away")
     if isinstance(spread, float) and spread > SPREAD:
-        found.append(f"a dimension's spread is another by a factor of {spread:.2g}")
+        found.append(f"the spread of '{detail.get('spread_of')}' is another by a factor of {spread:.2g}")
     return ", ".join(found)
 
 
@@ -385,9 +402,11 @@ def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
     """Yield what whoever acts on a verdict should know beside it; ``camera`` is the label of all cameras."""
     yield from _held_still(statistics)
     misfit = statistics.get("misfit")
+    if misfit is not None and misfit.value is not None and misfit.value < MISFIT and (unlike := _unlike(misfit)):
+        yield f"{unlike[0].upper()}{unlike[1:]}, although its error is below the log's variance: is that its unit?"
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
         yield (
-            f"Its error is {misfit.value:.2g} of the log's variance: it does something else than was logged, so that "
+            f"Its error is {_size(misfit)} of the log's variance: it does something else than was logged, so that "
             "what it uses may be put to no good use"
         )
         if camera == "ignores_camera":
@@ -395,6 +414,7 @@ def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
                 "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
                 "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
             )
+    yield from _of_one_seed(statistics.get("noise"))
     paint, noise = statistics.get("T.recoloured"), statistics.get("T.noise")
     if used(paint):
         yield f"A table of another colour alone changes {of_action(paint)}"
@@ -407,6 +427,14 @@ def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
     near = statistics.get("T.swapped@cameras")
     if near is not None and near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
         yield f"Its cameras are used, and carry next to nothing: {of_action(near)}"
+
+
+def _of_one_seed(noise: Statistic | None) -> Iterator[str]:
+    if noise is not None and (noise.detail or {}).get("seeds") and (noise.value or 0.0) > USED:
+        yield (
+            f"All is said of its answers at one seed, and another seed changes {of_action(noise)}: what it does at "
+            "others may be something else"
+        )
 
 
 def _held_still(statistics: Statistics) -> Iterator[str]:

@@ -3,6 +3,7 @@
 Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,6 +18,10 @@ COLOURED = 0.03
 ALPHA = 0.01
 FOLLOWED = 0.30
 """An object is followed where the answer goes at least so far with it, as a share of the oracle's way, likewise."""
+HEADING = math.cos(math.radians(45))
+"""And it goes towards the object where its way is at most so far off that of the object, as a mean cosine."""
+HEARD = 0.10
+"""An instruction is followed where the answer goes at least so far towards what is named, or logged, likewise."""
 UNSCORABLE = 0.10
 """Above this share of calls without a motion a policy is not scorable, and a condition says nothing."""
 LEAST_EPISODES = 6

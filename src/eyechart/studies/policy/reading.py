@@ -124,9 +124,10 @@ class Motions:
     def remembered(self) -> tuple[Floats, Floats, Floats]:
         """Return what answers have beyond the mean of those to their call, and what is known of the call before each.
 
-        The first has shape (calls, dimensions), the mean over the steps; the second (calls, numbers): the mean answer
-        to the call before, at its first and last step, and the state that it showed; the third is the first, of the
-        call before. Of calls that were answered more than once, and whose call before was.
+        The first has shape (calls, steps, dimensions); the second (calls, numbers): the mean answer to the call before,
+        at its first and last step, and the state that it showed; the third (calls, dimensions), what the answer of the
+        call before has beyond its mean, on average over the steps. Of calls that were answered more than once, and
+        whose call before was.
         """
         every = {name: one for name in self.answers if (one := self.of(name)) is not None and len(one) > 1}
         means = {name: one.mean(axis=0) for name, one in every.items()}
@@ -135,7 +136,7 @@ class Motions:
 
         def beyond(call: CallKey) -> Floats:
             own = at[call.frame]
-            return np.asarray((every[call.condition][call.repeat, own] - means[call.condition][own]).mean(axis=0))
+            return np.asarray(every[call.condition][call.repeat, own] - means[call.condition][own])
 
         found: tuple[list[Floats], ...] = ([], [], [])
         for first, call in pairwise(self.order):
@@ -143,12 +144,12 @@ class Motions:
                 place = at[first.frame]
                 answer, states = means[first.condition][place], shown[first.condition]
                 known = np.concatenate([answer[0], answer[-1], () if states is None else states[place]])
-                for many, one in zip(found, (beyond(call), known, beyond(first)), strict=True):
+                for many, one in zip(found, (beyond(call), known, beyond(first).mean(axis=0)), strict=True):
                     many.append(one)
         if not found[0]:
-            return np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1))
+            return np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros((0, 1))
         arrays = [np.array(many) for many in found]
-        good = np.logical_and.reduce([np.isfinite(one).all(axis=1) for one in arrays])
+        good = np.logical_and.reduce([np.isfinite(one).reshape(len(one), -1).all(axis=1) for one in arrays])
         apart, before, earlier = (one[good] for one in arrays)
         return apart, before, earlier
 

@@ -20,6 +20,7 @@ from eyechart.channels import (
     TOLD,
     channels_of,
     conditions_of,
+    flat_state,
     subset_conditions,
 )
 from eyechart.conditions import OVER
@@ -33,12 +34,12 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.records import Written
 from eyechart.run import MotionPlan
 from eyechart.seeds import key_seed
-from eyechart.spaces.motion import MOTION_READER
+from eyechart.spaces.motion import MOTION_READER, PLACES
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
-from eyechart.stats.partners import NOBODY, Places
+from eyechart.stats.partners import NOBODY, Places, least_reach
 from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.stats.total_effect import (
@@ -51,6 +52,7 @@ from eyechart.stats.total_effect import (
     relabelling_p,
     responding,
     rounded,
+    scattering,
     share_beyond,
     share_difference,
     shares_of_parts,
@@ -76,6 +78,9 @@ Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
+LEAST_REACH = 0.8
+"""A picture of the own episode is as far off as the matched one where each number changes by so much of its square."""
+NOT_SHOWN = "no frame of the run can be shown it"
 NO_FRAMES = "no frame has both answers"
 
 
@@ -258,6 +263,8 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
             found[f"T.{name}"] = taken.total(name)
     cameras = [name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION}]
     found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
+    if motions.plan.motions.kind in PLACES and f"T.swapped{OVER}{STATE}" in found:
+        found[f"reads{OVER}{STATE}"] = taken.reads()
     found |= {f"swapped.alike@{name}": taken.alike(name) for name in cameras if f"T.matched@{name}" in found}
     absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in found]
     found |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
@@ -319,8 +326,11 @@ class _Taken:
         found = misfit_share(answers, logged, self._episodes[frames])
         if found.value is None:
             return found
-        offset, spread = unlikeness(answers, logged)
-        return replace(found, detail={**(found.detail or {}), "offset": offset, "spread": spread})
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        detail = dict(found.detail or {})
+        for what, (size, dimension) in zip(("offset", "spread"), unlikeness(answers, logged), strict=True):
+            detail |= {what: size, f"{what}_of": names[dimension]}
+        return replace(found, detail=detail)
 
     def variation_share(self) -> Statistic:
         """Return how much the answers vary between episodes, over how much the logged motions do."""
@@ -341,11 +351,13 @@ class _Taken:
     def memory(self) -> Statistic:
         """Return which share of the noise goes with the call before, or with its noise: of who keeps nothing, none.
 
-        Of the two it is the one that says more. What is kept goes with what was shown before; what drifts with the
-        time, or with a count of calls, with the noise of the call before.
+        Of four it is the one that says most. What is kept goes with what was shown before; what drifts with the time,
+        or with a count of calls, with the noise of the call before. Either is looked for in the mean over the steps,
+        and in all of them, since what alternates along the horizon has no mean.
         """
         apart, *before = self._motions.remembered()
-        found = [memory_share(apart, one, seed=key_seed("memory")) for one in before]
+        parts = (apart.mean(axis=1), apart.reshape(len(apart), -1))
+        found = [memory_share(part, one, seed=key_seed("memory")) for part in parts for one in before]
         return min(found, key=lambda one: 2.0 if one.p is None else one.p)
 
     def noise(self) -> Statistic:
@@ -358,16 +370,51 @@ class _Taken:
         frames, others = frames[good], others[good]
         other = again[0] if self._seeded and np.isfinite(again[0, others]).all() else self._real[0]
         found = noise_share(self._real[0, frames], again[0, frames], other[others])
+        if self._seeded:
+            found = replace(found, detail={**(found.detail or {}), "seeds": 2})
         return self._counted(found, "real_repeat")
 
     @cached_property
     def _near(self) -> Floats:
-        """Return by how much two answers may differ and be one: by nothing, but of who rounds one moment otherwise."""
-        again = self._motions.of("real_repeat")
-        frames = self._whole(self._real) if again is None else self._whole(self._real, again)
-        if again is None or self._drawn or self._seeded or (self._real[:, frames] == again[:, frames]).all():
-            return np.zeros(self._real.shape[-1])
-        return rounded(self._real[0, frames])
+        """Return by how much two answers may differ and be one: by nothing, but of who rounds one moment otherwise.
+
+        In the numbers that it answers with, shape (dimensions,).
+        """
+        real, again = (self._motions.answers.get(name) for name in ("real", "real_repeat"))
+        exact = np.zeros(self._real.shape[-1])
+        if real is None or again is None or self._drawn or self._seeded:
+            return exact
+        frames = self._whole(real, again)
+        return exact if (real[:, frames] == again[:, frames]).all() else rounded(real[0, frames])
+
+    def _same(self, condition: str, frames: Places) -> float:
+        """Return the share of frames on which the numbers that it answers with are the same under a condition.
+
+        As they are, since a place that stays is another one relative to another state.
+        """
+        real, other = (self._motions.answers[name][:, frames] for name in ("real", condition))
+        return float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean())
+
+    @cached_property
+    def _whole_variation(self) -> float:
+        values = self._variation().values
+        return float(values.mean()) if len(values) else 0.0
+
+    def reads(self) -> Statistic:
+        """Return the share of places that go with the state as they are, and not relative to it."""
+        condition = f"swapped{OVER}{STATE}"
+        changed = self._motions.of(condition)
+        if changed is None:
+            return cannot_say(self._absent(condition))
+        frames = self._whole(self._real, changed)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        real, other = (self._motions.answers[name][:, frames] / self._motions.scales for name in ("real", condition))
+        theirs = self._motions.episodes_of(self._motions.partners(condition)[frames])
+        effect = Pairs(half_squares(real, other), self._episodes[frames], theirs)
+        found = total_effect(effect, self._variation(), sampled=self._drawn)
+        p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
+        return self._counted(replace(found, p=p), condition)
 
     def _counted(self, found: Statistic, *conditions: str) -> Statistic:
         """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
@@ -376,7 +423,10 @@ class _Taken:
 
     def _absent(self, condition: str) -> str:
         """Return why there is no answer at all under a condition."""
-        return NOT_FINISHED if condition in self._motions.plan.conditions else NOT_ASKED
+        plan = self._motions.plan
+        if condition not in plan.conditions:
+            return NOT_ASKED
+        return NOT_FINISHED if any(plan.shows(condition, frame) for frame in plan.frames) else NOT_SHOWN
 
     def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
         """Return what goes under a condition, and the variation of which it is a share; else why there is none."""
@@ -411,8 +461,12 @@ class _Taken:
             **(found.detail or {}),
             "by_dimension": dict(zip(names, parts["dimension"], strict=True)),
             "by_step": list(parts["step"]),
-            "same": float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean()),
+            "same": self._same(condition, frames),
         }
+        if self._drawn and (
+            apart := scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
+        ):
+            detail |= dict(zip(("scatter", "scatter_p"), apart, strict=True))
         if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
             detail["carried"] = carried
         return self._counted(replace(found, p=p, detail=detail), condition)
@@ -497,11 +551,28 @@ class _Taken:
         frames = self._whole(self._real, matched, near)
         if not len(frames):
             return cannot_say(NO_FRAMES)
+        if short := self._short(channel, frames):
+            return cannot_say(short, len(frames))
         real, own = self._real[:, frames], self._episodes[frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
         alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
         found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
         return self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
+
+    def _short(self, channel: str, frames: Places) -> str:
+        """Return in words in which number of the state pictures of the own episode are nearer than the matched ones."""
+        bank = self._motions.plan.bank
+        states = np.array([flat_state(frame.state) for frame in bank])
+        own, near, matched = (
+            self._motions.partners(name)[frames]
+            for name in ("real", *(f"{one}@{channel}" for one in ("near", "matched")))
+        )
+        least, number_of = least_reach(states, own, near, matched)
+        if least >= LEAST_REACH:
+            return ""
+        names = [name for name, many in bank.frames[0].state.items() for _ in many]
+        which = f"number {number_of + 1} of the state ('{names[number_of]}')"
+        return f"pictures of its own episode differ less in {which}: {least:.0%} of the matched ones' squared change"
 
     def alike(self, channel: str) -> Statistic:
         """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
@@ -527,12 +598,31 @@ class _Taken:
         gains, full = self._gains(which[0])
         if gains is None:
             return cannot_say(NOT_ASKED)
+        heading = self._heading(which[0], gains) if len(which) == 1 else {}
         if len(which) > 1:
             less, _ = self._gains(which[1])
             if less is None:
                 return cannot_say(NOT_ASKED)
             gains = gains - less
-        return self._counted(self._followed(gains, full), *(name for name in MOVES if name.startswith(which)))
+        found = self._followed(gains, full)
+        found = replace(found, detail={**(found.detail or {}), **heading})
+        return self._counted(found, *(name for name in MOVES if name.startswith(which)))
+
+    def _heading(self, which: str, gains: Floats) -> dict[str, float]:
+        """Return the mean cosine of the way that an object was moved and the way that the answer goes with it."""
+        ends = [self._motions.raw(f"{which}_{side}") for side in ("plus", "minus")]
+        if ends[0] is None or ends[1] is None:
+            return {}
+        apart, space = ends[0].mean(axis=0) - ends[1].mean(axis=0), self._motions.plan.motions
+        far = np.sqrt(sum(space.displacement(apart, axis) ** 2 for axis in space.axes))
+        long = np.sqrt(sum(self._way(which, axis) ** 2 for axis in space.axes))
+        good = np.isfinite(gains) & np.isfinite(far) & np.isfinite(long)
+        whole = float((far * long)[good].sum())
+        return {"heading": float(gains[good].sum()) / whole} if whole > 0 else {}
+
+    def _way(self, which: str, axis: str) -> Floats:
+        """Return how far along an axis an object was moved, frame by frame."""
+        return np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in self._motions.plan.frames])
 
     def told(self) -> Statistic:
         """Return how much farther the named object is followed than the other, over both instructions."""
@@ -580,8 +670,7 @@ class _Taken:
             return None, full
         apart, along = ends[0].mean(axis=0) - ends[1].mean(axis=0), np.zeros(len(frames))
         for axis in space.axes:
-            way = np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in frames])
-            along += way * space.displacement(apart, axis)
+            along += self._way(which, axis) * space.displacement(apart, axis)
         return along, full
 
     def mirror(self) -> Statistic:
