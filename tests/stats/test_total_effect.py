@@ -21,6 +21,7 @@ from eyechart.stats.total_effect import (
     rounded,
     scattering,
     share_beyond,
+    share_difference,
     shares_of_parts,
     total_effect,
     unlikeness,

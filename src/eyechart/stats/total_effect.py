@@ -172,7 +172,7 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
     """
     method = f"difference of shares by inversion, jackknife over owners and partners, {100 * level:g}% interval"
     every = (effect, other, variation)
-    episodes = int(max(np.max(one.owner, initial=-1) for one in every)) + 1
+    episodes = _count(*every)
     n, there = len(effect.values), len(np.unique(effect.owner))
     if there < 3:
         return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
