@@ -236,6 +236,40 @@ class MotionSpace:
             return unparsed("not_finite")
         return Decision(motion)
 
+    def lacks(self, reply: Answer) -> str:
+        """Return in words why a reply that came holds no motion, and what to do; nothing of a motion or an error."""
+        decision = self.read(reply)
+        if decision.action is not None or decision.missing == "error":
+            return ""
+        if decision.why == "wrong_shape":
+            came = Motion.read(reply.text).shape
+            return f"its shape is {came}, and that of the bank's motions {self.shape}: {self._mends(came)}"
+        words = {
+            "not_finite": f"some of its numbers are no numbers (NaN, infinite, or beyond {LARGEST:g})",
+            "other_bytes": "its bytes are not those of its digest",
+            "not_a_motion": "it is no array",
+        }
+        return words.get(decision.why or "", f"it is {decision.missing}")
+
+    def _mends(self, came: tuple[int, ...]) -> str:
+        """Return in words what to do about an answer of another shape."""
+        steps, wide = self.shape
+        if len(came) > 2 and came[0] == 1:
+            batch = "return the chunk alone, without the axis of the batch: [0]"
+            return batch if came[1:] == self.shape else f"{batch}; then {self._mends(came[1:])}"
+        exact = {
+            (wide, steps): "return it with the steps first: .T",
+            (steps * wide,): f"return it as .reshape{self.shape}",
+            (wide,): f"return all {steps} steps of the chunk, not one of them",
+        }
+        if came in exact:
+            return exact[came]
+        if len(came) == 2 and came[1] == wide:
+            return f"return {steps} steps, or import or build the bank with --horizon {came[0]}"
+        if len(came) == 2 and came[0] == steps:
+            return f"a step of the bank has {wide} numbers: {', '.join(one.name for one in self.dimensions)}"
+        return f"return an array of {steps} steps of {wide} numbers"
+
     def relative(self, numbers: Floats, states: Floats | None) -> Floats:
         """Return places relative to the states that they belong to, shape (…, steps, dimensions).
 
