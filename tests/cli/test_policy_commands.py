@@ -1,6 +1,7 @@
 """Commands about policies that cannot be judged: what they say of it, how they exit, and what stays readable."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -85,3 +86,47 @@ def test_costs_lists_what_answers_lack_and_the_errors_and_no_numbers(bank: Frame
     assert one["count"] > 1
     asked(bank, tmp_path / "fails", "arms:broken", code=1)
     assert "KeyError: 'left'" in told("costs", tmp_path / "fails", "--unread")
+
+
+CHATTY = """
+import sys
+
+import numpy as np
+
+print("imported")
+
+
+def act(images, state, instruction):
+    print("called")
+    sys.stdout.write("by itself\\n")
+    return np.zeros((8, 3))
+
+
+def words(prompt, image):
+    print("asked")
+    return "SLOW"
+
+
+act.reset = lambda: print("emptied")
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("python:chatty:act", "--frames", "BANK"), {"imported", "called", "by itself", "emptied"}),
+        (("python:chatty:words",), {"imported", "asked"}),
+    ],
+)
+def test_json_is_json_whatever_a_callable_prints(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: set[str]
+) -> None:
+    """While it is imported, emptied and called: that goes to standard error."""
+    (tmp_path / "chatty.py").write_text(CHATTY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "chatty", raising=False)
+    given = [str(bank.root) if word == "BANK" else word for word in words]
+    done = CliRunner().invoke(app, ["doctor", *given, "--json"])
+    assert "calls" in json.loads(done.stdout) or "spent" in json.loads(done.stdout)
+    assert said <= set(done.stderr.splitlines())
+    assert CliRunner().invoke(app, ["doctor", "--help"]).stdout  # what is no callable's stays where it was
