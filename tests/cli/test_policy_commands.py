@@ -1,12 +1,17 @@
 """Commands about policies that cannot be judged: what they say of it, how they exit, and what stays readable."""
 
 import json
+import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import stand_ins
 from eyechart.cli.app import app
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
@@ -130,3 +135,62 @@ def test_json_is_json_whatever_a_callable_prints(
     assert "calls" in json.loads(done.stdout) or "spent" in json.loads(done.stdout)
     assert said <= set(done.stderr.splitlines())
     assert CliRunner().invoke(app, ["doctor", "--help"]).stdout  # what is no callable's stays where it was
+
+
+HUNG = """
+import atexit
+import os
+import threading
+import time
+
+import numpy as np
+
+atexit.register(lambda: os.abort() if threading.active_count() > 1 else None)  # as torch does below a call
+calls = 0
+
+
+def act(images, state, instruction):
+    global calls
+    calls += 1
+    if calls > int(os.environ["QUICK"]):
+        time.sleep(60)
+    return np.zeros((8, 3)) + state + images["top"].mean() / 255
+"""
+
+
+def _run_hung(bank: FrameBank, folder: Path, quick: int, *more: str) -> "subprocess.Popen[bytes]":
+    line = "from eyechart.cli import main; main()"
+    words = ["run", "policy", "--policy", "python:hung:act", "--frames", str(bank.root), "--out", str(folder / "run")]
+    (folder / "hung.py").write_text(HUNG)
+    environ = os.environ | {"PYTHONPATH": f"{os.environ.get('PYTHONPATH', '')}:{folder}", "QUICK": str(quick)}
+    few = ("--conditions", "real,real_repeat", "--limit", "6")
+    return subprocess.Popen([sys.executable, "-c", line, *words, *few, *more], env=environ, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_a_callable_is_called_ends_so_and_keeps_what_is_finished(
+    bank: FrameBank, tmp_path: Path, number: signal.Signals
+) -> None:
+    """The interpreter does not end below its thread; and the same command goes on."""
+    with _run_hung(bank, tmp_path, 3) as running:
+        deadline = time.monotonic() + 30
+        while stand_ins.rows_in(tmp_path / "run" / "ledger.sqlite", "replies") < 3 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        time.sleep(0.2)
+        running.send_signal(number)
+        said = running.communicate(timeout=20)[1].decode()
+    assert running.returncode == 128 + number, said
+    assert said.endswith("finished calls are kept; the same command resumes\n")
+    with Ledger(tmp_path / "run" / "ledger.sqlite") as ledger:
+        assert (len(ledger.finished()), len(ledger.unknown())) == (3, 1)
+    with _run_hung(bank, tmp_path, 99) as again:
+        assert again.wait(30) == 0
+    with Ledger(tmp_path / "run" / "ledger.sqlite") as ledger:
+        assert len(ledger.finished()) == 12
+
+
+def test_a_call_that_was_given_up_does_not_abort_a_command_that_ends(bank: FrameBank, tmp_path: Path) -> None:
+    """Its time was over; what was said is said, and the exit is the command's own."""
+    with _run_hung(bank, tmp_path, 3, "--timeout-s", "0.2", "--max-calls", "4") as running:
+        said = running.communicate(timeout=30)[1].decode()
+    assert (running.returncode, "stopped: 4 calls were sent" in said) == (3, True), said
