@@ -35,6 +35,11 @@ MOST_NUMBERS = 100_000
 Floats = npt.NDArray[np.float64]
 
 
+def _with_a_way_out(error: Exception) -> str:
+    """Return what an array's library says, with what to do where it does not say that."""
+    return f"{error}; numpy has no such numbers: return .float()" if "BFloat16" in str(error) else str(error)
+
+
 def read_kind(word: str | None) -> Kind | None:
     """Return a word as a kind, None where there is none; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
@@ -53,12 +58,13 @@ class Motion:
     @classmethod
     def of(cls, given: object) -> "Motion":
         """Return what a controller answered; raises ValueError where that is no array of numbers, or too large."""
-        with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception):
+        with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception, words=_with_a_way_out):
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
             raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
-            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits")
+            half = "; return it as float32" if "float" in str(array.dtype) else ""
+            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits{half}")
         if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
             raise ValueError(f"{hidden} numbers of a masked array are masked, and what stands below is no answer")
         if array.size > MOST_NUMBERS:
