@@ -361,7 +361,7 @@ def _as_declared(found: Finding, declared: tuple[str, ...], others: Sequence[Fin
         beside = [one for one in others if one.name.startswith(CAMERA) and one.name != channel and one.fine]
         if found.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
             return found
-        said = f"another picture changes not one bit of the answer, and one of {beside[0].name} does"
+        said = f"{found.says.partition(':')[0]}, and one of {beside[0].name} does"
         return Finding(
             found.name,
             None,
