@@ -167,6 +167,10 @@ seedless.seedable = True  # type: ignore[attr-defined]
 
 
 middle_undeclared, reach_undeclared, deaf_undeclared = partial(middle), partial(reach), partial(deaf)
+reach_all_cameras, middle_all_cameras, reach_wrist_too = partial(reach), partial(middle), partial(reach)
+reach_all_cameras.channels = ("cameras", "state", "instruction")  # type: ignore[attr-defined]
+middle_all_cameras.channels = ("cameras", "state")  # type: ignore[attr-defined]
+reach_wrist_too.channels = ("camera:top", "camera:wrist", "state", "instruction")  # type: ignore[attr-defined]
 
 
 def front(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:

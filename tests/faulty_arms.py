@@ -235,6 +235,7 @@ with_batch = _said(lambda one: one[None])
 flat = _said(np.ravel)
 transposed = _said(np.transpose)
 held = _said(lambda one: np.column_stack([one[:, :2], np.full(8, 0.5)]))
+limp = _said(lambda one: np.column_stack([one[:, :2], np.zeros(8)]))
 first_step = _said(lambda one: np.repeat(one[:1], 8, axis=0))
 clipped = _said(lambda one: np.clip(one, -0.02, 0.02))
 one_answer = _said(lambda one: {"actions": one})
@@ -252,9 +253,27 @@ unseeded.seedable = True
 
 def jitters(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Answer alike but for the last bits, as sums in parallel do; more than single precision leaves out."""
-    return sound(images, state, instruction) * (1 + 1e-6 * np.random.default_rng().uniform(1, 2))
+    return sound(images, state, instruction).astype(np.float64) * (1 + 1e-6 * np.random.default_rng().uniform(1, 2))
 
 
 def jitters_unseeing(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Answer alike but for the last bits, to pictures that never change."""
     return jitters(dict.fromkeys(images, np.full_like(images["top"], 90)), state, instruction)
+
+
+class Failing:
+    """Fail from a call on, each time with another number in the text; at once or after a while."""
+
+    def __init__(self, after: int = 0, waits_s: float = 0.0) -> None:
+        self.calls, self.after, self.waits_s = 0, after, waits_s
+
+    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Count, and fail."""
+        self.calls += 1
+        if self.calls <= self.after:
+            return sound(images, state, instruction)
+        time.sleep(self.waits_s)
+        raise RuntimeError(f"no room at 0x{id(images):x} in call {self.calls}")
+
+
+counts_failures, sixth_on, slow_failure = Failing(), Failing(after=5), Failing(waits_s=0.3)

@@ -43,7 +43,9 @@ class Caller:
 
     ``silent`` are the kinds of passing failures that finish a call, as the model's silence: a timeout at once, the
     others when the attempts are used up. A model that has answered nothing yet in this ledger, or is set aside, is not
-    silent: nobody is there. With ``again`` it asks calls once more that are finished.
+    silent: nobody is there. With ``again`` it asks calls once more that are finished. ``lacks`` says of a reply that is
+    no use to the run what it lacks, nothing of any other: such replies finish their calls, and count as failures of a
+    model that keeps failing.
     """
 
     def __init__(
@@ -54,11 +56,13 @@ class Caller:
         attempts: int = 5,
         silent: frozenset[str] = frozenset(),
         again: bool = False,
+        lacks: Callable[[Reply], str] = lambda _: "",
     ) -> None:
         self._writer = _Writer(ledger, again=again)
         self._budget = budget
         self._attempts = attempts
         self._silent = silent
+        self._lacks = lacks
         answered = (spec for spec in ledger.models() if any(one.error is None for _, one in ledger.replies(spec)))
         self._heard = set(answered) if silent else set()
 
@@ -70,7 +74,7 @@ class Caller:
         """
         made = await self._attempt(key, query, model, pace)
         if made is not None:
-            self._budget.ended(key.model, made.reply)
+            self._budget.ended(key.model, made.reply, self._lacks(made.reply))
         return made
 
     async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:

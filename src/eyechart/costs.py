@@ -13,12 +13,14 @@ from eyechart.ledger import AGAIN, UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
-from eyechart.spaces.space import MISSING, AnySpace
+from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.space import MISSING, AnySpace, Missing
 
 ALL = "all"
 """The name of the account that holds every condition."""
 
 _UNREAD_AT_MOST = 1000
+_ROWS_OF_POLICIES = 20
 _OTHERS = "(other replies)"
 
 
@@ -198,10 +200,13 @@ class _Page:
 
 @dataclass(frozen=True, slots=True)
 class Unread(Plain):
-    """A reply that holds no decision: how often it came, why none is read, and its first characters, made printable."""
+    """A reply that holds no decision: how often it came, why none is read, and its first characters, made printable.
+
+    Of policies ``text`` says what is wrong with the array, and errors are listed too, by their text.
+    """
 
     count: int
-    missing: str
+    missing: Missing
     why: str | None
     text: str
 
@@ -210,14 +215,24 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
     """Return the different replies of a model that came without an error and hold no decision, most frequent first.
 
     The last reply of a call counts, as in its Account. Of more than a thousand different ones the others are added up.
+    Of a policy's answers, which are numbers, those that lack the same are one; and its errors are listed too, the most
+    frequent ones: they are texts of its own program, and a run shows the last one alone.
     """
-    found: Counter[tuple[str, str | None, str]] = Counter()
+    motions = space if isinstance(space, MotionSpace) else None
+    found: Counter[tuple[Missing, str | None, str]] = Counter()
     for _, reply in ledger.replies(model):
         decision = space.read(reply)
-        if decision.missing is None or reply.error is not None:
+        if decision.missing is None or (reply.error is not None and motions is None):
             continue
-        seen = (decision.missing, decision.why, printable(reply.text))
+        why, text = decision.why, reply.text if motions is None else motions.lacks(reply)
+        if reply.error is not None:
+            why, text = reply.error, reply.error_detail
+        seen = (decision.missing, why, printable(text))
         found[seen if seen in found or len(found) < _UNREAD_AT_MOST else (decision.missing, None, _OTHERS)] += 1
+    if motions is not None:  # texts of errors may hold an address or a count, each another one
+        for seen, count in found.most_common()[_ROWS_OF_POLICIES:]:
+            del found[seen]
+            found[seen[0], None, _OTHERS] += count
     listed = sorted(found.items(), key=lambda one: (-one[1], one[0][2], one[0][0]))
     return tuple(Unread(count, *seen) for seen, count in listed)
 

@@ -103,13 +103,15 @@ class Outcome:
     """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words.
 
     ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost. ``failed``
-    says of each model with calls that ended in an error how many, and what the last one was.
+    says of each model with calls that failed how many, and what the last one was; ``lasting`` are those of these whose
+    failures do not pass by themselves: what is wrong must be mended first.
     """
 
     set_aside: Mapping[str, str]
     stopped: str | None = None
     uncounted: int = 0
     failed: Mapping[str, str] = field(default_factory=dict)
+    lasting: frozenset[str] = frozenset()
 
 
 class Budget:
@@ -129,7 +131,11 @@ class Budget:
         self._spent_up = False
         self._in_a_row = dict.fromkeys(models, 0)
         self._failed: Counter[str] = Counter()
+        self._without: Counter[str] = Counter()
         self._last: dict[str, str] = {}
+        self._lacked: dict[str, str] = {}
+        self._passes: dict[str, bool] = {}
+        self._passed: set[str] = set()
 
     def made_before(self, model: str, reply: Reply | None) -> None:
         """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
@@ -184,22 +190,44 @@ class Budget:
         if self._refused[model] >= (2 if reply.status in _PERHAPS_ONE else 1):
             self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")
 
-    def ended(self, model: str, reply: Reply) -> None:
-        """Note how a call ended; a model that keeps failing is set aside."""
-        self._in_a_row[model] = self._in_a_row[model] + 1 if reply.error else 0
+    def ended(self, model: str, reply: Reply, lacks: str = "") -> None:
+        """Note how a call ended; a model that keeps failing is set aside.
+
+        ``lacks`` says of a reply that is no use to the run what it lacks: that is a failure too.
+        """
+        if not reply.error and not lacks:
+            self._in_a_row[model] = 0
+            return
+        self._in_a_row[model] += 1
         if reply.error:
             self._failed[model] += 1
-            self._last[model] = f"{reply.error}: {reply.error_detail}"
+            self._last[model] = last = f"{reply.error}: {reply.error_detail}"
+        else:
+            self._without[model] += 1
+            self._lacked[model] = last = lacks
+        self._passes[model] = reply.error in TRANSIENT
+        if self._passes[model]:
+            self._passed.add(model)
         if self._in_a_row[model] >= self.limits.patience:
-            last = f"the last one with {reply.error}: {reply.error_detail}"
-            self.set_aside.setdefault(model, f"{self._in_a_row[model]} calls in a row failed, {last}")
+            self.set_aside.setdefault(model, f"{self._in_a_row[model]} calls in a row failed, the last one with {last}")
 
     def failures(self) -> dict[str, str]:
-        """Return of each model with calls that ended in an error how many, and what the last one was, in words."""
-        return {
-            model: f"{count} call{'s' * (count > 1)} ended in an error, the last one with {self._last[model]}"
-            for model, count in self._failed.items()
-        }
+        """Return of each model with calls that failed how many, and what the last one was, in words."""
+        said: dict[str, list[str]] = {}
+        for model, count in self._failed.items():
+            last = f"the last one with {self._last[model]}"
+            said[model] = [f"{count} call{'s' * (count > 1)} ended in an error, {last}"]
+        for model, count in self._without.items():
+            said.setdefault(model, []).append(f"{count} call{'s' * (count > 1)} came back with {self._lacked[model]}")
+        return {model: "; ".join(words) for model, words in said.items()}
+
+    def lasting(self) -> frozenset[str]:
+        """Return the models whose failures do not pass by themselves; of one that is set aside the last one tells."""
+        return frozenset(
+            model
+            for model, passes in self._passes.items()
+            if not passes and (model in self.set_aside or model not in self._passed)
+        )
 
     def _add(self, model: str, reply: Reply) -> None:
         cost = self.limits.cost(model, reply)

@@ -101,6 +101,11 @@ class Plan:
         """Return what a model is asked in a call, of this stimulus."""
         return self.prompt.query(seen, key.seed(self.seed), self.space)
 
+    def lacks(self, reply: Reply) -> str:
+        """Return what a reply lacks without which asking on is no use; nothing: what cannot be read is data too."""
+        del reply
+        return ""
+
     def asked(self, model: str) -> tuple[str, ...]:
         """Return the conditions that a model is asked."""
         return (*self.conditions, *self.controls.get(model, ()))
@@ -165,6 +170,11 @@ class MotionPlan(Plan):
         repeat, other = (0, False) if again and key.repeat else (key.repeat, again)
         seed = key_seed("policy", self.seed, repeat, other)
         return self.prompt.query(given, seed, self.space)
+
+    def lacks(self, reply: Reply) -> str:
+        """Return why an answer holds no motion; a policy that never answers with one is not asked to the end."""
+        words = self.motions.lacks(reply)
+        return f"no motion: {words}" if words else ""
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
         """Return how many of the calls of a later stage are not planned yet."""
@@ -276,10 +286,10 @@ class _Execution:
     def made(self, todo: list[CallKey]) -> Outcome:
         """Make these calls, and what the stages add to them."""
         budget = budget_of(self.limits, self.plan.models, self.ledger)
-        self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again)
+        self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
         self.stimuli = self.plan.stimuli()
         to_the_end(self._run(todo))
-        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures())
+        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting())
 
     async def _run(self, todo: list[CallKey]) -> None:
         self._report()

@@ -77,7 +77,7 @@ ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHU
 @pytest.mark.parametrize("where", ["import", "options", "command"])
 def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: signal.Signals, again: int) -> None:
     """During imports, while options are read or in a command, once or several times at once: no traceback."""
-    waits = "import sys, time, types; print('ready', flush=True); time.sleep(30)"
+    waits = "import sys, time, types; print('ready', flush=True, file=sys.__stdout__); time.sleep(30)"
     inside = {
         "import": f"class Slow:\n  def find_spec(self, name, *_):\n    if name == 'eyechart.cli.app':\n      {waits}\n"
         "import sys; sys.meta_path.insert(0, Slow())\nfrom eyechart.cli import main\nmain()",
@@ -107,9 +107,9 @@ def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: s
 def test_a_signal_that_is_ignored_stays_so() -> None:
     """As ``nohup`` has it of a terminal that goes, and a shell of Ctrl-C for what runs in the background."""
     inside = (
-        "import signal, time\nfor one in (signal.SIGHUP, signal.SIGINT): signal.signal(one, signal.SIG_IGN)\n"
+        "import signal, sys, time\nfor one in (signal.SIGHUP, signal.SIGINT): signal.signal(one, signal.SIG_IGN)\n"
         "import eyechart.models\n"
-        "def slow(*_):\n  print('ready', flush=True)\n  for _ in range(600): time.sleep(0.05)\n"
+        "def slow(*_):\n  print('ready', flush=True, file=sys.__stdout__)\n  for _ in range(600): time.sleep(0.05)\n"
         "eyechart.models.known_models = slow\nfrom eyechart.cli import main\nmain()"
     )
     line = [sys.executable, "-c", inside, "list", "models"]

@@ -1,6 +1,7 @@
 """Callables as policies: what they are given, what becomes of what they answer, and what they declare."""
 
 import asyncio
+import re
 import sys
 import time
 import types
@@ -13,6 +14,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.models import open_model
+from eyechart.models.policy_callable import DECLARED
 from eyechart.modes import RequestMode
 from eyechart.spaces.motion import Motion
 
@@ -68,6 +70,22 @@ def test_what_is_no_array_is_an_error_in_words(monkeypatch: pytest.MonkeyPatch, 
     assert words in reply.error_detail
 
 
+class Half:
+    """A tensor of bfloat16, as torch has it."""
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        """Refuse, in torch's words."""
+        raise TypeError("Got unsupported ScalarType BFloat16")
+
+
+def test_half_precision_that_numpy_lacks_is_an_error_with_a_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of torch, and of an array whose type another library has added."""
+    reply = answer(lambda *_: Half(), monkeypatch)
+    assert reply.error_detail.endswith("BFloat16; numpy has no such numbers: return .float()")
+    added = np.zeros((2, 2), np.longdouble)
+    assert answer(lambda *_: added, monkeypatch).error_detail.endswith("of up to 64 bits; return it as float32")
+
+
 def test_numbers_that_are_none_are_kept_as_they_came(monkeypatch: pytest.MonkeyPatch) -> None:
     """The space says that they are no motion; the ledger holds what was answered."""
     reply = answer(lambda *_: np.full((2, 2), np.nan, np.float32), monkeypatch)
@@ -110,10 +128,19 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
     act.version, act.channels = "v7", ["cameras", "state"]
     policy = opened(act, monkeypatch)
     assert (policy.version, policy.facts["channels"], policy.facts["seedable"]) == ("v7", "cameras, state", "false")
-    for name, value in (("seedable", 1), ("version", 7), ("channels", "state"), ("reset", 3)):
+    wrong = {
+        "seedable": (1, "True or False"),
+        "version": (7, "a text"),
+        "channels": ("state", "a list of texts, as ['cameras', 'state']: of cameras (all of them), camera:NAME, state"),
+        "reset": (3, "a function that takes nothing"),
+        "step": (-1, "a whole number from 0 on"),
+    }
+    assert wrong.keys() == DECLARED.keys()
+    for name, (value, words) in wrong.items():
+        kept = getattr(act, name, None)
         setattr(act, name, value)
-        with pytest.raises(SpecError, match=f"declares {name} = "):
+        with pytest.raises(SpecError, match=re.escape(f"declares {name} = {value!r}, and that is {words}")):
             opened(act, monkeypatch)
-        delattr(act, name)
+        setattr(act, name, DECLARED[name] if kept is None else kept)
     with pytest.raises(SpecError, match="no callable 'act'"):
         opened("words", monkeypatch)

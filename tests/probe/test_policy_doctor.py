@@ -2,18 +2,23 @@
 
 import asyncio
 import json
+import re
+from functools import partial
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from arm_logs import arm_bank
+from eyechart.channels import reads
 from eyechart.cli.app import app
+from eyechart.cli.terminal import patience
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _Asked, examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import MotionSpace
+from eyechart.verdicts.channels import _declared
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +31,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     ("name", "amiss", "words"),
     [
         ("not_a_number", {"motions"}, "NaN"),
-        ("half", {"motions"}, "(4, 3), and the bank's motions (8, 3)"),
+        ("half", {"motions"}, "its shape is (4, 3), and that of the bank's motions (8, 3): return 8 steps"),
         ("broken", {"motions"}, "KeyError: 'left'"),
         ("raw", {"camera:wrist", "unit"}, "times as large as in the log"),
         ("middle_undeclared", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
@@ -40,7 +45,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
         (
             "broken",
             {"motions"},
-            "(it is given the cameras top, wrist, a state of 3 numbers (state) and an instruction)",
+            "(it is given the pictures top: (32, 32, 3) uint8, wrist: (32, 32, 3) uint8; a state of 3 numbers",
         ),
     ],
 )
@@ -68,8 +73,8 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("channels_first", "motions", False, "it fails: ValueError"),
         ("masked", "motions", False, "1 numbers of a masked array are masked"),
         ("objects", "motions", False, "an array of object"),
-        ("overflown", "motions", False, "NaN or infinite"),
-        ("varies", "motions", False, "(5, 3), (8, 3), and the bank's motions (8, 3)"),
+        ("overflown", "motions", False, "NaN, infinite"),
+        ("varies", "motions", False, "its shape is (5, 3), and that of the bank's motions (8, 3)"),
         ("seventh", "motions", False, "CUDA error"),
         ("tokens", "unit", False, "times as large as in the log"),
         ("late_state", "same", False, "it keeps something; declare reset"),
@@ -78,8 +83,10 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("unseeded", "same", False, "two answers to one seed"),
         ("jitters", "same", True, "but for rounding"),
         ("jitters_unseeing", "cameras", False, "another picture changes the answer by no more than rounding"),
-        ("one_buffer", "pictures", True, "as they are given"),
+        ("one_buffer", "pictures", True, "as they are given, its error on 2 moments is at most"),
         ("mutates", "pictures", True, "as they are given"),
+        ("limp", "unit", False, "is 'grip' meant to be the same in every answer? it varies in the log"),
+        ("with_batch", "motions", False, "return the chunk alone, without the axis of the batch: [0]"),
     ],
 )
 def test_faults_that_people_ship_are_named(
@@ -175,3 +182,77 @@ def test_it_is_asked_where_an_event_loop_runs_already(bank: FrameBank) -> None:
         return examine_policy("trained:sees", bank)
 
     assert asyncio.run(cell()) == examine_policy("trained:sees", bank)
+
+
+@pytest.mark.parametrize(
+    ("name", "calls"), [("arms:broken", 3), ("faulty_arms:with_batch", 3), ("arms:not_a_number", 3)]
+)
+def test_calls_that_fail_alike_end_it(bank: FrameBank, name: str, calls: int) -> None:
+    """Each may load a network for half a minute; how many were made is said."""
+    told: list[int] = []
+    found = examine_policy(f"python:{name}", bank, tell=told.append)
+    assert (found.calls, told) == (calls, [1, 2, 3])
+    (one,) = found.findings
+    assert one.says.startswith("3 of 3 calls hold no motion: ")
+    assert one.says.endswith("No more were made: the last 3 failed alike")
+    assert str(found).endswith("asked: 3 calls")
+
+
+def test_errors_alike_are_so_but_for_numbers_and_those_between_motions_end_nothing(bank: FrameBank) -> None:
+    """An address or a count stands in many a text; what fails now and then is asked to the end."""
+    assert examine_policy("python:faulty_arms:counts_failures", bank).calls == 3
+    assert examine_policy("python:faulty_arms:seventh", bank).calls > 10
+
+
+def test_a_policy_that_fails_in_the_middle_is_judged_by_what_came(bank: FrameBank) -> None:
+    """And what was not asked is said to be so."""
+    found = examine_policy("python:faulty_arms:sixth_on", bank)
+    said = {one.name: one for one in found.findings}
+    assert (found.calls, said["cameras"].fine, said["motions"].fine) == (8, True, False)
+    assert (said["camera:wrist"].fine, said["camera:wrist"].says) == (None, "it was not asked")
+
+
+@pytest.mark.parametrize(
+    ("name", "fine", "words"),
+    [
+        ("arms:reach_undeclared", False, "a policy that is not to read it declares its channels"),
+        ("arms:reach_all_cameras", None, "is it to be read? it declares 'cameras', which are all"),
+        ("arms:reach_wrist_too", False, "another picture changes not one bit of the answer"),
+        ("arms:reach", True, "it declares that it does not read this, and nothing changes with it"),
+    ],
+)
+def test_cameras_stand_for_all_of_them_together(
+    bank: FrameBank,
+    name: str,
+    fine: bool | None,  # noqa: FBT001 - one of the cases
+    words: str,
+) -> None:
+    """A camera that does not reach it is no fault of who declares all, as in the verdict; of who names it, it is."""
+    said = {one.name: one for one in examine_policy(f"python:{name}", bank).findings}
+    assert (said["camera:wrist"].fine, words in said["camera:wrist"].says) == (fine, True), said["camera:wrist"]
+    assert said["cameras"].fine
+
+
+def test_a_camera_that_reaches_nobody_is_amiss_though_all_are_declared(bank: FrameBank) -> None:
+    """Where no other one reaches the policy either."""
+    said = {one.name: one for one in examine_policy("python:arms:middle_all_cameras", bank).findings}
+    assert not any(said[name].fine for name in ("cameras", "camera:top", "camera:wrist"))
+
+
+def test_what_takes_long_says_how_far_it_is(bank: FrameBank, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On standard error; what is quick says nothing."""
+    monkeypatch.setattr("eyechart.cli.probe.patience", partial(patience, every_s=0.2))
+    slow = CliRunner().invoke(app, ["doctor", "python:faulty_arms:slow_failure", "--frames", str(bank.root), "--json"])
+    assert re.search(r"doctor: call \d of at most 20", slow.stderr)
+    assert json.loads(slow.stdout)["calls"] == 3
+    quick = CliRunner().invoke(app, ["doctor", "python:arms:broken", "--frames", str(bank.root)])
+    assert quick.stderr == ""
+
+
+@pytest.mark.parametrize(
+    "declared", [("cameras", "state"), ("camera:top",), ("camera:top", "camera:wrist"), ("state",)]
+)
+def test_the_doctor_and_the_verdict_take_a_declaration_alike(declared: tuple[str, ...]) -> None:
+    """Of all cameras together and of each."""
+    for channel in ("cameras", "camera:top", "camera:wrist", "state", "instruction"):
+        assert reads(channel, declared) == _declared(channel, declared)

@@ -81,6 +81,29 @@ def test_what_is_no_motion_of_the_space_is_none_and_says_why(given: np.ndarray, 
     assert REACH.read(Reply("", "stop")).missing == "empty"
 
 
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ((1, 8, 3), "return the chunk alone, without the axis of the batch: [0]"),
+        ((1, 4, 3), "[0]; then return 8 steps, or import or build the bank with --horizon 4"),
+        ((4, 3), "return 8 steps, or import or build the bank with --horizon 4"),
+        ((3, 8), "return it with the steps first: .T"),
+        ((24,), "return it as .reshape(8, 3)"),
+        ((3,), "return all 8 steps of the chunk, not one of them"),
+        ((8, 7), "a step of the bank has 3 numbers: dx, dy, grip"),
+        ((), "return an array of 8 steps of 3 numbers"),
+    ],
+)
+def test_another_shape_is_said_with_what_to_do_about_it(shape: tuple[int, ...], words: str) -> None:
+    """The reason that is counted stays one word; a motion lacks nothing, and an error has words of its own."""
+    said = REACH.lacks(reply(np.zeros(shape)))
+    assert said.startswith(f"its shape is {shape}, and that of the bank's motions (8, 3): ")
+    assert said.endswith(words)
+    assert REACH.lacks(reply(np.full((8, 3), np.nan))).startswith("some of its numbers are no numbers (NaN, infinite")
+    assert REACH.lacks(Reply("", "stop")) == "it is empty"
+    assert REACH.lacks(reply(np.zeros((8, 3)))) == REACH.lacks(Reply(error="timeout")) == ""
+
+
 @pytest.mark.parametrize("given", ["left", None, object(), [[1], [2, 3]], np.zeros(3, complex), np.zeros(200_000)])
 def test_what_holds_no_numbers_is_refused_in_words(given: object) -> None:
     """Before it reaches a ledger."""

@@ -43,6 +43,14 @@ def main() -> None:
 
     A Ctrl-C, also while modules are imported, prints one line and exits 130; SIGTERM and SIGHUP exit 143 and 129.
     """
+    try:
+        _command()
+    except SystemExit as ended:
+        _leave_calls(ended.code)
+        raise
+
+
+def _command() -> None:
     debug = "--debug" in sys.argv
     if debug:
         sys.argv.remove("--debug")
@@ -72,6 +80,20 @@ def main() -> None:
         full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
         said = full if isinstance(error, OSError) and is_full(error) else str(error)
         _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
+
+
+def _leave_calls(status: object) -> None:
+    """End the process at once where a callable that was given up is still called; else go on to the usual end.
+
+    The usual end takes the interpreter from below that thread, and libraries such as torch abort the process then.
+    """
+    called = sys.modules.get("eyechart.models.python_callable")
+    if called is None or not called.under_way():
+        return
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # nobody reads on
+            stream.flush()
+    os._exit(status if isinstance(status, int) else int(status is not None))
 
 
 def _keep_to_one_thread() -> None:

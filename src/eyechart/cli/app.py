@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
-from eyechart.cli.terminal import print_json, print_line, resumable
+from eyechart.cli.terminal import output_kept, print_json, print_line, resumable
 from eyechart.errors import SpecError, meant
 
 if TYPE_CHECKING:
@@ -145,6 +145,10 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(guardian.app, name="guardian")
+for group in (app, listing, run.app, frames.app, guardian.app):
+    for one in group.registered_commands:
+        assert one.callback is not None
+        one.callback = output_kept()(one.callback)
 
 
 def _version(value: bool) -> None:

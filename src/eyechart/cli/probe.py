@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 import typer
 
 from eyechart.cli.options import AS_USUAL, Json, Options, PriceFile, expanded, mode_of, read_modes
-from eyechart.cli.terminal import print_each, print_json, progress, resumable, say
+from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.limits import Outcome
@@ -121,9 +121,12 @@ def probe(
 def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
     """Say what is amiss with a policy; exit 0, 1 or 2."""
     from eyechart.frames import open_bank
-    from eyechart.probe.policies import examine_policy
+    from eyechart.probe.policies import MOST_CALLS, examine_policy
 
-    found = examine_policy(spec, open_bank(frames))
+    with resumable("nothing is kept"), patience("doctor") as under_way:
+        found = examine_policy(
+            spec, open_bank(frames), tell=lambda number: under_way(f"call {number} of at most {MOST_CALLS}")
+        )
     if json:
         print_json(found.as_dict())
     else:

@@ -276,7 +276,7 @@ def policy(
     """Ask policies about every frame of a bank, with each of their channels exchanged for another episode's.
 
     A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and returns an array
-    (horizon, dimensions). Exit 1: calls are unfinished; 3: stopped at --max-calls.
+    (horizon, dimensions). Exit 1: calls are unfinished, or of a policy none holds a motion; 3: stopped at --max-calls.
     Example: eyechart run policy --policy trained:sees --frames bank --out run
     """
     from eyechart.limits import Limits
@@ -309,7 +309,11 @@ def policy(
     with resumable(), progress("calls", "calls") as move:
         outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move, again=again)
     calls, finished, _ = planned.counts()
-    _tell(outcome, {}, calls - finished)
+    nothing = planned.motionless()
+    for spec, (count, why) in nothing.items():
+        last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
+        say(f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}")
+    _tell(outcome, {}, calls - finished, nothing=bool(nothing))
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out}' makes the page")
 
 
@@ -508,21 +512,39 @@ def bound(modes: "Sequence[RequestMode]") -> list[str]:
     return lines
 
 
-def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int) -> None:
-    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
-    outcome = replace(outcome, set_aside={**failed, **outcome.set_aside})
-    say_aside(outcome)
+def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int, *, nothing: bool = False) -> None:
+    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished.
+
+    Or where ``nothing`` that came can be judged, whatever stopped it.
+    """
+    whole = replace(outcome, set_aside={**failed, **outcome.set_aside})
+    say_aside(whole)
     for model, words in outcome.failed.items():
-        if model not in outcome.set_aside:
+        if model not in whole.set_aside:
             say(f"{model}: {words}")
     if outcome.stopped is not None and left:
         say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
-        raise typer.Exit(3)
-    if not left and outcome.set_aside:
+        raise typer.Exit(1 if nothing else 3)
+    if not left and whole.set_aside:
         tell_none({})
     if left:
-        say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
+        say(f"{left} calls are unfinished: {_to_finish(outcome)}")
+    if left or nothing:
         raise typer.Exit(1)
+
+
+def _to_finish(outcome: "Outcome") -> str:
+    """Return in words what makes the calls that are unfinished."""
+    tries = "their last error may pass, and the same command tries them again"
+    lasting = sorted(outcome.lasting & outcome.set_aside.keys())
+    if not lasting:
+        return tries
+    mend = (
+        f"mend what is wrong with {', '.join(lasting)}, and the same command makes them; a Python file that was "
+        "changed is another version, and needs another --out"
+    )
+    passing = {*outcome.set_aside, *outcome.failed} - outcome.lasting
+    return f"{mend}. Of the others {tries}" if passing else mend
 
 
 def _before(planned: "Battery") -> list[str]:

@@ -54,7 +54,7 @@ def costs(
 
     Then what decisions cost and take: dollars per 1000, tokens a call, truncated calls, joules.
     Of a prompt study, by cell; of the hierarchy, by its runs. --unread lists in place of this the replies in which no
-    decision is read. Example: eyechart costs run --all --json
+    decision is read; of policies, what their answers lack, and their errors. Example: eyechart costs run --all --json
     """
     from eyechart.models.prices import read_prices
     from eyechart.records import plain

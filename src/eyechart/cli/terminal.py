@@ -4,8 +4,8 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, redirect_stdout, suppress
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,21 +14,44 @@ if TYPE_CHECKING:
     from eyechart.report.table import Table
 
 
+_kept: list[TextIO] = []
+"""Standard output as it was before it was kept for eyechart."""
+
+
+@contextmanager
+def output_kept() -> Iterator[None]:
+    """Keep standard output for what this module prints; what anybody else prints there goes to standard error.
+
+    A callable of a user, its module and its ``reset`` print where they like, from any thread; JSON stays JSON.
+    """
+    _kept.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _kept.pop()
+
+
+def _output() -> TextIO:
+    """Return standard output, kept or not."""
+    return _kept[-1] if _kept else sys.stdout
+
+
 def print_json(values: object) -> None:
     """Print plain values as JSON on standard output; NaN and infinity cannot pass, and nothing steers a terminal."""
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
     if not text.replace("\n", "").isprintable():
         text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     try:
-        text.encode(sys.stdout.encoding or "utf-8")
+        text.encode(_output().encoding or "utf-8")
     except UnicodeEncodeError:
         text = json.dumps(values, indent=1, allow_nan=False)  # in escapes, which every stream can take
-    sys.stdout.write(text + "\n")
+    _output().write(text + "\n")
 
 
 def print_line(text: str) -> None:
     """Print a line on standard output as it is, however long."""
-    sys.stdout.write(_harmless(text) + "\n")
+    _output().write(_harmless(text) + "\n")
 
 
 def say(*lines: str) -> None:
@@ -206,5 +229,5 @@ def table_console(width: int | None = None) -> "Console":
             """Leave the broken pipe to ``main``: nobody reads on, which is no answer to any question."""
             raise BrokenPipeError
 
-    console = Piped(highlight=False, emoji=False)
-    return console if console.is_terminal else Piped(highlight=False, emoji=False, width=width or 120)
+    console = Piped(file=_output(), highlight=False, emoji=False)
+    return console if console.is_terminal else Piped(file=_output(), highlight=False, emoji=False, width=width or 120)

@@ -33,6 +33,15 @@ _ALONE: defaultdict[str, Lock] = defaultdict(Lock)
 DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None, "step": None}
 """What a callable may declare of itself, with what holds where it does not."""
 
+_MAY_BE: Mapping[str, str] = {
+    "seedable": "True or False",
+    "version": "a text",
+    "channels": "a list of texts, as ['cameras', 'state']: of cameras (all of them), camera:NAME, state, instruction",
+    "reset": "a function that takes nothing",
+    "step": "a whole number from 0 on",
+}
+"""What each of these may be, where it is declared."""
+
 
 @dataclass(slots=True)
 class PolicyCallable:
@@ -111,9 +120,7 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
-        raise SpecError(
-            f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}: see docs/policies.md for what it may be"
-        )
+        raise SpecError(f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}, and that is {_MAY_BE[amiss[0]]}")
     if cannot := _cannot_be_called(act, *(("seed",) if seedable else ())):
         raise SpecError(f"'{mode.spec}' cannot be asked: {cannot}")
     facts = {"seedable": str(seedable).lower(), **digests}

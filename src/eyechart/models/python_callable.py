@@ -38,6 +38,9 @@ _DEPTH = 4
 _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 """What each callable held when it was first taken."""
 
+_CALL = "eyechart-call"
+"""The name of the threads in which callables are called."""
+
 LEFT_AT_MOST = 16
 """Calls that were given up and have not returned; while there are so many no further one is begun."""
 
@@ -120,13 +123,18 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         if not loop.is_closed():
             loop.call_soon_threadsafe(settle, ending)
 
-    thread = threading.Thread(target=work, daemon=True)
+    thread = threading.Thread(target=work, name=_CALL, daemon=True)
     thread.start()
     try:
         return await done
     except asyncio.CancelledError:
         left.add(thread)
         raise
+
+
+def under_way() -> bool:
+    """Return whether a callable is being called, also where nobody waits for it any more."""
+    return any(one.name == _CALL for one in threading.enumerate())
 
 
 def open_model(name: str, mode: RequestMode) -> PythonCallable:

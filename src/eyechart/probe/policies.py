@@ -1,14 +1,15 @@
 """The doctor of policies: in at most twenty calls, whether what they are given reaches them, and what they answer."""
 
 import asyncio
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from eyechart.attempts import close
 from eyechart.calls import Query, Reply
-from eyechart.channels import CAMERAS, flat_state, instruction_column, reads, require_channels
+from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, reads, require_channels
 from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
@@ -20,6 +21,8 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.total_effect import ROUNDING
 
 MOST_CALLS = 20
+ALIKE = 3
+"""So many calls in a row that fail alike end the examination: each may load a network anew."""
 _OUTCOMES = {True: "fine", False: "amiss", None: "cannot say"}
 _FEW = 4
 """Further frames on which the numbers are held against the log."""
@@ -71,9 +74,16 @@ class PolicyDiagnosis:
         return {"policy": self.spec, "calls": self.calls, "findings": found}
 
 
-def examine_policy(policy: str | Opened, bank: FrameBank, *, timeout_s: float | None = None) -> PolicyDiagnosis:
+def examine_policy(
+    policy: str | Opened,
+    bank: FrameBank,
+    *,
+    timeout_s: float | None = None,
+    tell: Callable[[int], None] = lambda _: None,
+) -> PolicyDiagnosis:
     """Ask a policy about a few frames of a bank, and say what is amiss; ``policy`` is its SPEC, or it is open already.
 
+    ``tell`` is told the number of each call before it is made. After three calls in a row that fail alike no more are.
     Raises SpecError for an unknown policy, or one that declares a channel that the bank has not, and BankError for a
     bank that declares no motion or has one episode.
     """
@@ -83,8 +93,8 @@ def examine_policy(policy: str | Opened, bank: FrameBank, *, timeout_s: float | 
     if space is None:
         raise BankError(f"the bank {bank.root} does not say what a motion is, so no answer can be held against it")
     require_channels(spec, declared := _declared(model), bank)
-    asked = _Asked(bank, space)
-    return in_own_loop(lambda: asyncio.run(_examine(spec, model, asked, declared)))
+    calls = _Calls(model, _Asked(bank, space), tell)
+    return in_own_loop(lambda: asyncio.run(_examine(spec, calls, declared)))
 
 
 def _declared(model: Model) -> tuple[str, ...]:
@@ -202,46 +212,66 @@ class _Asked:
         state = {name: len(numbers) for name, numbers in self.first.state.items()}
         numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
         told = "an instruction" if self.first.fields else "no instruction"
-        return f"the cameras {', '.join(one.name for one in self.first.cameras)}, {numbers} and {told}"
+        pixels = {name: decode(one, name) for name, one in self.bank.images(self.first).items()}
+        pictures = ", ".join(f"{name}: {one.shape} {one.dtype}" for name, one in pixels.items())
+        return f"the pictures {pictures}; {numbers}; {told}"
+
+
+_UNASKED: Decision[Motion] = Decision(None, "error")
+"""Stands for the answer to a call that was not made."""
+_NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 
 
 @dataclass
 class _Calls:
-    """Makes the calls, at most `MOST_CALLS`, and reads what comes back."""
+    """Makes the calls, at most `MOST_CALLS`, and reads what comes back; after `ALIKE` failures alike it makes none."""
 
     model: Model
     asked: _Asked
-    made: int = 0
+    tell: Callable[[int], None]
     replies: list[Reply] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+    @property
+    def made(self) -> int:
+        """Return how many calls were made."""
+        return len(self.replies)
+
+    @property
+    def stopped(self) -> bool:
+        """Return whether the last calls failed alike."""
+        return len(self.failed) >= ALIKE
 
     async def motion(self, seen: Stimulus) -> Decision[Motion]:
-        """Return the answer to one moment; ``error`` where no more calls may be made."""
-        if self.made >= MOST_CALLS:
-            return Decision(None, "error")
+        """Return the answer to one moment; `_UNASKED` where no more calls are made."""
+        if self.made >= MOST_CALLS or self.stopped:
+            return _UNASKED
         query: Query = self.asked.prompt.query(seen, 1, self.asked.space)
-        self.made += 1
+        self.tell(self.made + 1)
         reply = await ask(self.model, query)
         self.replies.append(reply)
+        lacks = _NUMBER.sub("0", reply.error_detail) if reply.error else self.asked.space.lacks(reply)
+        self.failed = [*(self.failed if lacks in self.failed else ()), *([lacks] if lacks else ())]
         return self.asked.space.read(reply)
 
 
-async def _examine(spec: str, model: Model, asked: _Asked, declared: tuple[str, ...]) -> PolicyDiagnosis:
-    calls = _Calls(model, asked)
+async def _examine(spec: str, calls: _Calls, declared: tuple[str, ...]) -> PolicyDiagnosis:
+    asked, model = calls.asked, calls.model
     try:
         mine, theirs = asked.of(asked.first), asked.of(asked.other)
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
         changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
         further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
+        findings = [_motions(calls, [*order, *changed.values(), *further.values()])]
         forms = await _formed(calls, further) if not _drawn(order) else {}
     finally:
         await close(model)
-    answers = [*order, *changed.values(), *further.values()]
-    findings = [_motions(calls, answers)]
     if order[0].action is not None:
         varies = len({one.action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
         findings += [_again(order, varies=varies, seeded=seeded)]
-        findings += [_as_declared(one, declared) for one in _reached(order, changed)]
+        reached = list(_reached(order, changed))
+        findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so that nothing can be exchanged"
         findings += [Finding(name, None, alike) for name in asked.alike()]
         findings += [_varies(asked, order, further), _unit(asked, further), _form(forms)]
@@ -249,21 +279,17 @@ async def _examine(spec: str, model: Model, asked: _Asked, declared: tuple[str, 
 
 
 def _motions(calls: _Calls, answers: list[Decision[Motion]]) -> Finding:
-    """Say whether every call came back with a motion of the bank's shape, and if not, why."""
-    without = [one for one in answers if one.action is None]
+    """Say whether every call came back with a motion of the bank's shape, and if not, why and what to do."""
+    made = [one for one in answers if one is not _UNASKED]
+    without = [one for one in made if one.action is None]
     if not without:
-        return Finding("motions", True, f"all {len(answers)} calls came back with a motion {calls.asked.space.shape}")
-    errors = [reply.error_detail for reply in calls.replies if reply.error is not None]
-    shapes = {str(Motion.read(reply.text).shape) for reply in calls.replies if reply.error is None}
-    words = {
-        "unparsed: wrong_shape": f"its answers have the shape {', '.join(sorted(shapes))}, and the bank's motions "
-        f"{calls.asked.space.shape}",
-        "unparsed: not_finite": "it answers with numbers that are none (NaN or infinite)",
-        "error": f"it fails: {errors[0] if errors else 'nobody knows why'} (it is given {calls.asked.given})",
-    }
-    reasons = dict.fromkeys(str(one.reason) for one in without)
-    said = "; ".join(words.get(reason, reason) for reason in reasons)
-    return Finding("motions", False, f"{len(without)} of {len(answers)} calls hold no motion: {said}")
+        return Finding("motions", True, f"all {len(made)} calls came back with a motion {calls.asked.space.shape}")
+    given = f" (it is given {calls.asked.given})"
+    errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
+    lacks = (calls.asked.space.lacks(reply) for reply in calls.replies)
+    said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))
+    end = f". No more were made: the last {ALIKE} failed alike" if calls.stopped else ""
+    return Finding("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
 
 
 def _drawn(order: list[Decision[Motion]]) -> bool:
@@ -305,7 +331,8 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     near = ROUNDING * whole if rounds else 0.0
     for name, one in changed.items():
         if one.action is None or drawn:
-            why = "its answers are drawn, so that a change shows nothing" if drawn else f"no motion: {one.reason}"
+            why = "it was not asked" if one is _UNASKED else f"no motion: {one.reason}"
+            why = "its answers are drawn, so that a change shows nothing" if drawn else why
             yield Finding(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
             what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
@@ -319,11 +346,27 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
             yield Finding(name, True, "it reaches the policy: the answer changes with it")
 
 
-def _as_declared(found: Finding, declared: tuple[str, ...]) -> Finding:
-    """Return what is said of a channel, as the policy declares whether it reads it."""
+def _as_declared(found: Finding, declared: tuple[str, ...], others: Sequence[Finding]) -> Finding:
+    """Return what is said of a channel, as the policy declares whether it reads it.
+
+    ``cameras`` stand for all of them, together and one by one: of a camera that is not named, and that does not reach a
+    policy which another one reaches, nobody knows whether it is to be read.
+    """
     channel = CAMERAS if found.name == "grey" else found.name
-    if not declared or reads(channel, declared) or found.fine is None:
+    if not declared or found.fine is None:
+        if found.fine is False and not declared:
+            return replace(found, says=f"{found.says} a policy that is not to read it declares its channels")
         return found
+    if reads(channel, declared):
+        beside = [one for one in others if one.name.startswith(CAMERA) and one.name != channel and one.fine]
+        if found.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
+            return found
+        said = f"{found.says.partition(':')[0]}, and one of {beside[0].name} does"
+        return Finding(
+            found.name,
+            None,
+            f"{said}: is it to be read? it declares 'cameras', which are all; one that reads some names each",
+        )
     if found.fine:
         said = "it declares that it does not read this, and the answer changes with it: declare it too"
         return Finding(found.name, False, said)
@@ -364,7 +407,11 @@ def _form(errors: Mapping[str, list[float]]) -> Finding:
         said = f"with {what} its error to the log is {np.mean(better[what]):.2g} and not {np.mean(given):.2g}"
         return Finding("pictures", False, f"{said}: are they given as in its training?")
     if max(given) < _FITS:
-        return Finding("pictures", True, f"as they are given its error to the log is {max(given):.2g} and less")
+        return Finding(
+            "pictures",
+            True,
+            f"as they are given, its error on {len(given)} moments is at most {max(given):.2g} of the log's variance",
+        )
     return Finding("pictures", None, "its answers are not the log's, and none of the forms that were tried mends that")
 
 
@@ -416,8 +463,8 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:
             continue
         if np.ptp(answers[..., number]) == 0 < np.ptp(logged[..., number]):
-            said = f"'{one.name}' is the same in every answer, and varies in the log"
-            return Finding("unit", False, f"{said}: does the policy answer with it?")
+            said = f"is '{one.name}' meant to be the same in every answer? it varies in the log"
+            return Finding("unit", False, f"{said}; a run says so in a remark, and judges the other numbers")
         said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
         return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit another?")
     return Finding("unit", True, f"its numbers are of the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")

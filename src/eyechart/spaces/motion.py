@@ -35,6 +35,11 @@ MOST_NUMBERS = 100_000
 Floats = npt.NDArray[np.float64]
 
 
+def _with_a_way_out(error: Exception) -> str:
+    """Return what an array's library says, with what to do where it does not say that."""
+    return f"{error}; numpy has no such numbers: return .float()" if "BFloat16" in str(error) else str(error)
+
+
 def read_kind(word: str | None) -> Kind | None:
     """Return a word as a kind, None where there is none; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
@@ -53,12 +58,13 @@ class Motion:
     @classmethod
     def of(cls, given: object) -> "Motion":
         """Return what a controller answered; raises ValueError where that is no array of numbers, or too large."""
-        with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception):
+        with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception, words=_with_a_way_out):
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
             raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
-            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits")
+            half = "; return it as float32" if "float" in str(array.dtype) else ""
+            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits{half}")
         if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
             raise ValueError(f"{hidden} numbers of a masked array are masked, and what stands below is no answer")
         if array.size > MOST_NUMBERS:
@@ -235,6 +241,40 @@ class MotionSpace:
         if not (np.abs(motion.array) <= LARGEST).all():
             return unparsed("not_finite")
         return Decision(motion)
+
+    def lacks(self, reply: Answer) -> str:
+        """Return in words why a reply that came holds no motion, and what to do; nothing of a motion or an error."""
+        decision = self.read(reply)
+        if decision.action is not None or decision.missing == "error":
+            return ""
+        if decision.why == "wrong_shape":
+            came = Motion.read(reply.text).shape
+            return f"its shape is {came}, and that of the bank's motions {self.shape}: {self._mends(came)}"
+        words = {
+            "not_finite": f"some of its numbers are no numbers (NaN, infinite, or beyond {LARGEST:g})",
+            "other_bytes": "its bytes are not those of its digest",
+            "not_a_motion": "it is no array",
+        }
+        return words.get(decision.why or "", f"it is {decision.missing}")
+
+    def _mends(self, came: tuple[int, ...]) -> str:
+        """Return in words what to do about an answer of another shape."""
+        steps, wide = self.shape
+        if len(came) > 2 and came[0] == 1:
+            batch = "return the chunk alone, without the axis of the batch: [0]"
+            return batch if came[1:] == self.shape else f"{batch}; then {self._mends(came[1:])}"
+        exact = {
+            (wide, steps): "return it with the steps first: .T",
+            (steps * wide,): f"return it as .reshape{self.shape}",
+            (wide,): f"return all {steps} steps of the chunk, not one of them",
+        }
+        if came in exact:
+            return exact[came]
+        if len(came) == 2 and came[1] == wide:
+            return f"return {steps} steps, or import or build the bank with --horizon {came[0]}"
+        if len(came) == 2 and came[0] == steps:
+            return f"a step of the bank has {wide} numbers: {', '.join(one.name for one in self.dimensions)}"
+        return f"return an array of {steps} steps of {wide} numbers"
 
     def relative(self, numbers: Floats, states: Floats | None) -> Floats:
         """Return places relative to the states that they belong to, shape (…, steps, dimensions).

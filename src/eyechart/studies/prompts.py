@@ -174,6 +174,7 @@ def run(
     table = prices or read_prices()
     planned = {name: cell.counts()[0] for name, cell in study.cells.items()}
     before, total, set_aside, uncounted = 0, sum(planned.values()), dict[str, str](), 0
+    lasting = frozenset[str]()
     for name, cell in study.cells.items():
         start = before
 
@@ -192,12 +193,13 @@ def run(
         outcome = battery.run(cell, limits=limits, progress=move, **how)
         uncounted += outcome.uncounted
         set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
+        lasting |= {f"{spec} in {name}" for spec in outcome.lasting}
         if outcome.stopped is not None and cell.left():
             bounds = {"--max-calls": calls, "--max-cost": cost_usd}
             words = " and ".join(f"{option} {bound:g}" for option, bound in bounds.items() if bound is not None)
-            return Outcome(set_aside, f"in cell {name}, within {words} for all cells", uncounted)
+            return Outcome(set_aside, f"in cell {name}, within {words} for all cells", uncounted, lasting=lasting)
         before += planned[name]
-    return Outcome(set_aside, None, uncounted)
+    return Outcome(set_aside, None, uncounted, lasting=lasting)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Unpack
 
 import numpy as np
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import (
     conditions_of,
     find_exchange,
@@ -72,6 +72,24 @@ class PolicyRun:
         with Ledger(self.out / LEDGER, absent=True) as ledger:
             keys = set(replace(self.plan, drawn=drawers(ledger, self.manifest)).keys())
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
+
+    def motionless(self) -> dict[str, tuple[int, str]]:
+        """Return of each policy with finished calls of which none holds a motion how many these are, and why."""
+        with Ledger(self.out / LEDGER, absent=True) as ledger:
+            found = {spec: self._without(ledger, spec) for spec in self.plan.models}
+        return {spec: one for spec, one in found.items() if one[0]}
+
+    def _without(self, ledger: Ledger, spec: str) -> tuple[int, str]:
+        """Return how many finished calls a policy has, where none holds a motion, and what the last one lacks."""
+        count, why = 0, ""
+        for _, reply in ledger.replies(spec):
+            if reply.error in UNFINISHED:
+                continue
+            if self.plan.motions.read(reply).action is not None:
+                return 0, ""
+            count += 1
+            why = f"{reply.error}: {reply.error_detail}" if reply.error else self.plan.lacks(reply)
+        return count, why
 
 
 def plan(
