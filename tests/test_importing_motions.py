@@ -105,6 +105,7 @@ def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) ->
         assert not {"a0", "a1", "j0"} & frame.truth.keys()
         assert frame.state == {"joints": (float(cells[row][5]), float(cells[row][6]))}
     assert "8 of 40 frames have no logged motion: fewer than 3 steps follow them" in costs(bank)
+    assert bank.manifest.picture == "pictures of 2 cameras (front, side)"
 
 
 def test_no_motion_goes_over_a_step_that_is_missing(tmp_path: Path) -> None:

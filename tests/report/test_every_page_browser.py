@@ -160,6 +160,22 @@ def test_it_answers_above_the_fold_and_nothing_is_cut(window: Any, made: Mapping
     assert window.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
 
 
+def test_what_policies_use_stands_side_by_side_where_there_is_room(engine: Any, made: Mapping[str, Path]) -> None:  # noqa: ANN401 - as above
+    """Tables stay tables at 1280 px, and statistics are folded, and no command breaks inside a word."""
+    opened = engine.new_page(viewport={"width": 1280, "height": HEIGHT_PX})
+    opened.goto(made["policies"].as_uri())
+    assert opened.locator(".policies, .channels").count() == 2
+    assert opened.locator(".policies.folded, .channels.folded").count() == 0
+    opened.set_viewport_size({"width": 400, "height": HEIGHT_PX})
+    assert opened.locator("details[open]").count() == 0
+    assert opened.evaluate("document.documentElement.scrollHeight") < 20_000
+    broken = (
+        """[...document.querySelectorAll('.command span')].filter((one) => one.getClientRects().length > 1).length"""
+    )
+    assert opened.evaluate(broken) == 0
+    opened.close()
+
+
 @pytest.mark.parametrize("kind", ["several", "estimates", "a_guardian", "cells", "policies"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_violation(engine: Any, made: Mapping[str, Path], kind: str, scheme: str) -> None:  # noqa: ANN401 - as above

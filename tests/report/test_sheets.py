@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from eyechart.report.table import Column, Table, columns, write_tables
+from eyechart.report.table import STATISTIC, Column, Table, coded, columns, statistic_cells, write_tables
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.tables import (
@@ -163,3 +164,45 @@ def test_tables_of_one_name_have_files_of_their_own(tmp_path: Path) -> None:
     """The second is numbered."""
     written = write_tables([sheet("a"), sheet("b")], tmp_path)
     assert [path.name for path in written if path.suffix == ".csv"] == ["s.csv", "s_2.csv"]
+
+
+def test_a_column_of_which_nothing_is_known_is_left_out() -> None:
+    """Not one of which one row knows, nor a 0, which is known."""
+    named = (Column("who"), *columns("count", "calls", "tokens", "cost", "retries"), Column("energy", "number"))
+    rows = (("a", 3, "—", "unknown", 0, "not measured"), ("b", 4, None, "unknown", 0, 2.0))
+    assert Table("costs", "", named, rows).known().names == ["who", "calls", "retries", "energy"]
+
+
+def test_a_bound_from_above_is_no_interval() -> None:
+    """People read its upper end; programs still read both."""
+    bound, two_sided = share_bound(0, 10, confidence=0.99), Statistic(0.5, 10, (0.2, 0.8))
+    table = Table(
+        "s",
+        "",
+        (Column("who"), *STATISTIC),
+        tuple((str(n), *statistic_cells(one)) for n, one in enumerate((bound, two_sided))),
+    )
+    assert [row[2] for row in table.texts()] == ["at most 0.369", "[0.200, 0.800]"]
+    assert [row[2:4] for row in csv.reader(io.StringIO(table.csv()))][1:] == [
+        ["0.0", repr(bound.ci[1])],  # type: ignore[index]
+        ["0.2", "0.8"],
+    ]
+    assert Column("", "estimate").shown(bound) == "0.000 at most 0.369"
+    assert Column("", "estimate").shown(two_sided) == "0.500 [0.200, 0.800]"
+
+
+def test_a_command_in_a_sentence_is_code_that_breaks_between_words() -> None:
+    """Quotes go, options stand whole, and nothing else becomes markup."""
+    told = coded("Hold <b> 'as it is', with 'eyechart gate RUN --require camera:x', or give --frames.")
+    assert told == (
+        "Hold &lt;b&gt; &#x27;as it is&#x27;, with "
+        '<code class="command"><span>eyechart</span> <span>gate</span> <span>RUN</span> <span>--require</span> '
+        '<span>camera:x</span></code>, or give <code class="command"><span>--frames</span></code>.'
+    )
+    assert coded("a--b, and it's 'eyechart'") == "a--b, and it&#x27;s &#x27;eyechart&#x27;"
+
+
+def test_an_interval_of_an_estimate_may_stand_below_its_value() -> None:
+    """It is a word of its own, which is not broken."""
+    table = Table("t", "", (Column("who"), Column("x", "estimate")), (("a", Statistic(0.5, 10, (0.2, 0.8))),))
+    assert '<td class="estimate">0.500 <span class="ends">[0.200, 0.800]</span></td>' in table.html()

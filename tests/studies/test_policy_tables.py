@@ -109,8 +109,10 @@ def test_the_page_draws_no_share_of_who_failed_and_says_what_settles_what_is_ope
     assert "names that were exchanged" in html
     assert "with one thing changed of what it is shown" in html
     assert html.count("pictures-python-test-policy-tables-unread-") > 0
-    assert "another top, another wrist" in html
+    assert "another top picture, another wrist picture" in html
     assert "whether its picture reaches it" in html
+    command = "".join(f"<span>{word}</span> " for word in ("eyechart", "doctor", "SPEC", "--frames", "BANK"))
+    assert f'<code class="command">{command.rstrip()}</code> whether its picture reaches it' in html
 
 
 @pytest.mark.slow

@@ -78,7 +78,7 @@ def costs(
     for spec, found in took.guards.items():
         lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
     tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
-    print_each([*tables, *lines], 160, names=study.models(run))
+    print_each([*(one.known() if study.callables else one for one in tables), *lines], 160, names=study.models(run))
 
 
 def gate(

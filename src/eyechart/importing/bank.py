@@ -69,6 +69,10 @@ Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 """A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
+UNDESCRIBED = "pictures of a camera"
+"""What pictures are where nobody says."""
+
+
 @dataclass(frozen=True)
 class Choices:
     """What the owner of the pictures says of them.
@@ -87,7 +91,7 @@ class Choices:
     space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
-    picture: str = "pictures of a camera"
+    picture: str = UNDESCRIBED
     prompt_columns: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
@@ -507,6 +511,14 @@ def _pixels(bank: FrameBank) -> Iterator[int]:
             yield high * wide
 
 
+def _described(picture: str, frames: Sequence[Frame]) -> str:
+    """Return what the pictures are: in the words that were given, else by their cameras where there are several."""
+    names = [one.name for one in frames[0].cameras] if frames else []
+    if picture != UNDESCRIBED or len(names) < 2:
+        return picture
+    return f"pictures of {len(names)} cameras ({', '.join(names)})"
+
+
 def write(
     out: Path, source: Source, frames: Sequence[Frame], *, kept: Kept, choices: Choices, progress: Progress | None
 ) -> FrameBank:
@@ -516,7 +528,7 @@ def write(
     manifest = BankManifest(
         simulator=IMPORTED,
         preset=source.folder.resolve().name or "frames",
-        picture=choices.picture,
+        picture=_described(choices.picture, frames),
         action_space=choices.space,
         gap=None if gap is None else Gap(gap, float(choices.threshold or 0.0), _unit(choices, kept.places)),
         settings={

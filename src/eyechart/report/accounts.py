@@ -112,6 +112,17 @@ NO_PRICE = (
     "hosted models, whose endpoint the paper does not name: --prices FILE says what one costs"
 )
 
+CALLABLES = ("python", "trained")
+"""The first words of SPECs that are functions on this machine."""
+NO_PRICE_HERE = "A callable of one's own has no price here; --prices FILE can name one"
+
+
+def _unpriced(accounts: Mapping[str, Account]) -> list[str]:
+    """Return in words why prices are unknown."""
+    specs = [spec for spec, one in accounts.items() if "unknown" in one.cost_from]
+    own = [spec.partition(":")[0] in CALLABLES for spec in specs]
+    return [*([NO_PRICE_HERE] if any(own) else []), *([NO_PRICE] if not all(own) else [])]
+
 
 def deployment_table(accounts: Mapping[str, Account]) -> Table:
     """Return what decisions cost and take, in the paper's units: a row a model.
@@ -139,10 +150,7 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
     )
     caption = "Cost, latency and energy. A decision is a call whose reply holds one"
     note = "— not known, not measured, or the run is not finished"
-    if any("unknown" in one.cost_from for one in accounts.values()):
-        note += f". {NO_PRICE}"
-    if gross := _gross(accounts.values()):
-        note += f". {gross}"
+    note = ". ".join(filter(None, (note, *_unpriced(accounts), _gross(accounts.values()))))
     return Table("costs", caption, named, tuple(rows), note)
 
 

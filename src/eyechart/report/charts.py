@@ -93,8 +93,8 @@ _LONGEST = 40
 class Drawing:
     """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
 
-    ``of`` is the model that it is about, where a section has one figure a model. A page that holds many asks for
-    ``lean`` ones, whose numbers have one decimal.
+    ``of`` is the model that it is about, where a section has one figure a model. ``note`` says on a page, below the
+    figure, how it is read. A page that holds many asks for ``lean`` ones, whose numbers have one decimal.
     """
 
     name: str
@@ -104,6 +104,7 @@ class Drawing:
     wide: bool = False
     of: str = ""
     lean: bool = False
+    note: str = ""
 
     def labelled(self, label: str) -> "Drawing":
         """Return the figure as the paper's of that label, under which its files are written."""
@@ -187,6 +188,19 @@ def plain(text: str, longest: int = _LONGEST) -> str:
 def font(size: int) -> ImageFont.FreeTypeFont:
     """Return the font that figures are drawn in."""
     return ImageFont.truetype(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
+
+
+def width_of(text: str, points: float) -> float:
+    """Return how wide a text stands in a figure, in inches; the fonts of a page are narrower than a figure's own."""
+    return font(100).getlength(plain(text, 400)) / 100 * points / 72
+
+
+def fitted(text: str, inches: float, points: float) -> str:
+    """Return a text with as much of its middle left out as it takes to stand in so many inches."""
+    most = len(text)
+    while most > 3 and width_of(plain(text, most), points) > inches:
+        most -= 1
+    return plain(text, most)
 
 
 _DARK = 0.18

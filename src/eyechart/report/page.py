@@ -17,7 +17,7 @@ from markupsafe import Markup
 from eyechart import __version__
 from eyechart.destination import whole, write_files
 from eyechart.report.charts import Drawing
-from eyechart.report.table import Table
+from eyechart.report.table import Table, coded
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
@@ -129,13 +129,14 @@ def parted(said: Sequence[Said], answers: Mapping[str, str], what: str) -> str:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: an introduction, figures, tables, and lines of words."""
+    """A part of a page: an introduction, figures, tables, and lines of words; ``folded`` tables are closed at first."""
 
     title: str
     intro: str = ""
     drawings: Sequence[Drawing] = ()
     tables: Sequence[Table] = ()
     lines: Sequence[str] = ()
+    folded: bool = False
 
 
 def page_of(
@@ -217,6 +218,7 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
         extensions=["jinja2.ext.do"],
     )
+    made.filters["coded"] = coded
     made.filters["inline"] = lambda one: Markup(one.svg(inline=True))  # noqa: S704 - drawn here, every word escaped
     return made
 

@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from markupsafe import Markup
 
 from eyechart.destination import write_files
 from eyechart.stats.statistic import Statistic, percent
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
 
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 """What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
+
+_UNKNOWN = frozenset({"", "—", "unknown", "not measured"})
+"""What stands in a cell of which nothing is known."""
+_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)")
+"""A command that is quoted in a sentence, and an option."""
 
 MARK = "!"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
@@ -48,6 +55,13 @@ class Mark:
     place: str = ""
 
 
+class AtMost(NamedTuple):
+    """An interval whose lower end bounds nothing; people read its upper end alone."""
+
+    low: float
+    high: float
+
+
 Cell = str | int | float | tuple[float, float] | Statistic | Mark | None
 """A word, a count, a number, an interval, an estimate, or "cannot say"; a word may stand for any of them."""
 
@@ -74,15 +88,20 @@ class Column:
         if isinstance(cell, Mark):
             return f"{cell.text} {cell.sign}".rstrip()
         if isinstance(cell, Statistic):
-            told = {"interval": cell.ci and self.shown(cell.ci), "n": f"({cell.n})", "": ""}[self.beside]
+            told = {"interval": cell.ci and self.shown(ends(cell)), "n": f"({cell.n})", "": ""}[self.beside]
             return f"{self.shown(cell.value)} {told or ''}".rstrip()
         if isinstance(cell, tuple):
-            return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
+            return self._interval(cell)
         if isinstance(cell, str):
             return cell
         if cell is None or self.kind == "p":
             return p_value(cell)
         return str(cell) if self.kind == "count" else self._digits(self.scale * cell) + self.unit
+
+    def _interval(self, cell: tuple[float, float]) -> str:
+        if isinstance(cell, AtMost):
+            return f"at most {self._digits(self.scale * cell.high)}"
+        return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
 
     def _digits(self, value: float) -> str:
         return f"{value:{'+' if self.signed else ''}.{self.digits}f}"
@@ -127,7 +146,13 @@ STATISTIC = (
 
 def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
     """Return a statistic's value, interval with its level, n and p."""
-    return one.value, one.ci, level(one), one.n, one.p
+    return one.value, ends(one), level(one), one.n, one.p
+
+
+def ends(one: Statistic) -> tuple[float, float] | None:
+    """Return a statistic's interval, as an `AtMost` where its method bounds the value from above alone."""
+    bounded = one.ci is not None and one.method.startswith("one-sided") and "upper bound" in one.method
+    return AtMost(*one.ci) if bounded and one.ci is not None else one.ci
 
 
 def level(one: Statistic) -> str:
@@ -221,6 +246,13 @@ class Table:
             if not (column.varies and len(set(cells)) < 2)
             and not (place and column.kind in _WORDS and not any(cell.strip("—") for cell in cells))
         ]
+        rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
+
+    def known(self) -> "Table":
+        """Return the table without the columns, but the first, in which nothing is known in any row."""
+        texts = list(zip(*self.texts(), strict=True)) or [()] * len(self.columns)
+        kept = [place for place, cells in enumerate(texts) if not place or not _UNKNOWN.issuperset(cells)]
         rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
 
@@ -319,7 +351,7 @@ class Table:
         for row, texts in zip(short.rows, short.texts(), strict=True):
             cells = [_html(*one) for one in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
             lines.append(f'<tr><th scope="row"><bdi>{escape(texts[0])}</bdi></th>{"".join(cells)}</tr>')
-        label, below = escape(self.caption), f'<p class="note">{escape(self.note)}</p>\n' if self.note else ""
+        label, below = escape(self.caption), f'<p class="note">{coded(self.note)}</p>\n' if self.note else ""
         return (
             f'<div class="scroll" tabindex="0" role="group" aria-label="{label}, table">\n'
             f'<table class="{self.name}"><caption>{label}</caption>\n<thead><tr>{heads}</tr></thead>\n'
@@ -434,8 +466,20 @@ def _plain_sign(sign: str) -> str:
     return "\ufffd" if unicodedata.category(sign) in {"Cs", "Cf"} and sign not in _JOINERS else sign
 
 
+def coded(text: str) -> Markup:
+    """Return a sentence as HTML, its commands as code that is broken between words alone."""
+    made, end = "", 0
+    for found in _COMMAND.finditer(text):
+        words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
+        made += f'{escape(text[end : found.start()])}<code class="command">{words}</code>'
+        end = found.end()
+    return Markup(made + escape(text[end:]))  # noqa: S704 - every word was escaped just now
+
+
 def _html(cell: Cell, text: str, column: Column) -> str:
     inside = escape(text)
+    if column.kind == "estimate":
+        inside = re.sub(r" (\[.*\]|\(\d+\)|at most .*)$", r' <span class="ends">\1</span>', inside)
     if isinstance(cell, Mark) and cell.tone:
         inside = f'<span class="flag {escape(cell.tone)}">{inside}</span>'
     if isinstance(cell, Mark) and cell.place:

@@ -152,6 +152,8 @@ class Study(ABC, Generic[S]):
     refuses: ClassVar[Mapping[str, str]] = {}
     requirements: ClassVar[Mapping[str, str]] = {}
     required: ClassVar[str] = ""
+    callables: ClassVar[bool] = False
+    """Whether who is asked is a callable, which counts no tokens and reports no cost."""
     counted: ClassVar[tuple[str, str]] = ("look", "models")
     """What its findings say yes to, and of whom: an index counts the findings of one kind together."""
 

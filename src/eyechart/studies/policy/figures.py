@@ -1,136 +1,253 @@
 """Figures of policies: how much each channel carries, and what one moment becomes when a channel is exchanged."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode
-from eyechart.report.charts import BLUE, INK, LINE, MUTED, SOFT, VERMILLION, Drawing, canvas, named_rows, style
+from eyechart.report.charts import (
+    BLUE,
+    INK,
+    LINE,
+    MUTED,
+    PAPER,
+    SOFT,
+    VERMILLION,
+    WAYS,
+    Drawing,
+    canvas,
+    fitted,
+    named_rows,
+    style,
+    width_of,
+)
+from eyechart.report.names import shorten
 from eyechart.report.table import number
-from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.motion import PLACES, MotionSpace
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.course import Course
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.studies.policy.scoring import OnePolicy
-from eyechart.verdicts.channels import IGNORED, USED, ignored, used
+from eyechart.verdicts.channels import IGNORED, OPEN, USED, Judged, PolicyVerdict, ignored, used
 
 _TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
-_SHOWN = {
-    "real": ("its answer", INK, "-"),
-    f"swapped@{CAMERAS}": ("other pictures", VERMILLION, "-"),
-    f"swapped@{INSTRUCTION}": ("another instruction", VERMILLION, "--"),
-    f"swapped@{STATE}": ("another state", MUTED, "--"),
-    "named_plus": ("its object moved", BLUE, "-"),
+_OF_ALL = {
+    f"swapped@{CAMERAS}": "another episode's pictures",
+    "named_plus": "the named object moved",
+    f"swapped@{INSTRUCTION}": "another instruction",
+    f"swapped@{STATE}": "another episode's state",
 }
-"""The conditions of which a moment's motion is drawn: what each is, its colour and its line."""
-_PICTURES = {
-    "real": ("its answer", INK, "-"),
-    f"matched@{CAMERAS}": ("another's at a like state", BLUE, "--"),
-    "blank": ("grey pictures", MUTED, ":"),
-    "exchanged": ("colours exchanged", BLUE, "-."),
-    "other_plus": ("the other object moved", BLUE, ":"),
-    "recoloured": ("another table", MUTED, "-."),
-    "decoys": ("further objects", MUTED, "--"),
-}
+"""The conditions of which a moment's motion is drawn, beside its answer, and what each changes."""
+_OF_PICTURES = {f"matched@{CAMERAS}": "pictures at a similar state", "blank": "grey pictures"}
 """Those of pictures alone, of which the first moment is drawn once more, with each camera's exchanged."""
-_LINES = ("-", "--", "-.", ":")
-Shown = Mapping[str, tuple[str, str, str]]
+_OF_THE_WORLD = {
+    "exchanged": "the objects' colours exchanged",
+    "other_plus": "the other object moved",
+    "recoloured": "another table",
+    "decoys": "further objects",
+}
+"""Those that a world draws, of which the first moment is drawn too."""
+_LINES: Sequence[tuple[str, Any]] = (
+    (WAYS["vermillion"], "-"),
+    (WAYS["blue"], (0, (5, 1.5))),
+    (WAYS["purple"], (0, (1.2, 1.2))),
+    (WAYS["amber"], (0, (6, 1.5, 1.2, 1.5))),
+    (WAYS["green"], (0, (3, 3))),
+)
+"""The lines of a figure beside its answer: no more stand in one, and each differs in colour and in dashes."""
+_OWN, _OWN_WIDTH = "its answer", 2.6
 _MOMENTS = 2
+STRETCHED = "The axis is stretched near 0 (square root)."
+MARGINS = (
+    f"Shaded, 0 to {USED:g}: too little to be called used. Dashed line, {IGNORED:g}: what stays below it is ignored."
+)
+ABOVE_ONE = (
+    "The share is of the policy's own variation between moments: one above 1 says that the exchange changes its answer "
+    "more than another moment does."
+)
 
 
-def shares(spec: str, policy: OnePolicy) -> Iterator[Drawing]:
+@dataclass(frozen=True)
+class Line:
+    """A motion as it is drawn: in words what was changed, its colour and dashes, and its numbers, step by dimension."""
+
+    words: str
+    colour: str
+    dashes: Any
+    numbers: Floats
+
+    @property
+    def width(self) -> float:
+        """Return how thick it is: the policy's own answer stands out."""
+        return _OWN_WIDTH if self.words == _OWN else 1.5
+
+
+def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
     """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins.
 
-    Yields nothing where no share can be said.
+    A row whose axis is undecided is open, whatever its own numbers say. Yields nothing where no share can be said.
     """
-    rows = [(_in_words(name), one) for name, one in policy.statistics.items() if _is_drawn(name, one)]
+    rows = [(_in_words(name), one, _channel(judged, name)) for name, one in _drawn(policy)]
     if not rows:
         return
+    names = [name for name, *_ in rows]
     with style():
-        figure, axes = canvas(4.9, 0.7 + 0.25 * max(1, len(rows)), (2.1, 0.15, 0.5, 0.08))
+        left = 0.2 + max(width_of(name, 8.5) for name in names)
+        figure, axes = canvas(left + 2.75, 0.7 + 0.25 * len(rows), (left, 0.15, 0.5, 0.08))
         axes.set_xscale("function", functions=(np.sqrt, np.square))
         axes.axvspan(0, USED, color=SOFT, zorder=0)
         axes.axvline(IGNORED, color=MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-        for y, (_, one) in enumerate(rows):
-            colour = BLUE if used(one) else VERMILLION if ignored(one) else MUTED
-            _interval(axes, y, one, colour)
-        named_rows(axes, [name for name, _ in rows], 0.5)
-        ends = [one.ci[1] for _, one in rows if one.ci is not None]
-        axes.set_xlim(0, min(4.5, max([1.2, *ends]) * 1.05))
+        for y, (_, one, channel) in enumerate(rows):
+            _interval(axes, y, one, _colour(one, _axes(judged)[channel]))
+        named_rows(axes, names, 0.5)
+        axes.tick_params(axis="y", pad=7)
+        axes.set_xlim(0, min(_FAR, max([1.2, *map(_end, (one for _, one, _ in rows))]) * 1.05))
         ticks = [tick for tick in _TICKS if tick <= axes.get_xlim()[1]]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.set_xlabel("share of its own variation", fontsize=8.5)
-    told = "; ".join(f"{name} {number(one.value, 3)}" for name, one in rows)
-    frames = sorted({one.n for _, one in rows})
+        axes.set_xlabel("share of its own variation (T)", fontsize=8.5)
+    told = "; ".join(f"{name} {number(one.value, 3)}" for name, one, _ in rows)
+    frames = sorted({one.n for _, one, _ in rows})
     of = f"{frames[0]} to {frames[-1]}" if len(frames) > 1 else f"{frames[0]}"
-    title = "How much each channel carries: blue is used, orange ignored (left of the dashes), grey undecided"
-    yield Drawing(_slug(f"shares-{spec}"), f"{title}; 98 % intervals, {of} frames", f"Shares. {told}", figure)
+    spec = judged.model
+    title = f"How much each channel carries for {spec}: blue is used, orange ignored, hollow grey is open"
+    title = f"{title}; 98 % intervals, {of} frames"
+    note = [
+        "Each row says what is exchanged.",
+        MARGINS,
+        STRETCHED,
+        *_of_open(judged, [channel for *_, channel in rows]),
+        *_of_similar(names),
+    ]
+    note += [ABOVE_ONE] if any(_end(one) > 1 for _, one, _ in rows) else []
+    yield Drawing(_slug(f"shares-{spec}"), title, f"Shares. {told}", figure, note=" ".join(note))
+
+
+def _drawn(policy: OnePolicy) -> Iterator[tuple[str, Statistic]]:
+    """Yield the shares that have a row, by their names."""
+    for name, one in policy.statistics.items():
+        if name.startswith("T.") and name.removeprefix("T.").partition("@")[0] in _INSTEAD and one.value is not None:
+            yield name, one
 
 
 def _in_words(name: str) -> str:
-    """Return what was shown instead, of a share's name: ``T.matched@camera:top`` is 'top, at a like state'."""
+    """Return what was shown instead, of a share's name: ``T.matched@camera:top`` is 'top: at a similar state'."""
     base, _, channel = name.removeprefix("T.").partition("@")
-    what = channel.removeprefix("camera:") or "cameras"
-    return f"{what if len(what) <= _LONGEST else f'…{what[1 - _LONGEST :]}'}, {_INSTEAD[base]}"
+    what = channel.removeprefix(CAMERA) or CAMERAS
+    return f"{what if len(what) <= _LONGEST else f'…{what[1 - _LONGEST :]}'}: {_INSTEAD[base]}"
 
 
-_LONGEST = 14
-_INSTEAD = {"swapped": "another's", "matched": "at a like state", "blank": "grey", "exchanged": "colours exchanged"}
+_LONGEST, _FAR = 14, 4.5
+_SIMILAR = "at a similar state"
+_INSTEAD = {
+    "swapped": "another episode's",
+    "matched": _SIMILAR,
+    "blank": "grey",
+    "exchanged": "colours exchanged",
+}
 
 
-def _is_drawn(name: str, one: Statistic) -> bool:
-    base = name.removeprefix("T.").partition("@")[0]
-    return name.startswith("T.") and base in _INSTEAD and one.value is not None
+def _axes(judged: PolicyVerdict) -> dict[str, Judged]:
+    """Return what is said of each channel."""
+    cameras = {f"{CAMERA}{name}": one for name, one in judged.cameras.items()}
+    return {CAMERAS: judged.camera, **cameras, STATE: judged.state, INSTRUCTION: judged.instruction}
+
+
+def _channel(judged: PolicyVerdict, name: str) -> str:
+    """Return the channel whose axis a share speaks for: of ``T.blank@top`` the top camera, of ``T.blank`` all."""
+    channel, axes = name.rpartition("@")[2], _axes(judged)
+    return next((one for one in (channel, f"{CAMERA}{channel}") if one in axes), CAMERAS)
+
+
+def _colour(one: Statistic, axis: Judged) -> str:
+    """Return the colour of a share: grey where it, or its axis, is open."""
+    if axis.label in OPEN:
+        return MUTED
+    return BLUE if used(one) else VERMILLION if ignored(one) else MUTED
+
+
+def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
+    """Yield a sentence on the channels whose rows are open whatever their intervals are, where there are any."""
+    found = [one.removeprefix(CAMERA) for one, axis in _axes(judged).items() if one in channels and axis.label in OPEN]
+    if found:
+        yield f"Open whatever the interval is, because the verdict on it is: {_all(found)}; its line below says why."
+
+
+def _of_similar(names: Sequence[str]) -> Iterator[str]:
+    if any(name.endswith(_SIMILAR) for name in names):
+        yield "At a similar state: of another episode's moments the one whose state is nearest."
+
+
+def _all(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _end(one: Statistic) -> float:
+    """Return how far a share reaches."""
+    return max(one.value or 0, 0 if one.ci is None else one.ci[1])
 
 
 def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
     axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
     if one.ci is not None:
-        axes.plot(np.clip(one.ci, 0, 4.5), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
+        axes.plot(np.clip(one.ci, 0, _FAR), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
     if one.value is not None:
-        axes.scatter([np.clip(one.value, 0, 4.5)], [y], s=30, color=colour, zorder=3)
+        _dot(axes, _on_page(one.value), y, colour)
+
+
+def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
+    """Draw a share: full where it says something, hollow where it is open."""
+    face = PAPER if colour == MUTED else colour
+    axes.scatter([x], [y], s=28, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3, clip_on=False)
 
 
 def training(course: Course) -> Drawing:
     """Draw each channel's share against the step of the training, a row each, with the margins that `shares` has."""
-    names, points = course.channels, [(one.step or 0, one.shares) for one in course.checkpoints]
-    far = max([1.2, *(one.ci[1] for _, each in points for one in each.values() if one.ci is not None)])
-    high = 0.95
+    names = course.channels
+    points = [(one.step or 0, one.verdict, one.shares) for one in course.checkpoints]
+    every = [one for *_, each in points for one in each.values()]
+    far, high = max([1.2, *map(_end, every)]), 0.95
     with style():
         figure = Figure(figsize=(4.4, 0.55 + high * len(names)))
         whole = figure.get_size_inches()[1]
         for row, name in enumerate(names):
             box = (0.62 / 4.4, (whole - high * (row + 1) + 0.1) / whole, 3.66 / 4.4, (high - 0.3) / whole)
             axes = figure.add_axes(box)
-            _share_axis(axes, min(4.5, far * 1.05))
+            _share_axis(axes, min(_FAR, far * 1.05))
             axes.set_title(name, fontsize=8.5, loc="left", pad=2)
-            _shares_by_step(axes, [(step, each[name]) for step, each in points if name in each])
-            axes.set_xlim(*_around([step for step, _ in points]))
-            axes.set_xticks(*_steps([step for step, _ in points]))
+            here = [(step, each[name], verdict) for step, verdict, each in points if name in each]
+            _shares_by_step(axes, [(step, one, _axes(verdict)[_channel(verdict, name)]) for step, one, verdict in here])
+            axes.set_xlim(*_around([step for step, *_ in points]))
+            axes.set_xticks(*_steps([step for step, *_ in points]))
             axes.tick_params(labelbottom=row == len(names) - 1, labelsize=7.5)
         axes.set_xlabel("step of the training", fontsize=8.5)
     told = "; ".join(
-        f"{name} " + ", ".join(f"{number(each[name].value, 2)} at {step}" for step, each in points if name in each)
+        f"{name} " + ", ".join(f"{number(each[name].value, 2)} at {step}" for step, _, each in points if name in each)
         for name in names
     )
-    title = "When did it stop looking? Each channel's share: blue is used, orange ignored (below the dashes), grey open"
-    return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure)
+    title = "When did it stop looking? Each channel's share by step: blue is used, orange ignored, hollow grey is open"
+    note = ["98 % intervals.", MARGINS, STRETCHED, "Open: its interval, or the verdict on its channel, is undecided."]
+    note += [ABOVE_ONE] if any(_end(one) > 1 for one in every) else []
+    return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure, note=" ".join(note))
 
 
-def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic]]) -> None:
-    """Draw a channel's shares, joined, each with its interval and in the colour of what it says."""
-    held = [(step, one) for step, one in shares if one.value is not None]
-    axes.plot([step for step, _ in held], [_on_page(one.value) for _, one in held], color=LINE, lw=1, zorder=1)
-    for step, one in held:
-        colour = BLUE if used(one) else VERMILLION if ignored(one) else MUTED
+def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic, Judged]]) -> None:
+    """Draw a channel's shares, joined, each with its interval and in the colour of what is said of it."""
+    held = [(step, one, axis) for step, one, axis in shares if one.value is not None]
+    axes.plot([step for step, *_ in held], [_on_page(one.value) for _, one, _ in held], color=LINE, lw=1, zorder=1)
+    for step, one, axis in held:
+        colour = _colour(one, axis)
         if one.ci is not None:
-            axes.plot([step, step], np.clip(one.ci, 0, 4.5), color=colour, lw=1.8, zorder=2)
-        axes.scatter([step], [_on_page(one.value)], s=22, color=colour, zorder=3, clip_on=False)
+            axes.plot([step, step], np.clip(one.ci, 0, _FAR), color=colour, lw=1.8, zorder=2)
+        _dot(axes, step, _on_page(one.value), colour)
 
 
 def _share_axis(axes: Axes, far: float) -> None:
@@ -144,7 +261,7 @@ def _share_axis(axes: Axes, far: float) -> None:
 
 
 def _on_page(value: float | None) -> float:
-    return float(np.clip(0.0 if value is None else value, 0, 4.5))
+    return float(np.clip(0.0 if value is None else value, 0, _FAR))
 
 
 def _around(steps: Sequence[int]) -> tuple[float, float]:
@@ -164,72 +281,116 @@ def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
 
 
 def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
-    """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged."""
+    """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged.
+
+    The first is drawn once more with other pictures, and with what a world changes in them.
+    """
     found = policy.motions
-    places = [int(place) for place in _telling(found)]
+    places = _telling(found)
     cameras = [name for name in channels_of(found.plan.bank) if name.startswith(CAMERA)]
-    each = {
-        f"swapped@{name}": (f"another {name.removeprefix(CAMERA)}", VERMILLION, _LINES[turn % len(_LINES)])
-        for turn, name in enumerate(cameras)
-    }
-    drawn = [("moment", place, _SHOWN) for place in places] + [
-        ("pictures", place, _PICTURES | each) for place in places[:1]
-    ]
-    made = []
-    for kind, place, shown in drawn:
-        asked = {name: how for name, how in shown.items() if name in found.answers}
-        if "real" in asked and len(asked) > 1:
-            made.append(_moment(f"{kind}-{spec}", found, place, asked, pictures))
+    each = {f"swapped@{name}": f"another {name.removeprefix(CAMERA)} picture" for name in cameras}
+    drawn: list[tuple[str, int, str, Mapping[str, str]]] = [("moment", place, why, _OF_ALL) for place, why in places]
+    for place, why in places[:1]:
+        for turn, kept in enumerate(_parts(_OF_PICTURES | each, len(_LINES))):
+            drawn.append((f"pictures-{turn + 1}" if turn else "pictures", place, why, kept))
+        drawn.append(("world", place, why, _OF_THE_WORLD))
+    made = (_moment(kind, spec, found, place, why, shown, pictures) for kind, place, why, shown in drawn)
     return [one for one in made if one is not None]
 
 
-def _telling(found: Motions) -> Sequence[int]:
-    """Return the moments at which other pictures change the answer most, and in the middle, of different episodes."""
+def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
+    """Yield so many entries of a mapping at a time."""
+    names = list(whole)
+    for start in range(0, len(names), most):
+        yield {name: whole[name] for name in names[start : start + most]}
+
+
+_MOST = "It is the moment at which other pictures change its answer most."
+_MIDDLE = "At half of the moments other pictures change its answer more than at this one."
+
+
+def _telling(found: Motions) -> list[tuple[int, str]]:
+    """Return the moments at which other pictures change the answer most, and in the middle, of different episodes.
+
+    Each with what it is in words; of who was not shown other pictures, the first moments.
+    """
     real, other = found.of("real"), found.of(f"swapped@{CAMERAS}")
     if real is None or other is None:
-        return range(min(_MOMENTS, len(found.plan.frames)))
+        return [(place, "") for place in range(min(_MOMENTS, len(found.plan.frames)))]
     apart = ((real.mean(axis=0) - other.mean(axis=0)) ** 2).mean(axis=(1, 2))
     order = np.argsort(np.where(np.isfinite(apart), -apart, np.inf), kind="stable")
     good = order[: int(np.isfinite(apart).sum())]
     if not len(good):
-        return ()
+        return []
     middle = [place for place in good[len(good) // 2 :] if found.episodes[place] != found.episodes[good[0]]]
-    return [int(good[0]), *(int(place) for place in middle[: _MOMENTS - 1])]
+    told = _MOST if apart[good[0]] > 0 else ""
+    return [(int(good[0]), told), *((int(place), told and _MIDDLE) for place in middle[: _MOMENTS - 1])]
 
 
-def _moment(name: str, found: Motions, place: int, shown: Shown, pictures: FrameBank | None) -> Drawing | None:
+def _moment(
+    kind: str, spec: str, found: Motions, place: int, why: str, shown: Mapping[str, str], pictures: FrameBank | None
+) -> Drawing | None:
+    """Draw one moment; None where it has no answer, or none with anything changed."""
     frame, space = found.plan.frames[place], found.plan.motions
-    seen = {} if pictures is None else _pictures(pictures, frame.id)
-    left = 1.35 if seen else 0.1
-    with style():
-        below = 0.17 * max(0, -(-len(shown) // 2) - _LEGEND_ROWS)
-        high = 3.3 + below
-        figure = Figure(figsize=(4.4, high))
-        for (camera, picture), box in zip(seen.items(), _boxes(len(seen), below), strict=True):
-            axes = figure.add_axes(box)
-            axes.imshow(picture, interpolation="nearest")
-            axes.set_title(camera, fontsize=8.5 if len(seen) <= _ONE_COLUMN else 6)
-            axes.set_axis_off()
-        axes = figure.add_axes(((left + 0.4) / 4.4, (1.0 + below) / high, (3.85 - left) / 4.4, 2.1 / high))
-        drawn = _paths(axes, found, place, shown) if len(space.axes) > 1 else _curves(axes, found, place, shown)
-        axes.legend(
-            loc="upper center",
-            bbox_to_anchor=(0.45, -0.2),
-            ncols=2,
-            fontsize=7.5,
-            frameon=False,
-            handlelength=1.8,
-            columnspacing=1.0,
-        )
-    if not drawn:
+    lines = _lines(found, place, shown)
+    if len(lines) < 2 or lines[0].words != _OWN:
         return None
-    told = f"“{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "no instruction"
-    title = f"{frame.id}, {told}"
-    says = "Its motion as it was, and with one thing changed of what it is shown: " + ", ".join(drawn)
-    return Drawing(_slug(f"{name}-{frame.id}"), title, says, figure)
+    seen = {} if pictures is None else _pictures(pictures, frame.id)
+    on_a_plane = len(space.axes) > 1
+    with style():
+        figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
+    told = f"told “{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "without an instruction"
+    says = "Its motion as it was, and with one thing changed of what it is shown: "
+    note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
+    return Drawing(
+        _slug(f"{kind}-{spec}-{frame.id}"),
+        f"{spec} at {frame.id}, {told}",
+        says + ", ".join(one.words for one in lines),
+        figure,
+        note=note,
+    )
 
 
-_ONE_COLUMN, _LEGEND_ROWS = 2, 3
+def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
+    """Return the motions of a moment that are there, its own answer first."""
+    made = []
+    looks = [(INK, "-"), *_LINES]
+    for (name, words), (colour, dashes) in zip({"real": _OWN, **shown}.items(), looks, strict=False):
+        raw = found.raw(name)
+        if raw is not None and np.isfinite(raw[0, place]).all():
+            made.append(Line(words, colour, dashes, raw[0, place]))
+    return made
+
+
+def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
+    """Return in words what is drawn of a motion, and how to read it."""
+    steps = f"{space.horizon} step{'' if space.horizon == 1 else 's'}"
+    rate = f", {space.rate_hz:g} a second" if space.rate_hz else ""
+    exchanged = (
+        "Thick: its answer as things were. Every other line: with that one thing changed, and all else as it was."
+    )
+    if on_a_plane:
+        down = space.axes[1]
+        return (
+            f"Each line is the path of its motion ({steps}{rate}) from the ring on; {down} points down, as in a "
+            f"picture. {exchanged}"
+        )
+    alone = len(space.dimensions) == 1
+    what = "the number of its motion" if alone else "one number of its motion"
+    names = {one.name for one in space.dimensions if space.kind in PLACES and one.state is not None}
+    relative = " Places are drawn from the state on that it is shown." if names else ""
+    units = "" if any(one.unit for one in space.dimensions) else " The bank names no units."
+    units = f" All are in {_unit(space)}." if _unit(space) else units
+    return f"Each curve is {what} over {steps}{rate}; each axis has a scale of its own.{relative}{units} {exchanged}"
+
+
+def _of_answers(found: Motions) -> str:
+    """Return in words which of several answers are drawn."""
+    real = found.of("real")
+    return f"Of {len(real)} answers the first is drawn." if real is not None and len(real) > 1 else ""
+
+
+_ONE_COLUMN, _WIDE = 2, 4.4
 
 
 def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, float]]:
@@ -240,9 +401,9 @@ def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, fl
     size = min(wide, step - 0.25)
     return [
         (
-            (0.05 + (turn % columns) * (wide + 0.1)) / 4.4,
+            (0.05 + (turn % columns) * (wide + 0.1)) / _WIDE,
             (below + 3.05 - step * (turn // columns) - size) / (below + 3.3),
-            size / 4.4,
+            size / _WIDE,
             size / (below + 3.3),
         )
         for turn in range(count)
@@ -258,26 +419,38 @@ def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
         return {}
 
 
-def _paths(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:
+def _show(figure: Figure, picture: Floats, box: tuple[float, float, float, float], name: str, size: float) -> None:
+    """Draw a picture in a box of the figure, its name above it and no wider than it."""
+    axes = figure.add_axes(box)
+    axes.imshow(picture, interpolation="nearest")
+    axes.set_title(fitted(name, box[2] * _WIDE + 0.05, size), fontsize=size, pad=3)
+    axes.set_axis_off()
+
+
+def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line]) -> Figure:
     """Draw where motions lead along the first two axes of the world, y downwards as in a picture."""
-    space, drawn = found.plan.motions, []
+    left, below = (1.35 if seen else 0.25), 0.18 * _legend_rows(lines) - 0.36
+    high = 3.3 + below
+    figure = Figure(figsize=(_WIDE, high))
+    for (camera, picture), box in zip(seen.items(), _boxes(len(seen), below), strict=True):
+        _show(figure, picture, box, camera, 8.5 if len(seen) <= _ONE_COLUMN else 7)
+    axes = figure.add_axes(((left + 0.45) / _WIDE, (0.9 + below) / high, (3.8 - left) / _WIDE, 2.2 / high))
     across, down = space.axes[:2]
-    for name, (words, colour, line) in shown.items():
-        raw = found.raw(name)
-        if raw is None or not np.isfinite(raw[0, place]).all():
-            continue
+    for one in lines:
         ways = [
-            [0.0, *(float(space.displacement(raw[0, place][:end], axis)) for end in range(1, space.horizon + 1))]
+            [0.0, *(float(space.displacement(one.numbers[:end], axis)) for end in range(1, space.horizon + 1))]
             for axis in (across, down)
         ]
-        axes.plot(*ways, color=colour, linestyle=line, linewidth=2.4 if name == "real" else 1.3, label=words)
-        axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=colour, zorder=3)
-        drawn.append(words)
+        axes.plot(*ways, color=one.colour, linestyle=one.dashes, linewidth=one.width, label=one.words)
+        axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=one.colour, zorder=3)
     axes.scatter([0], [0], s=26, facecolors="none", edgecolors=INK, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    _quiet(axes, _with_unit(space, across), _with_unit(space, down))
-    return drawn
+    _quiet(axes)
+    axes.set_xlabel(fitted(_with_unit(space, across), (3.8 - left), 8), fontsize=8)
+    axes.set_ylabel(fitted(_with_unit(space, down), 2.1, 8), fontsize=8)
+    _legend(figure, lines)
+    return figure
 
 
 def _with_unit(space: MotionSpace, axis: str) -> str:
@@ -286,27 +459,103 @@ def _with_unit(space: MotionSpace, axis: str) -> str:
     return f"{axis} ({', '.join(sorted(units))})" if units and space.kind != "velocity" else axis
 
 
-def _curves(axes: Axes, found: Motions, place: int, shown: Shown) -> list[str]:
-    """Draw every dimension over the horizon, one below the other, each in its own scale."""
-    drawn = []
-    for name, (words, colour, line) in shown.items():
-        answers = found.of(name)
-        if answers is None or not np.isfinite(answers[0, place]).all():
-            continue
-        for number_of, column in enumerate(answers[0, place].T):
-            label = words if number_of == 0 else None
-            wide = 2.4 if name == "real" else 1.3
-            axes.plot(column - 3.0 * number_of, color=colour, linestyle=line, linewidth=wide, label=label)
-        drawn.append(words)
-    dimensions = [one.name for one in found.plan.motions.dimensions]
-    axes.set_yticks([-3.0 * turn for turn in range(len(dimensions))], dimensions)
-    _quiet(axes, "step", "")
-    return drawn
+_FEW, _IN_A_ROW, _LEAST_SIGNS = 3, 4, 24
+"""So many dimensions stand in one column, more in two; so many pictures in a row; no name is made shorter."""
 
 
-def _quiet(axes: Axes, across: str, down: str) -> None:
-    axes.set_xlabel(across, fontsize=8)
-    axes.set_ylabel(down, fontsize=8)
+def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line], scales: Floats) -> Figure:
+    """Draw every dimension over the horizon, each in a small chart below its name, and the pictures above them.
+
+    An axis spans at least the scale of its dimension, so that what hardly differs looks alike.
+    """
+    names = [f"{one.name} ({one.unit})" if one.unit and not _unit(space) else one.name for one in space.dimensions]
+    columns = 1 if len(names) <= _FEW else 2
+    rows = -(-len(names) // columns)
+    beside = min(max(len(seen), 3), _IN_A_ROW)
+    size, each = (_WIDE - 0.1 * (beside + 1)) / beside, 0.92
+    size = min(size, 1.15)
+    tall = size * min(1.5, max([0.0, *(one.shape[0] / one.shape[1] for one in seen.values())]))
+    above = (tall + 0.25) * -(-len(seen) // beside) + 0.05
+    below = 0.42 + 0.18 * _legend_rows(lines)
+    high = above + each * rows + below
+    figure = Figure(figsize=(_WIDE, high))
+    for turn, (camera, picture) in enumerate(seen.items()):
+        down, across = divmod(turn, beside)
+        left, low = 0.1 + across * (size + 0.1), high - (tall + 0.25) * (down + 1)
+        _show(figure, picture, (left / _WIDE, low / high, size / _WIDE, tall / high), camera, 8)
+    step = (_WIDE - 0.05) / columns
+    for turn, name in enumerate(_with_room(names, step - 0.15)):
+        down, across = divmod(turn, columns)
+        left, low, wide = across * step + 0.5, high - above - each * (down + 1) + 0.1, step - 0.6
+        axes = figure.add_axes((left / _WIDE, low / high, wide / _WIDE, (each - 0.4) / high))
+        _over_steps(axes, lines, turn, float(scales[turn]))
+        axes.text(-0.4 / wide, 1.08, name, transform=axes.transAxes, fontsize=8, va="bottom")
+        last = turn + columns >= len(names)
+        axes.tick_params(labelbottom=last)
+        if last:
+            axes.set_xlabel("step", fontsize=8, labelpad=1)
+    _legend(figure, lines)
+    return figure
+
+
+def _with_room(names: Sequence[str], inches: float) -> list[str]:
+    """Return names that stand in so many inches, each still unlike the others."""
+    made = list(names)
+    for most in range(max(map(len, names)), _LEAST_SIGNS - 1, -1):
+        short = shorten(names, most)
+        made = [short[name] for name in names]
+        if all(width_of(name, 8) <= inches for name in made):
+            break
+    return made
+
+
+def _unit(space: MotionSpace) -> str:
+    """Return the unit of all numbers, nothing where they have several or none."""
+    units = {one.unit for one in space.dimensions}
+    return next(iter(units)) if len(units) == 1 else ""
+
+
+def _over_steps(axes: Axes, lines: Sequence[Line], dimension: int, scale: float) -> None:
+    """Draw one number of every line over the steps of the horizon."""
+    values = np.array([one.numbers[:, dimension] for one in lines])
+    steps = range(1, values.shape[1] + 1)
+    for one, column in zip(lines, values, strict=True):
+        marker = "o" if len(column) == 1 else ""
+        axes.plot(
+            steps, column, color=one.colour, linestyle=one.dashes, linewidth=one.width, marker=marker, markersize=3
+        )
+    low, far = float(values.min()), max(float(np.ptp(values)), scale) or 1.0
+    middle = low + float(np.ptp(values)) / 2
+    axes.set_ylim(middle - 0.58 * far, middle + 0.58 * far)
+    axes.set_xlim(*((0.5, 1.5) if len(steps) == 1 else (1, len(steps))))
+    axes.set_xticks(sorted({1, (1 + len(steps)) // 2, len(steps)}))
+    axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    _quiet(axes)
+
+
+def _legend_rows(lines: Sequence[Line]) -> int:
+    return -(-len(lines) // 2)
+
+
+def _legend(figure: Figure, lines: Sequence[Line]) -> None:
+    """Say below a figure what each line is, in two columns."""
+    drawn = [Line2D([], [], color=one.colour, linestyle=one.dashes, linewidth=one.width) for one in lines]
+    figure.legend(
+        drawn,
+        [fitted(one.words, 1.68, 7.5) for one in lines],
+        loc="lower left",
+        bbox_to_anchor=(0.0, 0.0),
+        ncols=2,
+        fontsize=7.5,
+        frameon=False,
+        handlelength=2.4,
+        columnspacing=1.0,
+        borderaxespad=0.2,
+    )
+
+
+def _quiet(axes: Axes) -> None:
     axes.tick_params(labelsize=7)
     axes.grid(color=LINE, linewidth=0.5)
     axes.set_axisbelow(True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
 from eyechart.report.charts import Drawing
-from eyechart.report.page import Opening, Said, Section, page_of, parted
+from eyechart.report.page import Opening, Said, Section, page_of
 from eyechart.report.table import Table
 from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
@@ -15,6 +15,7 @@ from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.studies.policy.settling import CHANNEL_OF, settling
 from eyechart.studies.policy.tables import (
     channel_table,
+    meaning_table,
     parts_table,
     statistics_table,
     steps_table,
@@ -62,26 +63,51 @@ def _opening(runs: Sequence[Shown]) -> Opening:
         for spec, one, score in judged
     ]
     alone = judged and f"{_answer(judged[0][1])}"
-    sentence = parted(said, _LOOKS, "policies") if len(said) > 1 else alone or "The run names no policy."
-    score, pictures = runs[0]
-    first = next(iter(judge(score).values()), None)
-    spec = "" if first is None else first.model
-    drawn = [] if first is None else [*moments(spec, score.models[spec], pictures), *_shares(score, first)]
+    several = in_a_sentence([(spec, _does(one)) for spec, one, _ in judged])
+    sentence = several if len(said) > 1 else alone or "The run names no policy."
+    drawn = [] if not judged else _of_first(*judged[0], runs)
     return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
-_LOOKS = {
-    "sees": "looks",
-    "partly": "looks in part, or does not listen",
-    "blind": "does not look",
-    "open": "cannot say for",
+def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[Shown]) -> list[Drawing]:
+    """Return the figures of the policy that the page speaks of first."""
+    pictures = next(pictures for other, pictures in runs if other is score)
+    return [*moments(spec, score.models[spec], pictures), *_shares(score, one)]
+
+
+_LOOK = {
+    "sees": ("looks", "look"),
+    "deaf": ("looks but does not listen", "look but do not listen"),
+    "partly": ("looks in part", "look in part"),
+    "blind": ("does not look", "do not look"),
+    "open": ("is undecided", "are undecided"),
+    "none": ("gets no verdict", "get no verdict"),
 }
+"""What one policy does, or several, by `_does`."""
+_MOST_NAMED = 4
+
+
+def _does(one: PolicyVerdict) -> str:
+    """Return in a word of `_LOOK` what a policy does."""
+    looks = "none" if one.guards else tone(one.camera.label)
+    return "deaf" if looks == "sees" and tone(one.instruction.label) == "blind" else looks
+
+
+def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
+    """Return of how many policies each answer holds, in the order in which they stand, by name where they are few."""
+    by_answer: dict[str, list[str]] = {}
+    for spec, does in found:
+        by_answer.setdefault(does, []).append(spec)
+    told = [
+        f"{len(specs)} {_LOOK[does][len(specs) > 1]}" + (f" ({', '.join(specs)})" if len(found) <= _MOST_NAMED else "")
+        for does, specs in by_answer.items()
+    ]
+    return f"Of {len(found)} policies, {' and '.join(filter(None, (', '.join(told[:-1]), told[-1])))}."
 
 
 def _tone(one: PolicyVerdict) -> str:
     """Return what a policy is shown as: by its cameras, and no better than in part where it does not listen."""
-    looks = "open" if one.guards else tone(one.camera.label)
-    return "partly" if looks == "sees" and tone(one.instruction.label) == "blind" else looks
+    return {"deaf": "partly", "none": "open"}.get(_does(one), _does(one))
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -99,15 +125,21 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) ->
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
-    parts = [parts_table(score), steps_table(score)]
-    yield Section(f"Every statistic{of}", tables=[*statistics_table(score).split(), *parts])
-    yield Section(f"What the calls took{of}", tables=[costs_table(score.accounting, every=False)])
+    every = [meaning_table(score), *statistics_table(score).split(), parts_table(score), steps_table(score)]
+    yield Section(f"Every statistic{of}", _EVERY, tables=every, folded=True)
+    yield Section(f"What the calls took{of}", tables=[costs_table(score.accounting, every=False).known()])
+
+
+_EVERY = (
+    "Every number of every policy, with its interval, n and p; — means that the data cannot say, and the note why. "
+    "The first table says what each statistic is; 'What is measured' of docs/policies.md says how."
+)
 
 
 def _shares(score: PolicyScore, one: PolicyVerdict) -> Iterator[Drawing]:
     """Draw the shares of a policy, none of one whose guard failed: nothing is said of what it uses."""
     if not one.guards:
-        yield from shares(one.model, score.models[one.model])
+        yield from shares(one, score.models[one.model])
 
 
 def _labels_of(one: PolicyVerdict) -> str:

@@ -24,6 +24,7 @@ class Policies(OfFrames[PolicyScore]):
 
     names = (STUDY,)
     runs_are = "policies"
+    callables = True
     requirements = REQUIREMENTS
     required = "camera:camera_content"
     refuses: ClassVar = NO_DRIVES
@@ -59,7 +60,7 @@ class Policies(OfFrames[PolicyScore]):
         yield from tables.statistics_table(score).split()
         yield tables.parts_table(score)
         yield tables.steps_table(score)
-        yield costs_table(score.accounting, every=False)
+        yield costs_table(score.accounting, every=False).known()
 
     def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:
         return {"policies": judged_json(score)}
