@@ -9,8 +9,10 @@ from PIL import Image
 
 from eyechart.channels import reflected, show
 from eyechart.errors import SourceError, SpecError
-from eyechart.frames import FrameBank, check, decode, open_bank
+from eyechart.frames import Frame, FrameBank, alone, check, decode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
+from eyechart.importing.bank import taken
+from eyechart.importing.logged import tell
 from eyechart.studies import policy
 from eyechart.studies.policy.scoring import judge
 
@@ -105,6 +107,61 @@ def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) ->
         assert not {"a0", "a1", "j0"} & frame.truth.keys()
         assert frame.state == {"joints": (float(cells[row][5]), float(cells[row][6]))}
     assert "8 of 40 frames have no logged motion: fewer than 3 steps follow them" in costs(bank)
+
+
+def moments(done: np.ndarray, states: np.ndarray) -> list[Frame]:
+    """Return a frame for each row of numbers that were done from a state."""
+    camera = alone("none")
+    return [
+        Frame(str(number), "all", "1", number, camera, {}, {}, {}, {}, {"state": tuple(state)}, (tuple(one),))
+        for number, (one, state) in enumerate(zip(done.tolist(), states.tolist(), strict=True))
+    ]
+
+
+RNG = np.random.default_rng(0)
+STATES = np.cumsum(RNG.normal(size=(200, 3)), axis=0)
+AHEAD = STATES + RNG.normal(scale=0.1, size=STATES.shape)
+
+
+@pytest.mark.parametrize(
+    ("done", "named", "kind", "pairs"),
+    [
+        (AHEAD, (None, None, None), "absolute", (0, 1, 2)),
+        (AHEAD[:, ::-1], (None, None, None), "absolute", (2, 1, 0)),
+        (AHEAD[:, [2, 0]], (None, None), "absolute", (2, 0)),
+        (AHEAD[:, ::-1], (2, 1, 0), "absolute", (2, 1, 0)),
+        (AHEAD - STATES, (None, None, None), "delta", (None, None, None)),
+        (np.ones((200, 3)), (None, None, None), None, (None, None, None)),
+        (AHEAD[:9], (None, None, None), None, (None, None, None)),
+    ],
+)
+def test_the_data_tell_places_from_changes(
+    done: np.ndarray, named: tuple[int | None, ...], kind: str | None, pairs: tuple[int | None, ...]
+) -> None:
+    """By how near the numbers stay to the state that they follow: named, of the same place, or the nearest."""
+    found = tell(moments(done, STATES[: len(done)]), named)
+    assert (found.kind, found.pairs) == (kind, pairs)
+
+
+def test_what_lies_between_places_and_changes_is_not_told() -> None:
+    """Nor anything without a state."""
+    noise = RNG.normal(size=STATES.shape) * STATES.std(axis=0)
+    found = tell(moments(STATES + noise, STATES), (0, 1, 2))
+    assert found.ratio is not None
+    assert 0.5 <= found.ratio <= 1
+    assert found.kind is None
+    assert tell(moments(AHEAD, np.empty((200, 0))), (None,) * 3).ratio is None
+
+
+def test_a_rig_whose_kind_the_data_deny_is_warned_of(tmp_path: Path) -> None:
+    """Places that a rig takes for changes; the kind that it says is taken all the same."""
+    assert not [line for line in taken(imported(tmp_path, rows(tmp_path))) if "kind" in line]
+    (tmp_path / "bank").rename(tmp_path / "first")
+    bank = imported(tmp_path, rows(tmp_path), RIG.replace('kind = "absolute"\n', ""))
+    assert bank.manifest.motion is not None
+    assert bank.manifest.motion.kind == "delta"
+    (said,) = (line for line in taken(bank) if line.startswith("warning: these numbers look like places"))
+    assert said.endswith("taken for delta as [motion] of --rig says")
 
 
 def test_no_motion_goes_over_a_step_that_is_missing(tmp_path: Path) -> None:

@@ -77,7 +77,9 @@ def import_(
     ] = None,
     kind: Annotated[
         str | None,
-        typer.Option(help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: by names."),
+        typer.Option(
+            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: told by data."
+        ),
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
     convert: Annotated[

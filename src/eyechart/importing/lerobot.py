@@ -21,11 +21,11 @@ import msgspec
 
 from eyechart.errors import SourceError, SpecError, meant
 from eyechart.frames import Frame, FrameBank
-from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
+from eyechart.importing.bank import KIND, Choices, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Logged, Number
+from eyechart.importing.logged import Logged, Number, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, open_parquet
 from eyechart.importing.reels import Clip, Embedded, Reel, Videos
@@ -52,7 +52,7 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the names."""
+    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data."""
 
     horizon: int
     kind: Kind | None = None
@@ -71,8 +71,8 @@ def import_lerobot(
     """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
 
     With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. Without, it is of
-    one camera. The columns are
+    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
+    motions these are is told by the data where ``ahead`` does not say it. Without, it is of one camera. The columns are
     those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
     of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
@@ -99,7 +99,10 @@ def import_lerobot(
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     frames = frames_of(kept, chosen, cells)
-    settings = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    if ahead is not None and chosen.rig is not None:
+        rig, settings[KIND] = _told(chosen.rig, frames, ahead)
+        chosen = replace(chosen, rig=rig)
     source = Source(folder, partial(_pictures, data, kept.numbers), settings)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
@@ -154,7 +157,7 @@ def _is_depth(feature: Mapping[str, Any]) -> bool:
 
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
-    """Return the cameras, the state and the motions of a data set."""
+    """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
     state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
     if not action:
         has = f"{data.root / 'meta/info.json'} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers"
@@ -164,7 +167,7 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
     known = names if len(names) == len(state) and len(done) == len(action) else {}
     kind = ahead.kind or ("absolute" if done.keys() <= known.keys() else "delta")
     numbers = [
-        Number(column, name, state=known.get(name, "") if kind in RELATIVE else "")
+        Number(column, name, state=known.get(name, ""))
         for column, name in zip(action, _labels(data.features, ACTION), strict=True)
     ]
     by_name = [one | {column: column for column in one.values()} for one in (names, done)]
@@ -175,6 +178,32 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
         Logged(tuple(numbers), ahead.horizon, kind, data.fps, ACTION),
         None if reflection is None else reflection.by_column(*by_name),
     )
+
+
+def _told(rig: Rig, frames: Sequence[Frame], ahead: Ahead) -> tuple[Rig, dict[str, object]]:
+    """Return a rig with the kind of motion that the data tell, and why it was taken.
+
+    A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
+    """
+    motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
+    assert motion is not None
+    told = tell(frames, [columns.index(one.state) if one.state else None for one in motion.number])
+    kind = ahead.kind or told.kind or motion.kind
+    by = "--kind says" if ahead.kind else "the data tell" if told.kind else "the names say"
+    said = [f"kind: {kind}, as {by}: {told.why()}"]
+    if ahead.kind and told.against(kind):
+        said = [told.warning(kind, "--kind")]
+    elif not ahead.kind and told.kind is None:
+        said = [f"kind: {kind}, as the names say; the data do not tell ({told.why()}), and --kind says it"]
+    pairs = [columns.index(one.state) if one.state else None for one in motion.number]
+    if told.kind in RELATIVE:
+        pairs = [*told.pairs]
+    number = tuple(
+        msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
+        for one, place in zip(motion.number, pairs, strict=True)
+    )
+    settled = msgspec.structs.replace(motion, kind=kind, number=number)
+    return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
 
 
 def _named(camera: str, choices: Choices) -> Column:
