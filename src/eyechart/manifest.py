@@ -472,7 +472,9 @@ def _read(path: Path, kind: type[M]) -> M:
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))
     except FileNotFoundError as error:
-        raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run {kind.COMMAND}' makes one") from error
+        made = "one is made by 'eyechart run battery' of models, 'eyechart run policy' of policies"
+        made = made if kind is RunManifest else f"'eyechart run {kind.COMMAND}' makes one"
+        raise LedgerError(f"{file} does not exist: is {path} a run? {made}") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error}") from error
     if kind is RunManifest and found == EpisodesManifest.FORMAT:

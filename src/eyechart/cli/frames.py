@@ -222,7 +222,9 @@ def show(
     if frame is not None:
         write_frame(opened, opened.frame(frame), out, counterfactual=counterfactual, view=view, mirrored=mirrored)
     elif view or mirrored:
-        raise SpecError("--view and --mirrored are of one frame: give its id, as in 'eyechart frames show BANK FRAME'")
+        raise SpecError(
+            "--view and --mirrored are of one frame: give its id, as 'eyechart frames show BANK FRAME --out FILE.png'"
+        )
     else:
         opened = replace(opened, frames=spread(opened.frames, limit))
         contact_sheet(opened, out, counterfactual=counterfactual)

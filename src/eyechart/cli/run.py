@@ -310,7 +310,7 @@ def policy(
         outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move, again=again)
     calls, finished, _ = planned.counts()
     _tell(outcome, {}, calls - finished)
-    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out}' makes the page")
+    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page")
 
 
 def _of_scenes(planned: "Battery") -> list[str]:
@@ -368,7 +368,7 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     if shard is not None:
         raise SpecError(
             "--fresh-controls needs one run, for shards share their pictures: leave out --shard, or build one bank for "
-            "all of them with 'eyechart frames build --controls-seed N'"
+            "all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
         )
     own = out / BANK
     if not is_free(out):
@@ -569,4 +569,7 @@ def merge(
     left, more = whole.left(), sum(whole.more_by_model().values())
     if left or more:
         up_to = f", and up to {more} of controls" if more else ""
-        say(f"{left} calls are left{up_to}: 'eyechart run battery --out {out}' with its bank and models makes them")
+        asked = whole.manifest
+        who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
+        command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"
+        say(f"{left} calls are left{up_to}: {command}, with the options of the shards, makes them")
