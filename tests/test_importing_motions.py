@@ -192,7 +192,12 @@ def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch
         ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', and the state has j0, j1"),
         ("horizon = 3", "horizon = 0", "Expected `int` >= 1"),
         ('kind = "absolute"', 'kind = "sideways"', "Invalid enum value 'sideways'"),
-        ('column = "a1"', 'column = "a7"', "'a7'"),
+        (
+            'column = "a1"',
+            'column = "a7"',
+            "rig: the motion 1 is to be in column 'a7': t.csv has no column 'a7'; it has front",
+        ),
+        ('"j0", "j1"]', '"j0", "j1", "j7"]', "rig: the state joints 2 is to be in column 'j7': t.csv has no column"),
         ("horizon = 3", "horizon = 30", "nowhere do 30 steps follow each other, and the longest episode has 9"),
     ],
 )
@@ -201,6 +206,7 @@ def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: 
     with pytest.raises((SourceError, SpecError)) as refused:
         imported(tmp_path, rows(tmp_path), RIG.replace(old, new))
     assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()
 
 

@@ -458,6 +458,37 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
     assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
 
 
+def tasks(root: Path, words: dict[int, str | None] | None) -> None:
+    """Replace the words of a data set's tasks; None removes the file."""
+    path = root / "meta/tasks.parquet"
+    path.unlink()
+    if words is not None:
+        pa, _ = arrow()
+        said = pa.array([*words.values()], pa.string())
+        write_table(path, {"task_index": [*words], "__index_level_0__": said})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (None, r"tasks\.parquet does not exist, and every row has a task_index: .* prompt_columns"),
+        ({0: None, 1: None}, r"tasks\.parquet holds no words of tasks"),
+        ({0: "cross the yard"}, r"row 11: meta/tasks\.parquet has no words of task 1"),
+    ],
+)
+def test_tasks_without_words_are_no_bank_without_an_instruction(
+    tmp_path: Path, words: dict[int, str | None] | None, said: str
+) -> None:
+    """Refused in one line; who names what a policy is told has it so."""
+    arm(tmp_path / "set", inside=True)
+    tasks(tmp_path / "set", words)
+    with pytest.raises(SourceError, match=said) as refused:
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+    assert "\n" not in str(refused.value)
+    named = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4))
+    assert {one for frame in named for one in frame.fields.values()} == {0, 1}
+
+
 MIRRORED = """
 [[camera]]
 name = "front"

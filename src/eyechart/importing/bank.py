@@ -266,12 +266,16 @@ def _whole(table: Table) -> Iterator[Row]:
 
 
 def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:
-    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow."""
+    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow.
+
+    None where a column of theirs is not in the table, which is a fault already.
+    """
     if choices.rig is None or choices.rig.motion is None:
         return None
     if "episode" not in places:
         faults.add(f"--rig: a motion is of the steps that follow; say which column is the episode: {table.name}")
-    return Log(choices.rig.motion, faults, table.name)
+    known = all(one.column in table.columns for one in choices.rig.motion.number)
+    return Log(choices.rig.motion, faults, table.name) if known else None
 
 
 def _letters(row: Row, where: str, faults: Faults) -> int:

@@ -21,7 +21,7 @@ import msgspec
 
 from eyechart.errors import SourceError, SpecError, meant
 from eyechart.frames import Frame, FrameBank
-from eyechart.importing.bank import KIND, Choices, Shown, Source, cells_of, frames_of, keep, write
+from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
 from eyechart.importing.faults import Faults
@@ -92,11 +92,13 @@ def import_lerobot(
     columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
-        said = choices.prompt_columns or ((TASK,) if data.tasks else ())
+        said = choices.prompt_columns or _instruction(data)
         chosen = replace(
             choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=_rig(data, ahead, choices)
         )
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
+    if TASK in chosen.prompt_columns:
+        _require_words(kept)
     cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     frames = frames_of(kept, chosen, cells)
     settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
@@ -275,6 +277,29 @@ def _tasks(folder: Path) -> dict[int, str]:
         if isinstance(row.get("task_index"), int) and words:
             found[int(str(row["task_index"]))] = words[0]
     return found
+
+
+def _instruction(data: Dataset) -> tuple[str, ...]:
+    """Return the column of what a policy is told, none where the data set has no tasks.
+
+    Raises SourceError where its rows have tasks and nobody has their words.
+    """
+    path, first = data.root / "meta" / "tasks.parquet", _files(data.root, "data")[0]
+    if not data.tasks and "task_index" in open_parquet(first, extra="lerobot").columns:
+        lacking = "holds no words of tasks" if path.is_file() else "does not exist"
+        raise SourceError(
+            f"{path} {lacking}, and every row has a task_index: without their words no policy is told what to do; "
+            "download the data set again with its whole meta folder, or name what a policy is told with "
+            "--prompt-columns"
+        )
+    return (TASK,) if data.tasks else ()
+
+
+def _require_words(kept: Kept) -> None:
+    """Note as a fault, once a task, where a row's task has no words."""
+    first = {row.get("task_index"): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
+    for number, where in reversed(first.items()):
+        kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
 
 
 def _files(folder: Path, inner: str) -> list[Path]:
