@@ -295,7 +295,9 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError where a condition is of one camera that is none of these."""
     _, over, camera = name.partition(OVER)
     if over and camera not in (names := [one.name for one in cameras]):
-        raise SpecError(f"condition '{name}' is over a camera that is not there; there are {', '.join(names)}")
+        raise SpecError(
+            f"condition '{name}': there is no camera '{camera}';{meant(camera, names)} there are {', '.join(names)}"
+        )
 
 
 def _over(whole: Condition, camera: str) -> Condition:

@@ -14,8 +14,8 @@ import pytest
 import parquets
 import photographs
 from eyechart.channels import conditions_of, reflected, show
-from eyechart.errors import SourceError, SpecError
-from eyechart.frames import FrameBank, check, decode, encode
+from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.frames import FrameBank, check, decode, encode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
 from eyechart.importing.bank import taken
 from eyechart.models import ADAPTERS
@@ -353,6 +353,9 @@ def spoil_files(root: Path, what: str) -> None:
     if what == "torn video":
         video = root / f"videos/{CAMERA}/chunk-000/file-001.mp4"
         video.write_bytes(video.read_bytes()[:400])
+    if what == "pointer":
+        pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
+        (root / f"videos/{CAMERA}/chunk-000/file-001.mp4").write_text(pointer)
     if what == "short video":
         film(root / f"videos/{CAMERA}/chunk-000/file-001.mp4", [9.0] * 12, 10)
     if what == "no episodes":
@@ -365,12 +368,13 @@ def spoil_files(root: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("version", "says version v2.1 at 10 frames a second; this reads v3"),
+        ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
         ("two cameras", "choose one with camera: observation.images.front, observation.images.rear"),
-        ("no video", "cannot be read as a video"),
-        ("torn video", "cannot be read as a video"),
+        ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),
+        ("torn video", "cannot be read as a video (Invalid data found when processing input); where it is cut, or a"),
+        ("pointer", "where it is cut, or a pointer of Git LFS, download it again"),
         ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
         ("no episodes", "holds no chunk-*/file-*.parquet"),
         ("no data", "holds no chunk-*/file-*.parquet"),
@@ -392,11 +396,25 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     lerobot(tmp_path / "set")
     with pytest.raises(SourceError, match=f"camera rear: .* there are {CAMERA}"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
+    bank = import_lerobot(tmp_path / "set", tmp_path / "short", ROBOT, camera="front")
+    assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
     with pytest.raises(
         SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset says itself which episode a frame is"
     ):
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
+
+
+def test_what_is_no_data_set_or_no_bank_is_told_what_to_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name of the Hub has its folder said; a data set given as a bank, the command that imports it."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SourceError, match=r"there is no folder 'lerobot/pusht'; .*HF_LEROBOT_HOME.*--local-dir pusht'"):
+        import_lerobot(Path("lerobot/pusht"), tmp_path / "bank", ROBOT)
+    lerobot(tmp_path / "set")
+    with pytest.raises(
+        BankError, match=r"set is a LeRobotDataset, and 'eyechart frames import .*set --format lerobot "
+    ):
+        open_bank(tmp_path / "set")
 
 
 def arm(root: Path, *, inside: bool, width: int = 2) -> None:

@@ -36,6 +36,7 @@ from eyechart.spaces.motion import Kind
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""
 PLACES = {"episode": "episode_index", "step": "frame_index"}
+_CONVERTER = "lerobot.scripts.convert_dataset_v21_to_v30"
 TASK, STATE, ACTION = "task", "observation.state", "action"
 
 
@@ -120,13 +121,17 @@ def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Datas
         version, fps, features = str(info["codebase_version"]), float(info["fps"]), dict(info["features"])
         template = info.get("video_path")
     except FileNotFoundError as error:
-        raise SourceError(f"{path} does not exist: is {folder} a LeRobotDataset?") from error
+        raise SourceError(f"{path} does not exist: {_where(folder)}") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise SourceError(f"{path} is no description of a LeRobotDataset: {error!r}") from error
-    if not version.startswith("v3") or not math.isfinite(fps) or fps <= 0:
+    if not version.startswith("v3"):
+        convert = f"'python -m {_CONVERTER} --repo-id=OWNER/NAME --root={folder} --push-to-hub=false'"
         raise SourceError(
-            f"{path} says version {version} at {fps:g} frames a second; this reads v3, convert older ones"
+            f"{path} says version {version}, and this reads v3; LeRobot's own converter makes v3 of v2.1: {convert} "
+            "(in older versions of LeRobot the module stands in lerobot.datasets.v30)"
         )
+    if not math.isfinite(fps) or fps <= 0:
+        raise SourceError(f"{path} says {fps:g} frames a second, which is no rate")
     reels: dict[str, Reel] = {}
     for name in _cameras(features, camera, path, every=every):
         if features[name]["dtype"] == "video":
@@ -134,6 +139,20 @@ def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Datas
         else:
             reels[name] = Embedded(_files(folder, "data"), name)
     return Dataset(folder, fps, reels, features, _tasks(folder))
+
+
+def _where(folder: Path) -> str:
+    """Return what may be wrong with a folder that is no data set: a name of the Hub was given, or another folder."""
+    if folder.exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", folder.as_posix()):
+        return f"is {folder} a LeRobotDataset?"
+    name = folder.as_posix()
+    kept = (
+        f"~/.cache/huggingface/lerobot, or $HF_LEROBOT_HOME: {name} in it, or hub/datasets--{name.replace('/', '--')}"
+    )
+    return (
+        f"there is no folder '{name}'; of a data set of the Hub give the folder: LeRobot keeps what it downloaded in "
+        f"{kept}/snapshots; 'hf download {name} --repo-type dataset --local-dir {folder.name}' fetches it"
+    )
 
 
 def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, every: bool) -> Sequence[str]:
@@ -148,7 +167,10 @@ def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, eve
             "all of them (--horizon)"
         )
     if camera is not None and camera not in cameras:
-        raise SourceError(f"--camera {camera}: {path} lists no such camera; there are {', '.join(cameras)}")
+        if len(of_name := [one for one in cameras if _short(one) == camera]) == 1:
+            return of_name
+        near = meant(camera, [*cameras, *map(_short, cameras)])
+        raise SourceError(f"--camera {camera}: {path} lists no such camera;{near} there are {', '.join(cameras)}")
     return cameras if camera is None else [camera]
 
 
