@@ -282,6 +282,14 @@ def find_condition(name: str) -> Condition:
     return _over(CONDITIONS[base], camera) if over else CONDITIONS[base]
 
 
+def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
+    """Return why conditions are left out by the names of all that one reason leaves out, with commas."""
+    names: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        names.setdefault(why, []).append(name)
+    return {", ".join(many): why for why, many in names.items()}
+
+
 def require_shown(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
     base = name.partition(OVER)[0]

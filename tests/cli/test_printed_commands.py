@@ -3,12 +3,15 @@
 import ast
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.markup import render
 from typer.main import get_command
 
 from eyechart.cli.app import app
@@ -94,3 +97,24 @@ def test_the_demo_of_policies_ends_with_commands_that_run(
         parse(one)
     assert re.search(r"report \S+run-balanced-0 \S+run-privileged-0 \S+run-fixed-0 --out ", said)
     assert f"your own: 'eyechart run policy --policy python:MODULE:FUNCTION --frames {tmp_path}" in said
+
+
+def helps() -> list[str]:
+    """Return every help text of the commands and their options."""
+    found, left = [], [tree()]
+    while left:
+        command = left.pop()
+        left += getattr(command, "commands", {}).values()
+        found += [command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)]
+    return [one for one in found if one]
+
+
+def test_no_help_has_brackets_that_are_taken_for_markup() -> None:
+    """What stands in such brackets is not printed."""
+    assert not [one for one in helps() if render(one).plain != one]
+
+
+def test_the_package_runs_as_a_module() -> None:
+    """As ``python -m eyechart``."""
+    said = subprocess.run([sys.executable, "-m", "eyechart", "--help"], check=True, capture_output=True, text=True)
+    assert "Usage: eyechart" in said.stdout

@@ -17,7 +17,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
     vlm: Annotated[
-        bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")
+        bool, typer.Option("--vlm", help="Ask the five model organisms: needs the extra 'transformers'.")
     ] = False,
     policy: Annotated[
         bool, typer.Option("--policy", help="Ask six tiny robot policies, which answer with motions.")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from eyechart.limits import Outcome, Spent
     from eyechart.manifest import Manifest
     from eyechart.modes import RequestMode
+    from eyechart.run import Plan
     from eyechart.studies.battery import Battery
     from eyechart.studies.probed import Allowed, Asked
     from eyechart.studies.prompts import PromptStudy
@@ -279,6 +280,7 @@ def policy(
     (horizon, dimensions). Exit 1: calls are unfinished; 3: stopped at --max-calls.
     Example: eyechart run policy --policy trained:sees --frames bank --out run
     """
+    from eyechart.conditions import by_reason
     from eyechart.limits import Limits
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
@@ -295,10 +297,11 @@ def policy(
         timeout_s=timeout_s,
     )
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
-    for name, why in planned.left_out.items():
-        say(f"left out: {name}, because {why}")
+    for names, why in by_reason(planned.left_out).items():
+        say(f"left out: {names}, because {why}")
+    size = f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
     say(
-        f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
+        f"{size}{_unshown(plan)}: {calls} calls, "
         f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make; a policy that turns "
         f"out to draw its answers is asked {answers} times"
     )
@@ -426,13 +429,21 @@ def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[i
         yield live.move
 
 
+def _unshown(plan: "Plan") -> str:
+    """Say that some frames cannot be shown every condition, so that a product is more than the calls."""
+    every = all(plan.shows(condition, frame) for condition in plan.conditions for frame in plan.frames)
+    return "" if every else " (not every frame can be shown every condition)"
+
+
 def sizes(planned: "Battery") -> list[str]:
     """Say what is left out and why, and how many calls there are."""
+    from eyechart.conditions import by_reason
+
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
     to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
-    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
+    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions{_unshown(plan)}"
     return [
-        *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
+        *(f"left out: {names}, because {why}" for names, why in by_reason(planned.left_out).items()),
         f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
         *_controls(planned),
     ]

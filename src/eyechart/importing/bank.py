@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
-from eyechart.conditions import OVER, undrawn_controls
+from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.errors import SourceError, finite_number, whole_number
 from eyechart.frames import (
     IMPORTED,
@@ -630,9 +630,10 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
         lines.append("no instruction: whether a policy follows it is not asked (no_power)")
     if STATE not in channels_of(bank):
         lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
+    unshown = {name: why for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why}
     return [
         *lines,
-        *(f"{name}: {why}" for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why),
+        *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
         *_costs_of_reflection(bank, motion),
     ]
 
