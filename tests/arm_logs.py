@@ -26,6 +26,8 @@ def arm_bank(
     length: int = 6,
     side: str = "",
     tasks: Sequence[str] = ("go", "leave"),
+    kind: str = "delta",
+    horizon: int = 2,
 ) -> FrameBank:
     """Return a bank of an arm that goes home from somewhere; the pictures of a side camera are all alike if ``still``.
 
@@ -52,7 +54,9 @@ def arm_bank(
             state = state + 0.5 * action + 0.05 * rng.normal(size=joints)
     (folder / "t.csv").write_text("\n".join(lines))
     rig = [f'[[camera]]\nname = "{name}"\ncolumn = "{name}"\n' for name in cameras]
-    rig += [f"[state]\njoints = {names}\n[motion]\nhorizon = 2\nkind = 'delta'\nrate_hz = 10\n".replace("'", '"')]
+    rig += [
+        f"[state]\njoints = {names}\n[motion]\nhorizon = {horizon}\nkind = '{kind}'\nrate_hz = 10\n".replace("'", '"')
+    ]
     rig += [f'[[motion.number]]\ncolumn = "a{name}"\n' for name in names]
     (folder / "rig.toml").write_text("\n".join(rig))
     chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",))

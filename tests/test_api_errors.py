@@ -21,7 +21,7 @@ from eyechart.testing import assert_grounded
 from known import Demo
 
 OPTION = re.compile(r"--[a-z]")
-COMMAND = re.compile(r"'eyechart [^']*'|pip install .*")
+COMMAND = re.compile(r"'(?:eyechart|hf|python -m) [^']*'|pip install .*")
 PACKAGE = Path(eyechart.__file__).parent
 
 

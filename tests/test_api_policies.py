@@ -155,3 +155,15 @@ def test_an_unknown_option_is_named(bank: FrameBank, tmp_path: Path) -> None:
     assert (
         repr(found) == f"<PolicyReport on {tmp_path / 'run'}: python:arms:reach: {found['python:arms:reach'].headline}>"
     )
+
+
+def test_who_never_answers_with_a_motion_is_set_aside_with_a_warning(bank: FrameBank, tmp_path: Path) -> None:
+    """Which says what came, what the bank has, and what to do."""
+
+    def batched(images: object, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        return reach(images, state, instruction)[None]  # type: ignore[arg-type]
+
+    with pytest.warns(UserWarning, match=r"python:batched was set aside.*\(1, 8, 3\).*\[0\]"):
+        found = run_policies(bank, {"batched": batched}, tmp_path / "run")
+    assert "not_scorable" in found["python:batched"].guards
+    assert found.score.models["python:batched"].answered == 10

@@ -9,8 +9,10 @@ from PIL import Image
 
 from eyechart.channels import reflected, show
 from eyechart.errors import SourceError, SpecError
-from eyechart.frames import FrameBank, check, decode, open_bank
+from eyechart.frames import Frame, FrameBank, alone, check, decode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
+from eyechart.importing.bank import taken
+from eyechart.importing.logged import tell
 from eyechart.studies import policy
 from eyechart.studies.policy.scoring import judge
 
@@ -108,6 +110,61 @@ def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) ->
     assert bank.manifest.picture == "pictures of 2 cameras (front, side)"
 
 
+def moments(done: np.ndarray, states: np.ndarray) -> list[Frame]:
+    """Return a frame for each row of numbers that were done from a state."""
+    camera = alone("none")
+    return [
+        Frame(str(number), "all", "1", number, camera, {}, {}, {}, {}, {"state": tuple(state)}, (tuple(one),))
+        for number, (one, state) in enumerate(zip(done.tolist(), states.tolist(), strict=True))
+    ]
+
+
+RNG = np.random.default_rng(0)
+STATES = np.cumsum(RNG.normal(size=(200, 3)), axis=0)
+AHEAD = STATES + RNG.normal(scale=0.1, size=STATES.shape)
+
+
+@pytest.mark.parametrize(
+    ("done", "named", "kind", "pairs"),
+    [
+        (AHEAD, (None, None, None), "absolute", (0, 1, 2)),
+        (AHEAD[:, ::-1], (None, None, None), "absolute", (2, 1, 0)),
+        (AHEAD[:, [2, 0]], (None, None), "absolute", (2, 0)),
+        (AHEAD[:, ::-1], (2, 1, 0), "absolute", (2, 1, 0)),
+        (AHEAD - STATES, (None, None, None), "delta", (None, None, None)),
+        (np.ones((200, 3)), (None, None, None), None, (None, None, None)),
+        (AHEAD[:9], (None, None, None), None, (None, None, None)),
+    ],
+)
+def test_the_data_tell_places_from_changes(
+    done: np.ndarray, named: tuple[int | None, ...], kind: str | None, pairs: tuple[int | None, ...]
+) -> None:
+    """By how near the numbers stay to the state that they follow: named, of the same place, or the nearest."""
+    found = tell(moments(done, STATES[: len(done)]), named)
+    assert (found.kind, found.pairs) == (kind, pairs)
+
+
+def test_what_lies_between_places_and_changes_is_not_told() -> None:
+    """Nor anything without a state."""
+    noise = RNG.normal(size=STATES.shape) * STATES.std(axis=0)
+    found = tell(moments(STATES + noise, STATES), (0, 1, 2))
+    assert found.ratio is not None
+    assert 0.5 <= found.ratio <= 1
+    assert found.kind is None
+    assert tell(moments(AHEAD, np.empty((200, 0))), (None,) * 3).ratio is None
+
+
+def test_a_rig_whose_kind_the_data_deny_is_warned_of(tmp_path: Path) -> None:
+    """Places that a rig takes for changes; the kind that it says is taken all the same."""
+    assert not [line for line in taken(imported(tmp_path, rows(tmp_path))) if "kind" in line]
+    (tmp_path / "bank").rename(tmp_path / "first")
+    bank = imported(tmp_path, rows(tmp_path), RIG.replace('kind = "absolute"\n', ""))
+    assert bank.manifest.motion is not None
+    assert bank.manifest.motion.kind == "delta"
+    (said,) = (line for line in taken(bank) if line.startswith("warning: these numbers look like places"))
+    assert said.endswith("taken for delta as [motion] of --rig says")
+
+
 def test_no_motion_goes_over_a_step_that_is_missing(tmp_path: Path) -> None:
     """A log that skips a row would else tell of a jump that nobody made."""
     bank = imported(tmp_path, rows(tmp_path, gap=4))
@@ -136,7 +193,12 @@ def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch
         ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', and the state has j0, j1"),
         ("horizon = 3", "horizon = 0", "Expected `int` >= 1"),
         ('kind = "absolute"', 'kind = "sideways"', "Invalid enum value 'sideways'"),
-        ('column = "a1"', 'column = "a7"', "'a7'"),
+        (
+            'column = "a1"',
+            'column = "a7"',
+            "rig: the motion 1 is to be in column 'a7': t.csv has no column 'a7'; it has front",
+        ),
+        ('"j0", "j1"]', '"j0", "j1", "j7"]', "rig: the state joints 2 is to be in column 'j7': t.csv has no column"),
         ("horizon = 3", "horizon = 30", "nowhere do 30 steps follow each other, and the longest episode has 9"),
     ],
 )
@@ -145,6 +207,7 @@ def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: 
     with pytest.raises((SourceError, SpecError)) as refused:
         imported(tmp_path, rows(tmp_path), RIG.replace(old, new))
     assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()
 
 

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
+    ("__main__",),
     ("cli",),
     ("testing", "api", "bundle", "inspect", "paper"),
     ("serve",),

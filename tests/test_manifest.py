@@ -104,7 +104,7 @@ def test_more_models_conditions_and_frames_may_be_added(manifest: RunManifest) -
         ("study", "guardian", "study battery, now study guardian"),
         ("seed", 4, "seed 3, now seed 4"),
         ("prompt", PROMPTS["minimal"], f"{PROMPTS['baseline'].key}, now prompt {PROMPTS['minimal'].key}"),
-        ("fingerprint", "f00", "now fingerprint f00"),
+        ("fingerprint", "f00", r"now the bank .* \(fingerprint f00\)"),
         ("shard", None, r"shard \(1, 2\), now shard None"),
         ("models", {"a": "2"}, "a at version 1, which is now 2"),
     ],

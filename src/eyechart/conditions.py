@@ -282,6 +282,14 @@ def find_condition(name: str) -> Condition:
     return _over(CONDITIONS[base], camera) if over else CONDITIONS[base]
 
 
+def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
+    """Return why conditions are left out by the names of all that one reason leaves out, with commas."""
+    names: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        names.setdefault(why, []).append(name)
+    return {", ".join(many): why for why, many in names.items()}
+
+
 def require_shown(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
     base = name.partition(OVER)[0]
@@ -295,7 +303,9 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError where a condition is of one camera that is none of these."""
     _, over, camera = name.partition(OVER)
     if over and camera not in (names := [one.name for one in cameras]):
-        raise SpecError(f"condition '{name}' is over a camera that is not there; there are {', '.join(names)}")
+        raise SpecError(
+            f"condition '{name}': there is no camera '{camera}';{meant(camera, names)} there are {', '.join(names)}"
+        )
 
 
 def _over(whole: Condition, camera: str) -> Condition:

@@ -38,7 +38,8 @@ _ARGUMENTS = {
 }
 """What an option of a command is in Python, where that is not its own name with '_' for '-'."""
 _OPTION = re.compile(
-    r"(?P<command>'eyechart [^']*'|pip install [^;]*)|--convert --longest (?P<longest>\d+)|(?P<file>(?:a )?--mode file)"
+    r"(?P<command>'(?:eyechart|hf|python -m) [^']*'|pip install [^;]*)"
+    r"|--convert --longest (?P<longest>\d+)|(?P<file>(?:a )?--mode file)"
     r"|(?<![\w-])--(?P<name>[a-z][a-z0-9-]*[a-z0-9])"
     r"(?: (?:FILE\.toml|(?P<pair>[A-Za-z_]+=[^\s,;:.)\'\"]*)"
     r"|(?P<value>\d[\d.]*\d|\d|https?://[^\s;,)]+|[A-Z]\b|max_tokens|max_completion_tokens|default|user|reasoning|usage|plain"

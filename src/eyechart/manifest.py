@@ -107,9 +107,9 @@ class Manifest:
         for name in self.SAME:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
-                shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
+                before, now = self._said_of(name, other), other._said_of(name, self)
                 raise LedgerError(
-                    f"this run has {name} {shown[0]}, now {name} {shown[1]} was asked for; "
+                    f"this run has {before}, now {now} was asked for; "
                     "give the same options to resume it, or another --out for another run"
                 )
         grown = self._wider(other)
@@ -172,6 +172,19 @@ class Manifest:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(out / RUN)
+
+    def _said_of(self, name: str, other: Self) -> str:
+        """Return in words what a manifest says of what another says otherwise."""
+        own = getattr(self, name)
+        if isinstance(self, RunManifest) and name == "fingerprint":
+            return f"the bank {self.bank_path} (fingerprint {self.fingerprint[:16]})"
+        if not isinstance(own, Prompt):
+            return f"{name} {own}"
+        space, theirs = own.space, other.prompt.space
+        if not isinstance(space, MotionSpace) or not isinstance(theirs, MotionSpace) or space == theirs:
+            return f"{name} {own.key}"
+        apart = {what: mine for what, (mine, _) in space.apart(theirs).items()}
+        return f"motion with {', '.join(f'{what} {mine}' for what, mine in apart.items()) or 'another reflection'}"
 
     def _wider(self, other: Self) -> dict[str, Any]:
         """Return the bounds of both together; raises LedgerError where they cannot be."""
@@ -459,7 +472,9 @@ def _read(path: Path, kind: type[M]) -> M:
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))
     except FileNotFoundError as error:
-        raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run {kind.COMMAND}' makes one") from error
+        made = "one is made by 'eyechart run battery' of models, 'eyechart run policy' of policies"
+        made = made if kind is RunManifest else f"'eyechart run {kind.COMMAND}' makes one"
+        raise LedgerError(f"{file} does not exist: is {path} a run? {made}") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error}") from error
     if kind is RunManifest and found == EpisodesManifest.FORMAT:

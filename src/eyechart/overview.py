@@ -141,7 +141,7 @@ def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = No
     """
     entries = read_index(folder, reading, tell)
     if not entries:
-        raise SpecError(f"{folder} is no run and holds none: 'eyechart run battery' makes one")
+        raise SpecError(f"{folder} is no run and holds none: 'eyechart run' makes one")
     runs = list(dict.fromkeys(one.run for one in reversed(entries)))
     places = {run: f"run-{number}" for number, run in enumerate(runs, 1)}
     tables = [

@@ -397,6 +397,14 @@ def test_a_folder_that_is_not_there_is_one_line(eyechart: Eyechart, tmp_path: Pa
     assert said.err.count("\n") == 1
 
 
+def test_a_run_that_is_not_there_names_the_commands_of_models_and_of_policies(
+    eyechart: Eyechart, tmp_path: Path
+) -> None:
+    """Nobody knows which of them was meant."""
+    said = eyechart("score", tmp_path / "none")
+    assert "'eyechart run battery' of models, 'eyechart run policy' of policies" in said.err
+
+
 def test_checking_a_bank_answers_in_words_and_in_json(eyechart: Eyechart, tmp_path: Path) -> None:
     """Exit 0 for a bank as recorded, 1 where something differs, with the file's name."""
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"])

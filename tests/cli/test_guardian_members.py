@@ -169,7 +169,10 @@ def test_frames_that_chose_it_folders_without_votes_and_other_banks_are_refused_
         ((*fit, run, "--frames", other), "other is another one: the bank differs"),
         (("guardian", "score", guardian, run, "--frames", other), "the bank differs"),
         ((*fit, tmp_path / "nowhere"), "nowhere does not exist: give the folder of a run"),
-        ((*fit, bank), f"is a bank, which holds no votes: ask models with 'eyechart run admission --frames {bank}'"),
+        (
+            (*fit, bank),
+            f"holds no votes: ask models with 'eyechart run admission --model SPEC --frames {bank} --out RUN'",
+        ),
         ((*fit, tmp_path), "run.json"),
     ):
         code, _, told = say(*words)

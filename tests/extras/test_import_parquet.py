@@ -14,11 +14,13 @@ import pytest
 import parquets
 import photographs
 from eyechart.channels import conditions_of, reflected, show
-from eyechart.errors import SourceError, SpecError
-from eyechart.frames import FrameBank, check, decode, encode
+from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.frames import FrameBank, check, decode, encode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
+from eyechart.importing.bank import taken
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
+from eyechart.spaces.motion import Kind
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
@@ -351,6 +353,9 @@ def spoil_files(root: Path, what: str) -> None:
     if what == "torn video":
         video = root / f"videos/{CAMERA}/chunk-000/file-001.mp4"
         video.write_bytes(video.read_bytes()[:400])
+    if what == "pointer":
+        pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
+        (root / f"videos/{CAMERA}/chunk-000/file-001.mp4").write_text(pointer)
     if what == "short video":
         film(root / f"videos/{CAMERA}/chunk-000/file-001.mp4", [9.0] * 12, 10)
     if what == "no episodes":
@@ -363,12 +368,13 @@ def spoil_files(root: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("version", "says version v2.1 at 10 frames a second; this reads v3"),
+        ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
         ("two cameras", "choose one with camera: observation.images.front, observation.images.rear"),
-        ("no video", "cannot be read as a video"),
-        ("torn video", "cannot be read as a video"),
+        ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),
+        ("torn video", "cannot be read as a video (Invalid data found when processing input); where it is cut, or a"),
+        ("pointer", "where it is cut, or a pointer of Git LFS, download it again"),
         ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
         ("no episodes", "holds no chunk-*/file-*.parquet"),
         ("no data", "holds no chunk-*/file-*.parquet"),
@@ -390,6 +396,8 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     lerobot(tmp_path / "set")
     with pytest.raises(SourceError, match=f"camera rear: .* there are {CAMERA}"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
+    bank = import_lerobot(tmp_path / "set", tmp_path / "short", ROBOT, camera="front")
+    assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
     with pytest.raises(
         SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset says itself which episode a frame is"
@@ -397,8 +405,23 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
 
 
+def test_what_is_no_data_set_or_no_bank_is_told_what_to_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name of the Hub has its folder said; a data set given as a bank, the command that imports it."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SourceError, match=r"there is no folder 'lerobot/pusht'; .*HF_LEROBOT_HOME.*--local-dir pusht'"):
+        import_lerobot(Path("lerobot/pusht"), tmp_path / "bank", ROBOT)
+    lerobot(tmp_path / "set")
+    with pytest.raises(
+        BankError, match=r"set is a LeRobotDataset, and 'eyechart frames import .*set --format lerobot "
+    ):
+        open_bank(tmp_path / "set")
+
+
 def arm(root: Path, *, inside: bool, width: int = 2) -> None:
-    """Make a robot's of `lerobot`: a second camera and actions of so many numbers; pictures ``inside`` the data."""
+    """Make a robot's of `lerobot`: a second camera and actions of so many numbers; pictures ``inside`` the data.
+
+    The actions count up, and are changes by what the data tell.
+    """
     lerobot(root)
     info = json.loads((root / "meta/info.json").read_text())
     info["features"][REAR] = dict(info["features"][CAMERA])
@@ -433,8 +456,9 @@ def arm(root: Path, *, inside: bool, width: int = 2) -> None:
 def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, inside: bool) -> None:
     """All its cameras but one of depths, its state, its task, and the actions that follow; videos or Parquet alike."""
     arm(tmp_path / "set", inside=inside)
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4, "absolute"))
     assert check(bank.root) == []
+    assert [line for line in taken(bank) if line.startswith("warning: these numbers look like changes")]
     space = bank.manifest.motion
     assert space is not None
     assert (space.shape, space.kind, space.rate_hz) == ((4, 2), "absolute", 10.0)
@@ -450,6 +474,37 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
         assert np.abs(np.array(shown) - expected).max() <= (0 if inside else 2)
         assert frame.fields == {"task": ("cross the yard", "park")[int(frame.episode) % 2]}
     assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
+
+
+def tasks(root: Path, words: dict[int, str | None] | None) -> None:
+    """Replace the words of a data set's tasks; None removes the file."""
+    path = root / "meta/tasks.parquet"
+    path.unlink()
+    if words is not None:
+        pa, _ = arrow()
+        said = pa.array([*words.values()], pa.string())
+        write_table(path, {"task_index": [*words], "__index_level_0__": said})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (None, r"tasks\.parquet does not exist, and every row has a task_index: .* prompt_columns"),
+        ({0: None, 1: None}, r"tasks\.parquet holds no words of tasks"),
+        ({0: "cross the yard"}, r"row 11: meta/tasks\.parquet has no words of task 1"),
+    ],
+)
+def test_tasks_without_words_are_no_bank_without_an_instruction(
+    tmp_path: Path, words: dict[int, str | None] | None, said: str
+) -> None:
+    """Refused in one line; who names what a policy is told has it so."""
+    arm(tmp_path / "set", inside=True)
+    tasks(tmp_path / "set", words)
+    with pytest.raises(SourceError, match=said) as refused:
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+    assert "\n" not in str(refused.value)
+    named = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4))
+    assert {one for frame in named for one in frame.fields.values()} == {0, 1}
 
 
 MIRRORED = """
@@ -472,7 +527,8 @@ numbers = { speed = { sign = -1, about = 0.5 } }
 def robot(folder: Path) -> FrameBank:
     """Import a data set with the rig beside it."""
     rig = read_rig(folder / "rig.toml", of_table=False)
-    return import_lerobot(folder / "set", folder / "bank", Choices(every=3, rig=rig), ahead=Ahead(4))
+    ahead = Ahead(4, "absolute")
+    return import_lerobot(folder / "set", folder / "bank", Choices(every=3, rig=rig), ahead=ahead)
 
 
 def test_a_lerobot_data_set_says_by_a_rig_what_is_reflected(tmp_path: Path) -> None:
@@ -512,8 +568,64 @@ def test_a_rig_that_does_not_fit_a_data_set_is_one_line(tmp_path: Path, old: str
     assert not (tmp_path / "bank").exists()
 
 
+def reach(root: Path, names: dict[str, list[str] | None], *, changes: bool = False) -> None:
+    """Make the data set of `arm` one whose joints wander, and whose actions are the places a step later."""
+    arm(root, inside=True)
+    info = json.loads((root / "meta/info.json").read_text())
+    for name, given in names.items():
+        info["features"][name]["names"] = given
+    (root / "meta/info.json").write_text(json.dumps(info))
+    rng, (pa, pq) = np.random.default_rng(0), arrow()
+    for path in sorted((root / "data").rglob("*.parquet")):
+        table = pq.read_table(path)
+        joints = np.cumsum(rng.normal(size=(table.num_rows + 1, 2)), axis=0)
+        done = np.diff(joints, axis=0) if changes else joints[1:]
+        for name, numbers in (("observation.state", joints[:-1]), ("action", done)):
+            table = table.set_column(table.schema.get_field_index(name), name, pa.array(numbers.tolist()))
+        pq.write_table(table, path)
+
+
+@pytest.mark.parametrize("names", [{"action": None, "observation.state": None}, {"action": ["a", "b"]}, {}])
+@pytest.mark.parametrize("changes", [False, True])
+def test_the_kind_of_actions_is_told_by_the_data_whatever_their_names(
+    tmp_path: Path, names: dict[str, list[str] | None], *, changes: bool
+) -> None:
+    """Places relative to the joint of the same place, or changes; the import says which, and the ratio."""
+    reach(tmp_path / "set", names, changes=changes)
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
+    space, kind = bank.manifest.motion, "delta" if changes else "absolute"
+    assert space is not None
+    assert space.kind == kind
+    assert [one.state for one in space.dimensions] == ([None, None] if changes else [0, 1])
+    assert [line for line in taken(bank) if line.startswith(f"kind: {kind}, as the data tell: ")]
+
+
+@pytest.mark.parametrize(("kind", "looks"), [("absolute", "changes"), ("delta", "places"), ("velocity", "places")])
+def test_a_kind_that_the_data_deny_is_taken_with_a_warning(tmp_path: Path, kind: Kind, looks: str) -> None:
+    """Where it agrees, there is none."""
+    for changes in (False, True):
+        reach(tmp_path / f"set-{changes}", {}, changes=changes)
+        bank = import_lerobot(
+            tmp_path / f"set-{changes}", tmp_path / f"bank-{changes}", Choices(), ahead=Ahead(2, kind)
+        )
+        assert bank.manifest.motion is not None
+        assert bank.manifest.motion.kind == kind
+        warned = [line for line in taken(bank) if line.startswith(f"warning: these numbers look like {looks}: ")]
+        assert bool(warned) is (changes is (looks == "changes"))
+
+
+def test_what_the_data_do_not_tell_is_as_the_names_say(tmp_path: Path) -> None:
+    """And the import says so, and what says it."""
+    reach(tmp_path / "set", {"action": ["a", "b"]})
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=9), ahead=Ahead(3))
+    assert bank.manifest.motion is not None
+    assert bank.manifest.motion.kind == "delta"
+    (said,) = (line for line in taken(bank) if line.startswith("kind: delta, as the names say; the data do not tell"))
+    assert said.endswith("--kind says it")
+
+
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:
-    """Names that the state does not have are changes, unless somebody says what they are."""
+    """Numbers that no state is near to are changes, unless somebody says what they are."""
     arm(tmp_path / "set", inside=True, width=1)
     spaces = [
         import_lerobot(

@@ -144,3 +144,39 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
         setattr(act, name, DECLARED[name] if kept is None else kept)
     with pytest.raises(SpecError, match="no callable 'act'"):
         opened("words", monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("mine.looks", "did you mean 'python:mine:looks'"),
+        ("robots.mine.looks", "did you mean 'python:robots.mine:looks'"),
+        ("mine", "for example python:my_robot:decide"),
+        ("./mine.py:looks", "a module's name, not its file: 'python:mine:looks'"),
+        ("mine.py:looks", "a module's name, not its file: 'python:mine:looks'"),
+        ("robots/mine:looks", "a module's name, not its file: 'python:mine:looks'"),
+    ],
+)
+def test_a_name_that_is_no_module_and_function_is_told_what_is_meant(name: str, said: str) -> None:
+    """As a model and as a policy."""
+    for answering in ("model", "policy"):
+        with pytest.raises(SpecError, match=re.escape(said)):
+            open_model(f"python:{name}", answering=answering)
+
+
+class Looks:
+    """A callable once it is made."""
+
+    def __call__(self, *_: object) -> np.ndarray:
+        """Return a motion."""
+        return np.zeros((1, 1))
+
+
+def test_a_class_is_told_to_be_made_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A class is called as its objects are, and would answer with one of them."""
+    said = "it is a class: make an object of it in its module, as looks = Looks\\(\\)"
+    with pytest.raises(SpecError, match=said):
+        opened(Looks, monkeypatch)
+    with pytest.raises(SpecError, match=said):
+        open_model("python:an_arm:act")
+    opened(Looks(), monkeypatch)

@@ -136,7 +136,7 @@ def test_resuming_on_another_bank_is_refused(bank: FrameBank, tmp_path: Path) ->
     """By its geometry, and by its pictures where the geometry is the same."""
     plan_and_run(bank, tmp_path / "run", STEADY, conditions=["real"])
     other = banks.build_bank(tmp_path / "other")
-    with pytest.raises(LedgerError, match="this run has fingerprint"):
+    with pytest.raises(LedgerError, match=r"this run has the bank .*bank \(fingerprint [0-9a-f]{16}\), now the bank"):
         study.plan(other.root, [STEADY], tmp_path / "run")
     repainted = tmp_path / "repainted"
     shutil.copytree(bank.root, repainted)

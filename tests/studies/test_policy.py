@@ -344,6 +344,16 @@ def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: 
         ({"specs": ["python:arms:sightless"]}, SpecError, "called with images, state, instruction: too many"),
         ({"specs": ["python:arms:seedless"]}, SpecError, "instruction, seed=: got an unexpected keyword"),
         ({"conditions": ["swapped@nose"]}, SpecError, "unknown condition 'swapped@nose'"),
+        (
+            {"conditions": ["blank@tpo"]},
+            BankError,
+            "the bank has no camera 'tpo'; did you mean 'top'. there are top, w",
+        ),
+        (
+            {"conditions": ["swapped@camera:left"]},
+            BankError,
+            "has no channel 'camera:left'; .*there are cameras, camera",
+        ),
         ({"conditions": ["matched@state"]}, BankError, "only pictures are matched"),
         ({"extent": Extent(answers=1)}, SpecError, "--answers takes 2 or more"),
     ):

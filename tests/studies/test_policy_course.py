@@ -11,8 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 import arms
+from arm_logs import arm_bank
 from eyechart.cli.app import app
-from eyechart.errors import SpecError
+from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
 from eyechart.simulators import open_bank_simulator
@@ -160,6 +161,30 @@ def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path
         course_of(scores)
     with pytest.raises(SpecError, match="there is one policy, and nothing to compare it with"):
         course_of(scores[:1])
+
+
+@pytest.mark.usefixtures("_here")
+def test_runs_whose_motions_mean_something_else_are_neither_compared_nor_resumed(tmp_path: Path) -> None:
+    """Banks of one fingerprint that say otherwise what a motion is: named is what differs, and both banks."""
+    banks = {kind: arm_bank(tmp_path / kind, kind=kind, horizon=2) for kind in ("delta", "absolute")}
+    assert len({one.manifest.fingerprint for one in banks.values()}) == 1
+    for kind, one in banks.items():
+        policy.run(policy.plan(one.root, ["python:arm_logs:by_front"], tmp_path / f"run-{kind}", conditions=FEW[:3]))
+    scores = [policy.score(tmp_path / f"run-{kind}") for kind in banks]
+    with pytest.raises(SpecError, match=r"answer with other motions, .*: kind: delta and absolute; ask both on one"):
+        course_of(scores)
+    found = CliRunner().invoke(app, ["compare", *(str(tmp_path / f"run-{kind}") for kind in banks)])
+    assert found.exit_code != 0
+    with pytest.raises(LedgerError, match="this run has motion with kind delta, now motion with kind absolute was"):
+        policy.plan(banks["absolute"].root, ["python:arm_logs:by_front"], tmp_path / "run-delta")
+    longer = arm_bank(tmp_path / "longer", kind="delta", horizon=3)
+    with pytest.raises(LedgerError, match="this run has motion with horizon 2, now motion with horizon 3 was"):
+        policy.plan(longer.root, ["python:arm_logs:by_front"], tmp_path / "run-delta")
+    other = arm_bank(tmp_path / "other", kind="delta", horizon=2, episodes=7)
+    with pytest.raises(
+        LedgerError, match=r"has the bank .*delta/bank \(fingerprint .*\), now the bank .*other/bank \("
+    ):
+        policy.plan(other.root, ["python:arm_logs:by_front"], tmp_path / "run-delta")
 
 
 @pytest.mark.usefixtures("_here")

@@ -12,6 +12,7 @@ from eyechart.calibrate.policies import power
 from eyechart.calibrate.reach import matches, reachable, unreachable
 from eyechart.cli.app import app
 from eyechart.simulators import open_bank_simulator
+from eyechart.studies import policy
 
 
 @pytest.mark.slow
@@ -38,7 +39,7 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
     assert (said["episodes"], said["frames"]) == (8, 32)
-    assert said["calls"] % 32 == 0
+    assert said["calls"] == policy.plan(bank.root, ["trained:sees"], tmp_path / "run").counts()[0]
     assert said["said"]["same"]["0"][0] > 0.5
 
 
@@ -59,6 +60,29 @@ def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, mo
     assert "frames with a match at a similar state, of 48: cameras 0, camera:front 0, camera:side 0" in printed
     assert "labels that a policy may get: camera_presence, ignores_camera, state_shortcut" in printed
     assert "not reachable: object_grounded, camera_content, pose_only, " in printed
+
+
+def test_a_run_makes_as_many_calls_as_were_planned_and_says_why_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where frames have no match, fewer than frames times conditions; reasons that several have are one line."""
+    monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
+    bank = arm_bank(tmp_path / "arm", tasks=("go", "leave"), length=10, episodes=16)
+    said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
+    words = ["run", "policy", "--policy", "python:arm_logs:by_front", "--frames", str(bank.root)]
+    for shapley in (False, True):
+        asked = [*words, "--out", str(tmp_path / "run"), *(["--shapley"] if shapley else []), "--dry-run"]
+        found = CliRunner().invoke(app, asked)
+        assert found.exit_code == 0, found.output
+        (line,) = (line for line in found.stderr.splitlines() if "frames ×" in line)
+        number = int(line.partition("): ")[2].split()[0])
+        assert "conditions (not every frame can be shown every condition): " in line
+        printed = CliRunner().invoke(app, ["plan", str(bank.root)]).stdout
+        more = int(printed.partition("--shapley asks ")[2].split()[0]) if shapley else 0
+        assert number == said["calls"] + more
+    reasons = [line.rpartition(", because ")[2] for line in found.stderr.splitlines() if line.startswith("left out: ")]
+    assert len(reasons) == len({*reasons}) > 0
+    assert any("named_plus, " in line for line in found.stderr.splitlines())
 
 
 def test_labels_are_reachable_where_the_bank_can_show_them(tmp_path: Path) -> None:

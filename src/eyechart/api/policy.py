@@ -1,5 +1,6 @@
 """Policies: a callable of a notebook is asked with each channel exchanged, and what is said of it is read."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,7 +132,9 @@ def run_policies(
         timeout_s=timeout_s,
     )
     limits = Limits(None if most is None else whole_number("max_calls", most, 1))
-    policy.run(planned, again=asking.get("again", False), limits=limits, progress=progress)
+    outcome = policy.run(planned, again=asking.get("again", False), limits=limits, progress=progress)
+    for spec, why in outcome.set_aside.items():
+        warnings.warn(f"{spec} was set aside, and is judged by what it answered before: {why}", stacklevel=3)
     return _read(out)
 
 

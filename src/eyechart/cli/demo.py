@@ -17,7 +17,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
     vlm: Annotated[
-        bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")
+        bool, typer.Option("--vlm", help="Ask the five model organisms: needs the extra 'transformers'.")
     ] = False,
     policy: Annotated[
         bool, typer.Option("--policy", help="Ask six tiny robot policies, which answer with motions.")
@@ -90,8 +90,11 @@ def _demo_policies(out: Path, seed: int) -> None:
     print_each(f"not as trained: {spec}: {words}" for spec, one in found.items() for words in one.wrong)
     right = sum(not one.wrong for one in found.values())
     print_each([f"{right} of {len(found)} policies got the labels that they were trained for."])
-    run = out / f"run-balanced-{seed}"
-    say(f"every number: 'eyechart score {run}', the page: 'eyechart report {run}'")
+    runs = [out / f"run-{preset}-{seed}" for preset in study.PRESETS]
+    scores = ", ".join(f"'eyechart score {run}'" for run in runs)
+    page = f"'eyechart report {' '.join(map(str, runs))} --out page.html'"
+    own = f"'eyechart run policy --policy python:MODULE:FUNCTION --frames {out / f'bank-balanced-{seed}'} --out my-run'"
+    say(f"every number: {scores}; the page: {page}", f"your own: {own}")
     if right < len(found):
         raise typer.Exit(1)
 

@@ -77,7 +77,9 @@ def import_(
     ] = None,
     kind: Annotated[
         str | None,
-        typer.Option(help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: by names."),
+        typer.Option(
+            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: told by data."
+        ),
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
     convert: Annotated[
@@ -149,6 +151,7 @@ def check(
     pixels, which other versions of libraries draw otherwise. Of a bank for policies, also which channels have nothing
     to be exchanged, such as a camera whose pictures are all alike.
     """
+    from eyechart.conditions import by_reason
     from eyechart.frames import check as check_bank
     from eyechart.frames import open_unchecked, shared
 
@@ -163,7 +166,7 @@ def check(
         print_json({"bank": str(bank), "ok": not problems and not unlike, "problems": problems, **more})
     else:
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
-        lacking += [f"not asked of a policy: {name}: {why}" for name, why in unshown.items()]
+        lacking += [f"not asked of a policy: {names}: {why}" for names, why in by_reason(unshown).items()]
         fine = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
         say(*([f"eyechart: {one}" for one in problems] or [*fine, *lacking]))
         say(*(() if both is None else _shared_words(both)))
@@ -220,7 +223,9 @@ def show(
     if frame is not None:
         write_frame(opened, opened.frame(frame), out, counterfactual=counterfactual, view=view, mirrored=mirrored)
     elif view or mirrored:
-        raise SpecError("--view and --mirrored are of one frame: give its id, as in 'eyechart frames show BANK FRAME'")
+        raise SpecError(
+            "--view and --mirrored are of one frame: give its id, as 'eyechart frames show BANK FRAME --out FILE.png'"
+        )
     else:
         opened = replace(opened, frames=spread(opened.frames, limit))
         contact_sheet(opened, out, counterfactual=counterfactual)
@@ -265,36 +270,37 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
     from eyechart.calibrate.reach import matched_of, matches, reachable, unreachable
-    from eyechart.channels import channels_of, conditions_of, subset_conditions
+    from eyechart.channels import channels_of, conditions_of, shown, subset_conditions
     from eyechart.cli.terminal import print_each
+    from eyechart.conditions import by_reason
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.channels import OF_DATA_SET, SURENESS
 
     conditions, left_out = conditions_of(bank)
-    more = len({*subset_conditions(bank).values()} - {*conditions})
+    further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]
+    calls, more = (sum(shown(name, frame, bank) for name in many for frame in bank) for many in (conditions, further))
     episodes = len({frame.drive for frame in bank})
     bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
     whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
-    found = power(episodes, len(bank), len(conditions) * len(bank), left_out, matched=matched_of(bank))
+    found = power(episodes, len(bank), calls, left_out, matched=matched_of(bank))
     never = unreachable(bank)
     if json:
         labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
         print_json({**found.as_dict(), **labels})
         return
     print_each([found.table()])
+    some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
     alike = ", ".join(f"{channel} {count}" for channel, count in matches(bank).items())
-    why_not: dict[str, list[str]] = {}
-    for label, why in never.items():
-        why_not.setdefault(why, []).append(label)
+    unasked = {name: why for name, why in left_out.items() if "frame" in why}
     print_each(
         [
             f"channels: {', '.join(channels_of(bank))}",
-            f"calls: {found.calls} ({len(conditions)} conditions); about four times as many of who draws its answers",
+            f"calls: {calls} ({len(conditions)} conditions{some}); about four times as many of who draws its answers",
             f"frames with a match at a similar state, of {len(bank)}: {alike}",
             f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
-            *(f"not reachable: {', '.join(labels)}: {why}" for why, labels in why_not.items()),
-            *(f"not asked: {name}: {why}" for name, why in left_out.items() if "frame" in why),
-            *([f"--shapley asks {more * len(bank)} calls more"] if more else []),
+            *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
+            *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
+            *([f"--shapley asks {more} calls more"] if more else []),
             f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
         ]
     )

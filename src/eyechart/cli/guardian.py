@@ -367,10 +367,9 @@ def _require_run(folder: Path) -> None:
         open_bank(folder)
     except BankError:
         return  # what reads the run says what is wrong with it
-    raise VoteError(
-        f"{folder} is a bank, which holds no votes: ask models with 'eyechart run admission --frames {folder}' or "
-        f"'eyechart run structured --frames {folder}', and give the run's folder"
-    )
+    asked = "admission", "structured"
+    ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in asked)
+    raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give the run's folder")
 
 
 def _ids_of(path: Path) -> list[str]:

@@ -182,7 +182,9 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
     for file in files or ():
         mode = find_mode(file)
         if mode.about.get("tested") == "no" and mode.measured is None:
-            say(f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file}' tries it")
+            say(
+                f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file} --out FILE.toml' does it"
+            )
         if mode.spec in by_file:
             raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
         by_file[mode.spec] = mode

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from eyechart.limits import Outcome, Spent
     from eyechart.manifest import Manifest
     from eyechart.modes import RequestMode
+    from eyechart.run import Plan
     from eyechart.studies.battery import Battery
     from eyechart.studies.probed import Allowed, Asked
     from eyechart.studies.prompts import PromptStudy
@@ -279,6 +280,7 @@ def policy(
     (horizon, dimensions). Exit 1: calls are unfinished, or of a policy none holds a motion; 3: stopped at --max-calls.
     Example: eyechart run policy --policy trained:sees --frames bank --out run
     """
+    from eyechart.conditions import by_reason
     from eyechart.limits import Limits
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
@@ -295,10 +297,11 @@ def policy(
         timeout_s=timeout_s,
     )
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
-    for name, why in planned.left_out.items():
-        say(f"left out: {name}, because {why}")
+    for names, why in by_reason(planned.left_out).items():
+        say(f"left out: {names}, because {why}")
+    size = f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
     say(
-        f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
+        f"{size}{_unshown(plan)}: {calls} calls, "
         f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make; a policy that turns "
         f"out to draw its answers is asked {answers} times"
     )
@@ -314,7 +317,7 @@ def policy(
         last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
         say(f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}")
     _tell(outcome, {}, calls - finished, nothing=bool(nothing))
-    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out}' makes the page")
+    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page")
 
 
 def _of_scenes(planned: "Battery") -> list[str]:
@@ -372,7 +375,7 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     if shard is not None:
         raise SpecError(
             "--fresh-controls needs one run, for shards share their pictures: leave out --shard, or build one bank for "
-            "all of them with 'eyechart frames build --controls-seed N'"
+            "all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
         )
     own = out / BANK
     if not is_free(out):
@@ -430,13 +433,21 @@ def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[i
         yield live.move
 
 
+def _unshown(plan: "Plan") -> str:
+    """Say that some frames cannot be shown every condition, so that a product is more than the calls."""
+    every = all(plan.shows(condition, frame) for condition in plan.conditions for frame in plan.frames)
+    return "" if every else " (not every frame can be shown every condition)"
+
+
 def sizes(planned: "Battery") -> list[str]:
     """Say what is left out and why, and how many calls there are."""
+    from eyechart.conditions import by_reason
+
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
     to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
-    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
+    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions{_unshown(plan)}"
     return [
-        *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
+        *(f"left out: {names}, because {why}" for names, why in by_reason(planned.left_out).items()),
         f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
         *_controls(planned),
     ]
@@ -591,4 +602,7 @@ def merge(
     left, more = whole.left(), sum(whole.more_by_model().values())
     if left or more:
         up_to = f", and up to {more} of controls" if more else ""
-        say(f"{left} calls are left{up_to}: 'eyechart run battery --out {out}' with its bank and models makes them")
+        asked = whole.manifest
+        who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
+        command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"
+        say(f"{left} calls are left{up_to}: {command}, with the options of the shards, makes them")

@@ -124,9 +124,11 @@ def read_bank_manifest(root: Path) -> BankManifest:
         manifest = build(BankManifest, kept)
         recorded, declared = raw["fingerprint"], raw["declaration"]
     except FileNotFoundError as error:
-        raise BankError(
-            f"{path} does not exist: is {path.parent} a frame bank? 'eyechart frames build' makes one"
-        ) from error
+        made = f"is {root} a frame bank? 'eyechart frames build' makes one"
+        if (root / "meta" / "info.json").is_file():
+            command = f"'eyechart frames import {root} --format lerobot --horizon N --out BANK'"
+            made = f"{root} is a LeRobotDataset, and {command} makes a bank of it"
+        raise BankError(f"{path} does not exist: {made}") from error
     except OSError as error:
         raise BankError(f"{path} cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError, SpecError) as error:

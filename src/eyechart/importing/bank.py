@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
-from eyechart.conditions import OVER, undrawn_controls
+from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.errors import SourceError, finite_number, whole_number
 from eyechart.frames import (
     IMPORTED,
@@ -44,7 +44,7 @@ from eyechart.importing.cells import (
     read_truth,
 )
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Log
+from eyechart.importing.logged import Log, tell
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.tables import Table, open_table
@@ -62,6 +62,8 @@ _LARGE = 3_000_000
 _SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
 LEAST_BOUNDED = 6
 """Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
+KIND = "kind"
+"""The setting of an imported bank that says by what the kind of its motions was told."""
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
@@ -173,8 +175,20 @@ def import_table(
                 yield _shown(frame, where, photographs, choices)
         kept.faults.require_none(table.name)
 
-    source = Source(folder, pictures, converted=photographs.done)
-    return write(out, source, frames_of(kept, choices, cells), kept=kept, choices=choices, progress=progress)
+    frames = frames_of(kept, choices, cells)
+    source = Source(folder, pictures, _told(choices.rig, frames), converted=photographs.done)
+    return write(out, source, frames, kept=kept, choices=choices, progress=progress)
+
+
+def _told(rig: reading.Rig | None, frames: Sequence[Frame]) -> dict[str, object]:
+    """Return what to record of the kind of a rig's motions: a warning where the data clearly say another."""
+    if rig is None or rig.motion is None:
+        return {}
+    columns = [column for many in rig.state.values() for column in many]
+    told = tell(frames, [columns.index(one.state) if one.state else None for one in rig.motion.number])
+    against = told.against(rig.motion.kind)
+    said = [told.warning(rig.motion.kind, "[motion] of --rig")] if against else []
+    return {KIND: {"by": "the rig says", "ratio": told.ratio, "said": said}}
 
 
 def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
@@ -256,12 +270,16 @@ def _whole(table: Table) -> Iterator[Row]:
 
 
 def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:
-    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow."""
+    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow.
+
+    None where a column of theirs is not in the table, which is a fault already.
+    """
     if choices.rig is None or choices.rig.motion is None:
         return None
     if "episode" not in places:
         faults.add(f"--rig: a motion is of the steps that follow; say which column is the episode: {table.name}")
-    return Log(choices.rig.motion, faults, table.name)
+    known = all(one.column in table.columns for one in choices.rig.motion.number)
+    return Log(choices.rig.motion, faults, table.name) if known else None
 
 
 def _letters(row: Row, where: str, faults: Faults) -> int:
@@ -557,7 +575,7 @@ def write(
 
 
 def taken(bank: FrameBank) -> list[str]:
-    """Return what an imported bank took: the column of each place that has another name, and how pictures changed."""
+    """Return what an imported bank took: columns of other names, how pictures changed, and what its motions are."""
     settings, lines = bank.manifest.settings, []
     columns, done, how = (settings.get(name) for name in ("columns", "converted", "convert"))
     own = {(place, of) for place, names in reading.ROLES.items() for of in names}
@@ -569,7 +587,9 @@ def taken(bank: FrameBank) -> list[str]:
     if isinstance(done, dict) and isinstance(how, dict):
         kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
         lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
-    return lines
+    told = settings.get(KIND)
+    warned = told.get("said") if isinstance(told, dict) else None
+    return [*lines, *(map(str, warned) if isinstance(warned, list) else ())]
 
 
 def costs(bank: FrameBank) -> list[str]:
@@ -622,9 +642,10 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
         lines.append("no instruction: whether a policy follows it is not asked (no_power)")
     if STATE not in channels_of(bank):
         lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
+    unshown = {name: why for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why}
     return [
         *lines,
-        *(f"{name}: {why}" for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why),
+        *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
         *_costs_of_reflection(bank, motion),
     ]
 

@@ -21,11 +21,11 @@ import msgspec
 
 from eyechart.errors import SourceError, SpecError, meant
 from eyechart.frames import Frame, FrameBank
-from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
+from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Logged, Number
+from eyechart.importing.logged import Logged, Number, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, open_parquet
 from eyechart.importing.reels import Clip, Embedded, Reel, Videos
@@ -36,6 +36,7 @@ from eyechart.spaces.motion import Kind
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""
 PLACES = {"episode": "episode_index", "step": "frame_index"}
+_CONVERTER = "lerobot.scripts.convert_dataset_v21_to_v30"
 TASK, STATE, ACTION = "task", "observation.state", "action"
 
 
@@ -52,7 +53,7 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the names."""
+    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data."""
 
     horizon: int
     kind: Kind | None = None
@@ -71,8 +72,8 @@ def import_lerobot(
     """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
 
     With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. Without, it is of
-    one camera. The columns are
+    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
+    motions these are is told by the data where ``ahead`` does not say it. Without, it is of one camera. The columns are
     those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
     of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
@@ -92,14 +93,19 @@ def import_lerobot(
     columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
-        said = choices.prompt_columns or ((TASK,) if data.tasks else ())
+        said = choices.prompt_columns or _instruction(data)
         chosen = replace(
             choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=_rig(data, ahead, choices)
         )
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
+    if TASK in chosen.prompt_columns:
+        _require_words(kept)
     cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     frames = frames_of(kept, chosen, cells)
-    settings = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    if ahead is not None and chosen.rig is not None:
+        rig, settings[KIND] = _told(chosen.rig, frames, ahead)
+        chosen = replace(chosen, rig=rig)
     source = Source(folder, partial(_pictures, data, kept.numbers), settings)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
@@ -115,13 +121,17 @@ def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Datas
         version, fps, features = str(info["codebase_version"]), float(info["fps"]), dict(info["features"])
         template = info.get("video_path")
     except FileNotFoundError as error:
-        raise SourceError(f"{path} does not exist: is {folder} a LeRobotDataset?") from error
+        raise SourceError(f"{path} does not exist: {_where(folder)}") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise SourceError(f"{path} is no description of a LeRobotDataset: {error!r}") from error
-    if not version.startswith("v3") or not math.isfinite(fps) or fps <= 0:
+    if not version.startswith("v3"):
+        convert = f"'python -m {_CONVERTER} --repo-id=OWNER/NAME --root={folder} --push-to-hub=false'"
         raise SourceError(
-            f"{path} says version {version} at {fps:g} frames a second; this reads v3, convert older ones"
+            f"{path} says version {version}, and this reads v3; LeRobot's own converter makes v3 of v2.1: {convert} "
+            "(in older versions of LeRobot the module stands in lerobot.datasets.v30)"
         )
+    if not math.isfinite(fps) or fps <= 0:
+        raise SourceError(f"{path} says {fps:g} frames a second, which is no rate")
     reels: dict[str, Reel] = {}
     for name in _cameras(features, camera, path, every=every):
         if features[name]["dtype"] == "video":
@@ -129,6 +139,20 @@ def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Datas
         else:
             reels[name] = Embedded(_files(folder, "data"), name)
     return Dataset(folder, fps, reels, features, _tasks(folder))
+
+
+def _where(folder: Path) -> str:
+    """Return what may be wrong with a folder that is no data set: a name of the Hub was given, or another folder."""
+    if folder.exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", folder.as_posix()):
+        return f"is {folder} a LeRobotDataset?"
+    name = folder.as_posix()
+    kept = (
+        f"~/.cache/huggingface/lerobot, or $HF_LEROBOT_HOME: {name} in it, or hub/datasets--{name.replace('/', '--')}"
+    )
+    return (
+        f"there is no folder '{name}'; of a data set of the Hub give the folder: LeRobot keeps what it downloaded in "
+        f"{kept}/snapshots; 'hf download {name} --repo-type dataset --local-dir {folder.name}' fetches it"
+    )
 
 
 def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, every: bool) -> Sequence[str]:
@@ -143,7 +167,10 @@ def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, eve
             "all of them (--horizon)"
         )
     if camera is not None and camera not in cameras:
-        raise SourceError(f"--camera {camera}: {path} lists no such camera; there are {', '.join(cameras)}")
+        if len(of_name := [one for one in cameras if _short(one) == camera]) == 1:
+            return of_name
+        near = meant(camera, [*cameras, *map(_short, cameras)])
+        raise SourceError(f"--camera {camera}: {path} lists no such camera;{near} there are {', '.join(cameras)}")
     return cameras if camera is None else [camera]
 
 
@@ -154,7 +181,7 @@ def _is_depth(feature: Mapping[str, Any]) -> bool:
 
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
-    """Return the cameras, the state and the motions of a data set."""
+    """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
     state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
     if not action:
         has = f"{data.root / 'meta/info.json'} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers"
@@ -164,7 +191,7 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
     known = names if len(names) == len(state) and len(done) == len(action) else {}
     kind = ahead.kind or ("absolute" if done.keys() <= known.keys() else "delta")
     numbers = [
-        Number(column, name, state=known.get(name, "") if kind in RELATIVE else "")
+        Number(column, name, state=known.get(name, ""))
         for column, name in zip(action, _labels(data.features, ACTION), strict=True)
     ]
     by_name = [one | {column: column for column in one.values()} for one in (names, done)]
@@ -175,6 +202,32 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
         Logged(tuple(numbers), ahead.horizon, kind, data.fps, ACTION),
         None if reflection is None else reflection.by_column(*by_name),
     )
+
+
+def _told(rig: Rig, frames: Sequence[Frame], ahead: Ahead) -> tuple[Rig, dict[str, object]]:
+    """Return a rig with the kind of motion that the data tell, and why it was taken.
+
+    A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
+    """
+    motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
+    assert motion is not None
+    told = tell(frames, [columns.index(one.state) if one.state else None for one in motion.number])
+    kind = ahead.kind or told.kind or motion.kind
+    by = "--kind says" if ahead.kind else "the data tell" if told.kind else "the names say"
+    said = [f"kind: {kind}, as {by}: {told.why()}"]
+    if ahead.kind and told.against(kind):
+        said = [told.warning(kind, "--kind")]
+    elif not ahead.kind and told.kind is None:
+        said = [f"kind: {kind}, as the names say; the data do not tell ({told.why()}), and --kind says it"]
+    pairs = [columns.index(one.state) if one.state else None for one in motion.number]
+    if told.kind in RELATIVE:
+        pairs = [*told.pairs]
+    number = tuple(
+        msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
+        for one, place in zip(motion.number, pairs, strict=True)
+    )
+    settled = msgspec.structs.replace(motion, kind=kind, number=number)
+    return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
 
 
 def _named(camera: str, choices: Choices) -> Column:
@@ -246,6 +299,29 @@ def _tasks(folder: Path) -> dict[int, str]:
         if isinstance(row.get("task_index"), int) and words:
             found[int(str(row["task_index"]))] = words[0]
     return found
+
+
+def _instruction(data: Dataset) -> tuple[str, ...]:
+    """Return the column of what a policy is told, none where the data set has no tasks.
+
+    Raises SourceError where its rows have tasks and nobody has their words.
+    """
+    path, first = data.root / "meta" / "tasks.parquet", _files(data.root, "data")[0]
+    if not data.tasks and "task_index" in open_parquet(first, extra="lerobot").columns:
+        lacking = "holds no words of tasks" if path.is_file() else "does not exist"
+        raise SourceError(
+            f"{path} {lacking}, and every row has a task_index: without their words no policy is told what to do; "
+            "download the data set again with its whole meta folder, or name what a policy is told with "
+            "--prompt-columns"
+        )
+    return (TASK,) if data.tasks else ()
+
+
+def _require_words(kept: Kept) -> None:
+    """Note as a fault, once a task, where a row's task has no words."""
+    first = {row.get("task_index"): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
+    for number, where in reversed(first.items()):
+        kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
 
 
 def _files(folder: Path, inner: str) -> list[Path]:

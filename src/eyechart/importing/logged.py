@@ -1,19 +1,28 @@
 """What a robot did, row by row of its log, becomes the motion that was logged from each moment on."""
 
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from eyechart.errors import SourceError, SpecError, meant
+from eyechart.frames import Frame
 from eyechart.importing.cells import Row, read_part
 from eyechart.importing.faults import Faults
-from eyechart.spaces.motion import Dimension, Kind, MotionSpace
+from eyechart.spaces.motion import PLACES, Dimension, Floats, Kind, MotionSpace
 
 MOST_NUMBERS = 50_000_000
 """Numbers of all rows' motions together."""
+LEAST_TOLD = 10
+"""Frames with a motion and a state below which the data do not tell what a motion is."""
+PLACES_BELOW, CHANGES_ABOVE = 0.5, 1.0
+"""Numbers that stay this near to the state, in units of their spread, are places; farther away they are changes."""
+_STILL = 1e-9
+"""A number whose spread is no more than this share of the largest does not vary."""
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -121,6 +130,82 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             mirrored=reflection is not None,
             words=tuple(known.words.items()),
         )
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the data say of logged numbers.
+
+    ``ratio`` is how far they are from the numbers of the state that they are paired with, in units of their own spread
+    (root mean square; the median of the ``count`` numbers that vary), None where nothing can be paired. ``pairs`` has
+    the place of each one's number in the state, None where it has none.
+    """
+
+    ratio: float | None
+    pairs: tuple[int | None, ...]
+    count: int = 0
+
+    @property
+    def kind(self) -> Kind | None:
+        """Return what they are, places or changes; None where the data do not tell."""
+        if self.ratio is None or PLACES_BELOW <= self.ratio <= CHANGES_ABOVE:
+            return None
+        return "absolute" if self.ratio < PLACES_BELOW else "delta"
+
+    def why(self) -> str:
+        """Return the ratio in words."""
+        if self.ratio is None:
+            return "no state that varies can be paired with them"
+        far = f"{self.ratio:.2g} of their spread from the state (rms, median of {self.count} numbers"
+        return f"{far}; below {PLACES_BELOW:g} they are places, above {CHANGES_ABOVE:g} changes)"
+
+    def against(self, kind: Kind) -> bool:
+        """Return whether the data clearly say that they are not of this kind."""
+        return self.kind is not None and (kind in PLACES) != (self.kind in PLACES)
+
+    def warning(self, kind: Kind, by: str) -> str:
+        """Return what to say where somebody declares another kind ``by`` an option."""
+        other = "places" if self.kind in PLACES else "changes"
+        return f"warning: these numbers look like {other}: {self.why()}; taken for {kind} as {by} says"
+
+
+def tell(frames: Iterable[Frame], named: Sequence[int | None]) -> Told:
+    """Return what the first steps of the frames' motions are, by the states from which they were done.
+
+    ``named`` has the place in the state that each number names. The others are paired by their place, where there are
+    as many; where they do not follow that, or there are not, with the number of the state that each follows most
+    closely.
+    """
+    rows = [(one.motion[0], [*chain.from_iterable(one.state.values())]) for one in frames if one.motion]
+    if len(rows) < LEAST_TOLD or not rows[0][1]:
+        return Told(None, tuple(named))
+    done, states = (np.array(many, dtype=np.float64) for many in zip(*rows, strict=True))
+    varies = np.flatnonzero(done.std(axis=0) > _STILL * np.maximum(1, np.abs(done).max(axis=0)))
+    if not len(varies):
+        return Told(None, tuple(named))
+    apart = {int(number): _apart(done[:, number], states) for number in varies}
+    nearest = _paired(apart, named, {number: int(far.argmin()) for number, far in apart.items()})
+    if len(named) != states.shape[1]:
+        return nearest
+    beside = _paired(apart, named, {number: number for number in apart})
+    return nearest if nearest.kind == "absolute" != beside.kind else beside
+
+
+def _apart(one: Floats, states: Floats) -> Floats:
+    """Return how far a number is from each one of the state, in units of its spread."""
+    return np.asarray(np.sqrt(((one[:, None] - states) ** 2).mean(axis=0)) / one.std())
+
+
+def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Mapping[int, int]) -> Told:
+    """Return what numbers are that are paired as they are named, or else as the ``others``.
+
+    Of these, one that is as far away as its spread follows no number of the state, and is paired with none.
+    """
+    pairs = {number: others[number] if (own := named[number]) is None else own for number in apart}
+    near = {number: place for number, place in pairs.items() if apart[number][place] < CHANGES_ABOVE}
+    ratio = float(np.median([apart[number][place] for number, place in pairs.items()]))
+    found = tuple(near.get(number) if own is None else own for number, own in enumerate(named))
+    return Told(round(ratio, 4), found, len(apart))
 
 
 class Log:

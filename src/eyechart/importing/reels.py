@@ -15,6 +15,7 @@ from eyechart.importing.parquet import binary_cells, require
 
 _SEEK_S = 2.0
 """A wanted frame so far ahead is looked up instead of decoded up to."""
+_AGAIN = "download it again, or, in a clone, run 'git lfs pull'"
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -103,10 +104,19 @@ def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: floa
                 while now < time_s - tolerance_s:
                     now, pixels = next(shown, (math.inf, None))
                 if pixels is None or abs(now - time_s) > tolerance_s:
-                    raise SourceError(f"{path} shows nothing at {time_s:.3f} s, where frame '{frame.id}' should be")
+                    raise SourceError(
+                        f"{path} shows nothing at {time_s:.3f} s, where frame '{frame.id}' should be; where it is cut, "
+                        f"{_AGAIN}"
+                    )
                 yield encode(np.asarray(pixels.to_ndarray(format="rgb24"), dtype=np.uint8))
     except (av.FFmpegError, OSError, IndexError) as error:
-        raise SourceError(f"{path} cannot be read as a video: {str(error).splitlines()[0]}") from error
+        if not path.is_file():
+            raise SourceError(f"{path} is not there; {_AGAIN}") from error
+        said = error.strerror if isinstance(error, (av.FFmpegError, OSError)) else None
+        why = said or str(error).partition("\n")[0]
+        raise SourceError(
+            f"{path} cannot be read as a video ({why}); where it is cut, or a pointer of Git LFS, {_AGAIN}"
+        ) from error
 
 
 def _shown(container: Any, stream: Any) -> Iterator[tuple[float, Any]]:  # noqa: ANN401 - of PyAV

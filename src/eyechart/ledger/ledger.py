@@ -80,7 +80,7 @@ class Ledger:
         self, path: Path, *, create: bool = False, absent: bool = False, sound: bool = True, accepting: bool = False
     ) -> None:
         if not (create or absent or path.is_file()):
-            raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
+            raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run' makes one")
         self.path = path
         self._pending = self._held = NOTHING
         try:

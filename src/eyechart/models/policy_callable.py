@@ -21,7 +21,7 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import pixels_of
-from eyechart.models.python_callable import identity_of, import_callable, in_thread, name_of
+from eyechart.models.python_callable import identity_of, import_callable, in_thread, made_of_class, name_of
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
 
@@ -140,6 +140,8 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
 
 def _cannot_be_called(act: Act, *named: str) -> str:
     """Return in words why a callable does not take what it will be given; nothing where it does, or does not say."""
+    if words := made_of_class(act):
+        return words
     if iscoroutinefunction(act) or iscoroutinefunction(type(act).__call__):
         return "it is an async function; a plain one is called, in a thread of its own"
     try:

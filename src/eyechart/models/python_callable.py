@@ -278,7 +278,13 @@ def import_callable(name: str) -> tuple[Ask, str]:
     """
     module_name, colon, function = name.rpartition(":")
     if not colon or not module_name or not function:
-        raise SpecError(f"'python:{name}' is given as python:MODULE:FUNCTION, for example python:my_robot:decide")
+        near = _perhaps(name) or "for example python:my_robot:decide"
+        raise SpecError(f"'python:{name}' is given as python:MODULE:FUNCTION, {near}")
+    if module_name.endswith(".py") or "/" in module_name or "\\" in module_name:
+        near = f"python:{Path(module_name.replace(chr(92), '/')).stem}:{function}"
+        raise SpecError(
+            f"'python:{name}' takes a module's name, not its file: '{near}', from the folder in which the file lies"
+        )
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
@@ -299,8 +305,26 @@ def import_callable(name: str) -> tuple[Ask, str]:
     return ask, digest
 
 
+def _perhaps(name: str) -> str:
+    """Return what may be meant by a name without a colon between module and function; nothing where nobody knows."""
+    path, dot, function = name.rstrip(":").rpartition(".")
+    if function == "py" or not dot or not path or not function:
+        return ""
+    return f"did you mean 'python:{path}:{function}'?"
+
+
+def made_of_class(ask: object) -> str:
+    """Return in words that a callable is a class, which would be made and not asked; nothing where it is none."""
+    if not inspect.isclass(ask):
+        return ""
+    name = ask.__name__
+    return f"it is a class: make an object of it in its module, as {name.lower()} = {name}(), and name that"
+
+
 def _takes_all(ask: Ask, name: str) -> bool:
     """Return whether a callable takes (prompt, images, state); raises SpecError where it takes no image either."""
+    if words := made_of_class(ask):
+        raise SpecError(f"'python:{name}' cannot be asked: {words}")
     try:
         signature = inspect.signature(ask)
     except (TypeError, ValueError):

@@ -356,6 +356,29 @@ class MotionSpace:
         del symbol
         return "other"
 
+    def apart(self, other: "MotionSpace") -> dict[str, tuple[str, str]]:
+        """Return what another space says otherwise, each in its words; what only the reflected world has is left out.
+
+        Empty where numbers of both mean the same.
+        """
+        pairs = {
+            "kind": (self.kind, other.kind),
+            "horizon": (str(self.horizon), str(other.horizon)),
+            "rate": tuple("none" if one.rate_hz is None else f"{one.rate_hz:g} Hz" for one in (self, other)),
+            "dimensions": tuple(", ".join(each.name for each in one.dimensions) for one in (self, other)),
+        }
+        if pairs["dimensions"][0] == pairs["dimensions"][1]:
+            for mine, theirs in zip(self.dimensions, other.dimensions, strict=True):
+                states = (self._state_of(mine), other._state_of(theirs))  # noqa: SLF001 - of its own kind
+                pairs[f"the number of the state that '{mine.name}' is relative to"] = states
+                for name in ("unit", "scale", "along"):
+                    own = tuple(str(getattr(one, name) or "none") for one in (mine, theirs))
+                    pairs[f"{name} of '{mine.name}'"] = (own[0], own[1])
+        return {name: (one, two) for name, (one, two) in pairs.items() if one != two}
+
+    def _state_of(self, one: Dimension) -> str:
+        return "none" if one.state is None else self.state[one.state].name
+
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
         return picked(self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state")

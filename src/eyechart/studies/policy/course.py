@@ -202,13 +202,21 @@ def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[t
 
 
 def _require_same_frames(found: Sequence[Checkpoint]) -> None:
-    """Raise SpecError where policies were not asked about the same frames."""
+    """Raise SpecError where policies were not asked about the same frames, or for motions that mean something else.
+
+    Two banks of one fingerprint may say otherwise what a motion is, as after an import with another ``--kind``.
+    """
     first = found[0].policy.motions.plan
     for one in found[1:]:
-        plan = one.policy.motions.plan
+        plan, two = one.policy.motions.plan, f"{found[0].policy.model} and {one.policy.model}"
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
-            raise SpecError(f"{found[0].policy.model} and {one.policy.model} were not asked about the same frames")
+            banks = "" if same else f": their banks are {first.bank.name} and {plan.bank.name}"
+            raise SpecError(f"{two} were not asked about the same frames{banks}")
+        spaces = first.bank.manifest.motion, plan.bank.manifest.motion
+        if None not in spaces and (apart := spaces[0].apart(spaces[1])):  # type: ignore[union-attr,arg-type]
+            said = "; ".join(f"{name}: {mine} and {theirs}" for name, (mine, theirs) in apart.items())
+            raise SpecError(f"{two} answer with other motions, which no test compares: {said}; ask both on one bank")
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:

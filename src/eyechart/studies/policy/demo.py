@@ -16,6 +16,9 @@ from eyechart.verdicts.channels import PolicyVerdict
 STEPS, SEEDS, ANSWERS = 6, 3, 2
 """Frames of an episode and seeds: 12 episodes, 72 frames; how often what draws its answers is asked."""
 
+PRESETS = tuple(dict.fromkeys(one.preset for one in TRAINED.values()))
+"""The presets of the banks, of which each is asked about in a run of its own."""
+
 Watch = Callable[[str], Progress]
 """Returns what is told of the progress of a run on this preset."""
 
@@ -50,7 +53,7 @@ def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[st
     """Build the banks and ask every trained policy on the preset that it was trained for; a second call goes on."""
     scores: list[PolicyScore] = []
     found: dict[str, Shown] = {}
-    for preset in dict.fromkeys(one.preset for one in TRAINED.values()):
+    for preset in PRESETS:
         bank, folder = out / f"bank-{preset}-{seed}", out / f"run-{preset}-{seed}"
         if not bank.exists():
             seeds = range(SEEDS * seed, SEEDS * (seed + 1))

@@ -10,6 +10,8 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import (
+    PARTNERS,
+    channels_of,
     conditions_of,
     find_exchange,
     further_conditions,
@@ -17,7 +19,8 @@ from eyechart.channels import (
     require_channels,
     subset_conditions,
 )
-from eyechart.errors import BankError, SpecError
+from eyechart.conditions import OVER
+from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
@@ -164,8 +167,18 @@ def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -
     for name in asked:
         find_exchange(name)
         if name not in {*supplied, *further} and not (name in every.values() and name not in left_out):
-            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name, 'the bank has no such channel')}")
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name) or _unknown(name, bank)}")
     return tuple(asked)
+
+
+def _unknown(name: str, bank: FrameBank) -> str:
+    """Say that a bank has not the channel, or the camera, that a condition names, and which there are."""
+    base, over, channel = name.partition(OVER)
+    cameras = [one.name for one in bank.frames[0].cameras]
+    if not over or (base not in PARTNERS and channel in cameras):
+        return "the bank has no such pictures"
+    what, known = ("channel", [*channels_of(bank)]) if base in PARTNERS else ("camera", cameras)
+    return f"the bank has no {what} '{channel}';{meant(channel, known)} there are {', '.join(known)}"
 
 
 def _require_asked(bank: FrameBank) -> None:
