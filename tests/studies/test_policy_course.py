@@ -169,7 +169,14 @@ def test_runs_whose_motions_mean_something_else_are_neither_compared_nor_resumed
     banks = {kind: arm_bank(tmp_path / kind, kind=kind, horizon=2) for kind in ("delta", "absolute")}
     assert len({one.manifest.fingerprint for one in banks.values()}) == 1
     for kind, one in banks.items():
-        policy.run(policy.plan(one.root, ["python:arm_logs:by_front"], tmp_path / f"run-{kind}", conditions=FEW[:3]))
+        policy.run(
+            policy.plan(
+                one.root,
+                ["python:arm_logs:by_front"],
+                tmp_path / f"run-{kind}",
+                conditions=["real", "real_repeat", "swapped@cameras"],
+            )
+        )
     scores = [policy.score(tmp_path / f"run-{kind}") for kind in banks]
     with pytest.raises(SpecError, match=r"answer with other motions, .*: kind: delta and absolute; ask both on one"):
         course_of(scores)

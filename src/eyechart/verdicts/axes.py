@@ -369,7 +369,8 @@ def _absent(
 def _otherwise(statistics: Statistics, every: Sequence[str]) -> str:
     """Return in words what the mean answer at one seed does not tell: how answers scatter, and those to other seeds."""
     for name in every:
-        detail = getattr(statistics.get(name), "detail", None) or {}
+        one = statistics.get(name)
+        detail = (one.detail if one is not None else None) or {}
         size, p = detail.get("scatter"), detail.get("scatter_p")
         if isinstance(size, float) and isinstance(p, float) and size > USED and p <= ALPHA:
             what = f"how its answers scatter changes, by {size:.0%} of the variation (p {p:.4f})"
