@@ -57,7 +57,8 @@ def arm_bank(
     rig += [
         f"[state]\njoints = {names}\n[motion]\nhorizon = {horizon}\nkind = '{kind}'\nrate_hz = 10\n".replace("'", '"')
     ]
-    rig += [f'[[motion.number]]\ncolumn = "a{name}"\n' for name in names]
+    relative = "" if kind == "delta" else 'state = "{name}"\n'
+    rig += [f'[[motion.number]]\ncolumn = "a{name}"\n{relative.format(name=name)}' for name in names]
     (folder / "rig.toml").write_text("\n".join(rig))
     chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",))
     return import_table(folder, folder / "t.csv", folder / "bank", chosen)

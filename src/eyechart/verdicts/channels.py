@@ -304,7 +304,10 @@ def _reached(found: Judged, statistics: Statistics, channel: str, what: str, rea
         if found.label not in ABSENT:
             return found
         return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
-    changes = f"none of {swap.n} answers by more than rounding" if swap.value else f"not one bit of {swap.n} answers"
+    as_given = statistics.get(f"reads@{channel}", swap)
+    changes = (
+        f"not one bit of {swap.n} answers" if not as_given.value else f"none of {swap.n} answers by more than rounding"
+    )
     words = (
         f"another {what} changes {changes}: it does not reach the policy, or an earlier answer is kept; "
         "'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
