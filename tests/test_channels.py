@@ -216,7 +216,7 @@ def test_a_camera_whose_pictures_are_all_alike_is_not_exchanged(tmp_path: Path) 
     )
     assert unshown_channels(still) == {"camera:side": why}
     assert {"swapped@cameras", "swapped@camera:front", "blank@side"} <= set(every)
-    assert f"swapped@camera:side: {why}" in costs(still)
+    assert any("swapped@camera:side" in line and line.endswith(why) for line in costs(still))
     found = CliRunner().invoke(app, ["frames", "check", str(still.root)])
     assert f"not asked of a policy: camera:side: {why}" in " ".join(found.output.split())
     said = json.loads(CliRunner().invoke(app, ["frames", "check", str(still.root), "--json"]).stdout)

@@ -84,7 +84,7 @@ from eyechart import cli
 class Seen:
     def find_spec(self, name, *_):
         if name == "numpy":
-            print(os.environ.get("OPENBLAS_NUM_THREADS"))
+            print(os.environ.get("OPENBLAS_NUM_THREADS"), file=sys.__stdout__, flush=True)
             os._exit(0)
 sys.meta_path.insert(0, Seen())
 sys.argv = ["eyechart", "{command}", "nothing", "--out", "nowhere"][: 3 if "{command}" == "verdict" else 5]

@@ -172,7 +172,7 @@ def test_a_word_that_swings_the_arm_is_not_followed(bank: FrameBank, tmp_path: P
 def test_nothing_is_absent_at_one_seed_that_another_changes(bank: FrameBank, tmp_path: Path) -> None:
     """Whichever seed a run has; the remark says that all is of one seed."""
     labels = set()
-    for seed in range(6):
+    for seed in range(3):
         found = judged(bank, tmp_path / f"run-{seed}", "half_of_its_seeds", seed)
         labels.add(found.camera.label)
         if found.camera.label == "undecided":
@@ -201,7 +201,7 @@ def test_who_remembers_or_answers_by_bytes_is_inconsistent(
 
 def test_no_absence_is_said_of_episodes_that_respond(tmp_path: Path) -> None:
     """The mean over all is small, and many episodes have a moment that it decides."""
-    bank = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(11), steps=10)
+    bank = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(11), steps=4)
     found = judged(bank, tmp_path / "run", "some_places").camera
     assert found.label == "undecided"
     assert "episodes each respond" in found.because

@@ -378,10 +378,16 @@ def _unlike(misfit: Statistic) -> str:
     offset, spread = (detail.get(name) for name in ("offset", "spread"))
     found = []
     if isinstance(offset, float) and offset > OFFSET:
-        found.append(f"the mean of '{detail.get('offset_of')}' is {offset:.2g} of the log's spreads away")
+        found.append(f"the mean of {_dimension(detail, 'offset')} is {offset:.2g} of the log's spreads away")
     if isinstance(spread, float) and spread > SPREAD:
-        found.append(f"the spread of '{detail.get('spread_of')}' is another by a factor of {spread:.2g}")
+        found.append(f"the spread of {_dimension(detail, 'spread')} is another by a factor of {spread:.2g}")
     return ", ".join(found)
+
+
+def _dimension(detail: Mapping[str, object], what: str) -> str:
+    """Return of which number of the answer something is said."""
+    name = detail.get(f"{what}_of")
+    return f"'{name}'" if name is not None else "a dimension"
 
 
 def _unfinished(left: int) -> tuple[str, ...]:
