@@ -1,5 +1,7 @@
 """Verdicts on channels: every label at both sides of its bounds, and what stands in the way said in words."""
 
+from dataclasses import replace
+
 import pytest
 
 from eyechart.gate import hold_policies
@@ -460,3 +462,81 @@ def test_no_share_is_printed_that_is_none(name: str) -> None:
     """What nobody measured carries no dash of the action."""
     for none in (None, Statistic(None, 0, note="one episode alone")):
         assert "—" not in str(verdict(**{name: none}).as_dict())
+
+
+@pytest.mark.parametrize(("responding", "label"), [(4, "ignores_camera"), (5, "undecided"), (11, "undecided")])
+def test_no_absence_is_said_of_episodes_that_respond(responding: int, label: str) -> None:
+    """Up to a tenth of those asked may; of drawn answers chance makes some look so, and it is said of the mean."""
+    some = {"responds@cameras": share_bound(responding, 44, confidence=0.99)}
+    found = verdict(**GONE, **some).camera
+    assert found.label == label
+    assert ("episodes each respond" in found.because) == (label == "undecided")
+    assert "without anybody noticing" not in found.because
+    drawn = {name: replace(one, p=0.5) for name, one in GONE.items()}
+    assert verdict(**drawn, **some).camera.label == "ignores_camera"
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"noise": Statistic(0.1, 72, detail={"seeds": 2})}, "that is at one seed"),
+        ({"T.blank": replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.03, "scatter_p": 0.01})}, "scatter"),
+    ],
+)
+def test_no_absence_is_said_of_a_mean_or_a_seed_alone(changed: dict[str, Statistic], words: str) -> None:
+    """Where another seed changes the margin of absence, or the answers scatter otherwise, not by chance."""
+    found = verdict(**GONE, **changed)
+    assert (found.camera.label, words in found.camera.because) == ("undecided", True)
+    little = Statistic(0.099, 72, detail={"seeds": 2})
+    chance = replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.03, "scatter_p": 0.011})
+    small = replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.02, "scatter_p": 0.001})
+    for fine in ({"noise": little}, {"T.blank": chance}, {"T.blank": small}):
+        assert verdict(**GONE, **fine).camera.label == "ignores_camera"
+
+
+def test_a_control_of_absence_that_was_not_asked_is_none_that_was_passed() -> None:
+    """Moved objects, other colours, further objects, and each camera: each is named."""
+    for left_out in ("decoys", "exchanged", "recoloured", "named_plus", "swapped@camera:top", "nudged"):
+        found = verdict(**GONE, asked=without(left_out)).camera
+        assert (found.label, f"did not ask {left_out}" in found.because) == ("undecided", True), left_out
+
+
+def test_who_answers_to_a_nudged_picture_is_inconsistent() -> None:
+    """From a share that is used on, nothing is said of any axis."""
+    found = verdict(**{"T.nudged": USED})
+    assert "one level off" in found.guards["self_inconsistent"]
+    assert {one.label for one in found.axes.values()} == {"undecided"}
+    assert verdict(**{"T.nudged": share(0.0, 0.0)}).guards == {}
+
+
+@pytest.mark.parametrize(
+    ("state", "reads", "label"),
+    [
+        (USED, USED, "state_used"),
+        (USED, share(0.0, 0.01), "undecided"),
+        (IGNORED, IGNORED, "ignores_state"),
+        (IGNORED, USED, "undecided"),
+    ],
+)
+def test_places_are_held_against_what_was_answered(state: Statistic, reads: Statistic, label: str) -> None:
+    """Relative to another state the same place is another motion."""
+    assert verdict(state=state, **{"reads@state": reads}).state.label == label
+
+
+def test_an_object_is_followed_because_it_is_named_and_towards_it() -> None:
+    """By the margin of the claim, and within 45 degrees."""
+    little = Statistic(0.3, 72, (0.29, 0.31), 0.0002)
+    beside = replace(FOLLOWED, detail={"heading": 0.7})
+    toward = replace(FOLLOWED, detail={"heading": 0.72})
+    assert verdict(named=little).camera.label == "camera_content"
+    assert verdict(follow=beside).camera.label == "camera_content"
+    assert "46 degrees" in verdict(follow=beside).camera.why_not
+    assert verdict(follow=toward).camera.label == "object_grounded"
+
+
+def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
+    """By its name; a guard only fails where the whole does not fit."""
+    small = Statistic(0.4, 72, detail={"offset": 0.1, "spread": 9.0, "spread_of": "dx", "offset_of": "dy"})
+    found = verdict(misfit=small)
+    assert found.guards == {}
+    assert any(one.startswith("The spread of 'dx' is another by a factor of 9") for one in found.remarks)
