@@ -135,10 +135,10 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parent)
 
 
-def judged(bank: FrameBank, out: Path, name: str, seed: int = 0) -> PolicyVerdict:
-    """Return the verdict on a policy that is asked all that there is."""
+def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 2) -> PolicyVerdict:
+    """Return the verdict on a policy that is asked all that there is, twice where it draws its answers."""
     spec = f"python:{__name__}:{name}"
-    policy.run(policy.plan(bank.root, [spec], out, seed=seed, extent=Extent(answers=2)))
+    policy.run(policy.plan(bank.root, [spec], out, seed=seed, extent=Extent(answers=answers)))
     return judge(policy.score(out))[spec]
 
 
@@ -177,7 +177,7 @@ def test_nothing_is_absent_at_one_seed_that_another_changes(bank: FrameBank, tmp
 
 def test_a_camera_that_decides_how_answers_scatter_is_not_ignored(bank: FrameBank, tmp_path: Path) -> None:
     """Though no mean changes with it."""
-    found = judged(bank, tmp_path / "run", "trembles")
+    found = judged(bank, tmp_path / "run", "trembles", answers=4)
     assert (found.camera.label, found.state.label) == ("undecided", "state_used")
     assert "how its answers scatter changes" in found.camera.because
 
