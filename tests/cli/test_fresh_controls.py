@@ -114,7 +114,7 @@ def test_a_bank_that_cannot_be_drawn_again_is_refused_and_nothing_stays(
     assert not (tmp_path / "run" / "bank").exists()
     code, said = say(*asked(bank.root, tmp_path / "run", "--shard", "1/2"))
     assert code == 2
-    assert "frames build --controls-seed N" in said
+    assert "frames build SIMULATOR --controls-seed N" in said
     plain = [word for word in asked(bank.root, tmp_path / "plain") if word != "--fresh-controls"]
     assert say(*plain)[0] == 0
     code, said = say(*asked(bank.root, tmp_path / "plain"))

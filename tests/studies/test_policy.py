@@ -164,8 +164,8 @@ def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: F
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
     found = policy.score(tmp_path / "run").models
     drawn, fixed = (found[spec] for spec in specs)
-    assert (drawn.drawn, drawn.motions.finished) == (True, 48 * (4 + 3 * 3))
-    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 5, "seven")
+    assert (drawn.drawn, drawn.motions.finished) == (True, 48 * (5 + 3 * 4))
+    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 6, "seven")
     assert fixed.statistics["noise"].value == pytest.approx(drawn.statistics["noise"].value, abs=0.1)
     shares = [one.statistics["T.swapped@cameras"] for one in (drawn, fixed)]
     assert shares[0].p < 0.01

@@ -356,7 +356,7 @@ class _Taken:
         and in all of them, since what alternates along the horizon has no mean.
         """
         apart, *before = self._motions.remembered()
-        parts = (apart.mean(axis=1), apart.reshape(len(apart), -1))
+        parts = (apart.mean(axis=1), apart.reshape(len(apart), apart.shape[1] * apart.shape[2]))
         found = [memory_share(part, one, seed=key_seed("memory")) for part in parts for one in before]
         return min(found, key=lambda one: 2.0 if one.p is None else one.p)
 
