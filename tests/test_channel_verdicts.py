@@ -525,10 +525,13 @@ def test_places_are_held_against_what_was_answered(state: Statistic, reads: Stat
 
 def test_an_object_is_followed_because_it_is_named_and_towards_it() -> None:
     """By the margin of the claim, and within 45 degrees."""
-    little = Statistic(0.3, 72, (0.29, 0.31), 0.0002)
+    little = Statistic(0.2, 72, (0.15, 0.25), 0.0002)
+    less = Statistic(0.29, 72, (0.28, 0.30), 0.0002)
     beside = replace(FOLLOWED, detail={"heading": 0.7})
     toward = replace(FOLLOWED, detail={"heading": 0.72})
     assert verdict(named=little).camera.label == "camera_content"
+    assert "less than half" in verdict(named=less).camera.why_not
+    assert verdict(named=Statistic(0.3, 72, (0.16, 0.44), 0.0002)).camera.label == "object_grounded"
     assert verdict(follow=beside).camera.label == "camera_content"
     assert "46 degrees" in verdict(follow=beside).camera.why_not
     assert verdict(follow=toward).camera.label == "object_grounded"

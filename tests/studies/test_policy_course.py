@@ -182,7 +182,7 @@ def test_runs_whose_motions_mean_something_else_are_neither_compared_nor_resumed
         course_of(scores)
     found = CliRunner().invoke(app, ["compare", *(str(tmp_path / f"run-{kind}") for kind in banks)])
     assert found.exit_code != 0
-    with pytest.raises(LedgerError, match="this run has motion with kind delta, now motion with kind absolute.* was"):
+    with pytest.raises(LedgerError, match=r"has motion with kind delta, .*now motion with kind absolute, .* was"):
         policy.plan(banks["absolute"].root, ["python:arm_logs:by_front"], tmp_path / "run-delta")
     longer = arm_bank(tmp_path / "longer", kind="delta", horizon=3)
     with pytest.raises(LedgerError, match="this run has motion with horizon 2, now motion with horizon 3 was"):

@@ -12,6 +12,7 @@ from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.uses import (
     ALPHA,
+    BECAUSE,
     COLOURED,
     EVERYTHING,
     FOLLOWED,
@@ -209,7 +210,9 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
             f"its way is {off:.0f} degrees off that of the moved object, and goes {way(gain)} of the oracle's along it"
         )
         return replace(plain, why_not=why)
-    if not followed(rather := statistics.get(control), FOLLOWED):
+    rather = statistics.get(control)
+    half = rather is not None and 2 * (rather.value or 0.0) >= (gain.value or 0.0)
+    if not (followed(rather, BECAUSE) and half):
         apart = (
             f"where it is named an object is followed {way(rather)} of the oracle's way farther; {unfollowed(rather)}"
         )
