@@ -213,9 +213,8 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
     rather = statistics.get(control)
     half = rather is not None and 2 * (rather.value or 0.0) >= (gain.value or 0.0)
     if not (followed(rather, BECAUSE) and half):
-        apart = (
-            f"where it is named an object is followed {way(rather)} of the oracle's way farther; {unfollowed(rather)}"
-        )
+        open_ = unfollowed(rather) if half else "that is less than half of it"
+        apart = f"where it is named an object is followed {way(rather)} of the oracle's way farther; {open_}"
         why = f"that it is followed because it is named is not shown: {apart}"
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(rather) else "")
     words = (
