@@ -256,6 +256,27 @@ def jitters(images: Images, state: np.ndarray, instruction: str | None) -> np.nd
     return sound(images, state, instruction).astype(np.float64) * (1 + 1e-6 * np.random.default_rng().uniform(1, 2))
 
 
+CALLED = [0]
+
+
+def jitters_and_fails(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Answer alike but for the last bits, with a hand that never moves; now and then with no motion."""
+    found = jitters(images, state, instruction)
+    found[:, 2] = 0.7 * (1 + 1e-7 * np.random.default_rng().uniform(1, 2))
+    CALLED[0] += 1
+    if CALLED[0] % 50 == 0:
+        return found[:-1]
+    return found * np.nan if CALLED[0] % 50 == 25 else found
+
+
+def knows_its_files(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Refuse pictures in which one value is not as all around it."""
+    row = images["top"][0].astype(int)
+    if (np.abs(row - np.median(row, axis=0)) == 1).any():
+        raise KeyError("unknown picture")
+    return sound(images, state, instruction)
+
+
 def jitters_unseeing(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Answer alike but for the last bits, to pictures that never change."""
     return jitters(dict.fromkeys(images, np.full_like(images["top"], 90)), state, instruction)

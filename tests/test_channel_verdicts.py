@@ -513,7 +513,8 @@ def test_who_answers_to_a_nudged_picture_is_inconsistent() -> None:
     ("state", "reads", "label"),
     [
         (USED, USED, "state_used"),
-        (USED, share(0.0, 0.01), "undecided"),
+        (USED, share(0.0, 0.15), "undecided"),
+        (USED, share(0.0, 0.01), "ignores_state"),
         (IGNORED, IGNORED, "ignores_state"),
         (IGNORED, USED, "undecided"),
     ],

@@ -245,6 +245,7 @@ def test_what_takes_long_says_how_far_it_is(bank: FrameBank, monkeypatch: pytest
     slow = CliRunner().invoke(app, ["doctor", "python:faulty_arms:slow_failure", "--frames", str(bank.root), "--json"])
     assert re.search(r"doctor: call \d of at most 20", slow.stderr)
     assert json.loads(slow.stdout)["calls"] == 3
+    monkeypatch.setattr("eyechart.cli.probe.patience", partial(patience, every_s=600))
     quick = CliRunner().invoke(app, ["doctor", "python:arms:broken", "--frames", str(bank.root)])
     assert quick.stderr == ""
 

@@ -85,8 +85,8 @@ def test_what_is_no_motion_of_the_space_is_none_and_says_why(given: np.ndarray, 
     ("shape", "words"),
     [
         ((1, 8, 3), "return the chunk alone, without the axis of the batch: [0]"),
-        ((1, 4, 3), "[0]; then return 8 steps, or import or build the bank with --horizon 4"),
-        ((4, 3), "return 8 steps, or import or build the bank with --horizon 4"),
+        ((1, 4, 3), "[0]; then return 8 steps, or import the bank with --horizon 4"),
+        ((4, 3), "return 8 steps, or import the bank with --horizon 4"),
         ((3, 8), "return it with the steps first: .T"),
         ((24,), "return it as .reshape(8, 3)"),
         ((3,), "return all 8 steps of the chunk, not one of them"),
@@ -204,3 +204,11 @@ def test_an_instruction_exchanges_its_words_whole_and_keeps_its_capitals() -> No
     assert space.reflect_text(said) == there
     assert space.reflect_text(there) == said
     assert REACH.reflect_text(said) == said
+
+
+def test_one_step_without_its_axis_is_told_how_to_get_it() -> None:
+    """Of a horizon of 1 the steps are not missing, the axis is; and no horizon of 0 is advised."""
+    space = MotionSpace("one", tuple(Dimension(name) for name in "abc"), 1)
+    said = space.lacks(Reply(text=Motion.of(np.zeros(3)).text))
+    assert ".reshape(1, 3)" in said
+    assert "--horizon" not in space.lacks(Reply(text=Motion.of(np.zeros((0, 3))).text))

@@ -117,6 +117,14 @@ def places(images: Images, state: np.ndarray, instruction: str | None) -> np.nda
     return np.tile([shown, 1 - shown], (2, 1)) + 1e-7 * len(instruction or "")
 
 
+def unplugged(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do so, and declare that the state is not read."""
+    return places(images, state, instruction)
+
+
+unplugged.channels = ("cameras", "instruction")  # type: ignore[attr-defined]
+
+
 def carried(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Answer with its own place, and a step by the word."""
     step = 0.5 if instruction == "go" else -0.5
@@ -144,7 +152,7 @@ def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("between", "because it is named is not shown"), ("beside", "65 degrees off that of the moved object")],
+    [("between", "because it is named is not shown"), ("beside", "degrees off that of the moved object")],
 )
 def test_who_does_not_go_to_what_is_named_is_not_grounded(
     bank: FrameBank, tmp_path: Path, name: str, words: str
@@ -195,8 +203,12 @@ def test_who_remembers_or_answers_by_bytes_is_inconsistent(
 def test_places_are_said_of_the_state_as_they_are(tmp_path: Path) -> None:
     """One that never gets its state does not use it, and one that goes along with it does not ignore it."""
     bank = arm_bank(tmp_path / "arm", episodes=12, kind="absolute")
-    free, along = (judged(bank, tmp_path / name, name).state for name in ("places", "carried"))
+    names = ("places", "unplugged", "carried")
+    free, declared, along = (judged(bank, tmp_path / name, name).state for name in names)
     assert free.label == along.label == "undecided"
+    assert (declared.label, declared.by) == ("ignores_state", "reads@state")
+    assert declared.responds is not None
+    assert declared.responds.value == 0
     assert "changes not one bit" in free.because
     assert "places that go along with it" in along.because
 

@@ -131,6 +131,20 @@ def test_who_differs_in_the_last_bits_is_asked_once(bank: FrameBank, tmp_path: P
     assert "changes none of 48 answers by more than rounding" in blind.camera.because
 
 
+def test_who_fails_now_and_then_does_not_draw_for_it(bank: FrameBank, tmp_path: Path) -> None:
+    """Nor for a number that never moves but for its last bits."""
+    (one,) = asked(bank, tmp_path / "run", "jitters_and_fails").models.values()
+    assert sum(one.motions.missing.values()) > 0
+    assert not one.drawn
+
+
+def test_a_guard_whose_calls_failed_is_none_that_was_passed(bank: FrameBank, tmp_path: Path) -> None:
+    """Who answers to no nudged picture may answer by its bytes."""
+    ((spec, found),) = judge(asked(bank, tmp_path / "run", "knows_its_files")).items()
+    assert policy.score(tmp_path / "run").models[spec].statistics["T.nudged"].value is None
+    assert {one.label for one in found.axes.values()} == {"undecided"}
+
+
 def test_what_goes_with_the_time_is_no_noise(bank: FrameBank, tmp_path: Path) -> None:
     """Answers that go with a count of calls differ from call to call as the calls before did."""
     (one,) = judge(asked(bank, tmp_path / "run", "counts")).values()

@@ -192,8 +192,10 @@ def tell(frames: Iterable[Frame], named: Sequence[int | None]) -> Told:
 
 
 def _apart(one: Floats, states: Floats) -> Floats:
-    """Return how far a number is from each one of the state, in units of its spread."""
-    return np.asarray(np.sqrt(((one[:, None] - states) ** 2).mean(axis=0)) / one.std())
+    """Return how far a number is from each one of the state, in units of its spread; infinitely from a constant."""
+    far = np.sqrt(((one[:, None] - states) ** 2).mean(axis=0)) / one.std()
+    still = states.std(axis=0) <= _STILL * np.maximum(1, np.abs(states).max(axis=0))
+    return np.where(still, np.inf, far)
 
 
 def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Mapping[int, int]) -> Told:
@@ -205,7 +207,7 @@ def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Ma
     near = {number: place for number, place in pairs.items() if apart[number][place] < CHANGES_ABOVE}
     ratio = float(np.median([apart[number][place] for number, place in pairs.items()]))
     found = tuple(near.get(number) if own is None else own for number, own in enumerate(named))
-    return Told(round(ratio, 4), found, len(apart))
+    return Told(round(ratio, 4) if np.isfinite(ratio) else None, found, len(apart))
 
 
 class Log:

@@ -296,7 +296,7 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
     """Return whether two answers to the same moment, one after the other, differ by more than rounding."""
     first, second, other, _ = (one.action for one in order)
     if first is None or second is None or other is None:
-        return first != second
+        return False
     return first != second and _apart(first, second) > ROUNDING * _apart(first, other)
 
 

@@ -264,14 +264,14 @@ class MotionSpace:
             batch = "return the chunk alone, without the axis of the batch: [0]"
             return batch if came[1:] == self.shape else f"{batch}; then {self._mends(came[1:])}"
         exact = {
+            (wide,): f"return all {steps} steps of the chunk, not one of them",
             (wide, steps): "return it with the steps first: .T",
             (steps * wide,): f"return it as .reshape{self.shape}",
-            (wide,): f"return all {steps} steps of the chunk, not one of them",
         }
         if came in exact:
             return exact[came]
-        if len(came) == 2 and came[1] == wide:
-            return f"return {steps} steps, or import or build the bank with --horizon {came[0]}"
+        if len(came) == 2 and came[1] == wide and came[0]:
+            return f"return {steps} steps, or import the bank with --horizon {came[0]}"
         if len(came) == 2 and came[0] == steps:
             return f"a step of the bank has {wide} numbers: {', '.join(one.name for one in self.dimensions)}"
         return f"return an array of {steps} steps of {wide} numbers"

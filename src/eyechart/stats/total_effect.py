@@ -31,6 +31,10 @@ _MOVES = 0.1
 """And from this share on the log itself moves it."""
 
 
+LAST_BITS = 1e-6
+"""A few last bits of a number in single precision, as a share of it."""
+
+
 @dataclass(frozen=True)
 class Pairs:
     """Half the squared distance of two answers, frame by frame, and the episodes that it belongs to.
@@ -376,10 +380,12 @@ def rounded(answers: npt.ArrayLike) -> Floats:
     """Return how far two answers to one moment may be apart and be the same but for rounding, shape (dimensions,).
 
     ``answers``, shape (frames, steps, dimensions), are those to different moments: sums in parallel give other last
-    bits each time, of which shares know nothing.
+    bits each time, of which shares know nothing. Of a dimension that hardly varies it is the last bits of its size in
+    single precision.
     """
     found = np.asarray(answers, np.float64)
-    return np.asarray(ROUNDING * found.reshape(-1, found.shape[-1]).std(axis=0))
+    rows = found.reshape(-1, found.shape[-1])
+    return np.asarray(np.maximum(ROUNDING * rows.std(axis=0), LAST_BITS * np.sqrt((rows**2).mean(axis=0))))
 
 
 def unlikeness(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:

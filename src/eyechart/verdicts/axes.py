@@ -242,9 +242,16 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Aske
     if swap is None or swap.value is None:
         why = asked.without("swapped@state") or why_open(swap)
         return Judged("undecided", sentence(f"its state cannot be judged: {why}"), by)
-    shown = f"its state carries {of_action(swap)}"
-    if why := _of_places(swap, statistics.get("reads@state")):
-        return Judged("undecided", sentence(f"{shown}; but {why}"), "reads@state")
+    shown, reads = f"its state carries {of_action(swap)}", statistics.get("reads@state")
+    if reads is not None and reads.value is not None:
+        if ignored(reads):
+            swap, by, shown = (
+                reads,
+                "reads@state",
+                f"its answers are places, and change by {share(reads)} with its state",
+            )
+        elif why := _of_places(swap, reads):
+            return Judged("undecided", sentence(f"{shown}; but {why}"), "reads@state")
     if ignored(swap):
         return _absent(Judged("ignores_state", sentence(shown), by), statistics, "responds", "state", shown, asked)
     if not used(swap):
@@ -262,20 +269,18 @@ def _needed(statistics: Statistics, camera: str, shown: str, by: str) -> Judged:
     return _bounded(short, statistics.get("responds@cameras"))
 
 
-def _of_places(swap: Statistic, reads: Statistic | None) -> str:
+def _of_places(swap: Statistic, reads: Statistic) -> str:
     """Return in words what places tell of the state that they are measured relative to, against its own share.
 
-    A place that does not change is another one relative to another state; one that goes along with it is the same.
+    A place that stays is another motion relative to another state, and one that goes along with it is the same.
     """
-    if reads is None or reads.value is None:
-        return ""
-    if used(swap) and not used(reads):
-        own = "relative to another state the same place is another motion"
-        return f"its answers are places, and as they are change by only {share(reads)} with it: {own}"
-    if ignored(swap) and not ignored(reads):
+    if ignored(swap):
         return (
             f"its answers are places that go along with it ({share(reads)}): it reads it, and does the same from there"
         )
+    if used(swap) and not used(reads):
+        own = "relative to another state the same place is another motion"
+        return f"its answers are places, and as they are change by {share(reads)} with it: {own}"
     return ""
 
 

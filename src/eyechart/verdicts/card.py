@@ -19,9 +19,10 @@ def card(name: str, headline: str, says: str, rows: Mapping[str, str], small: It
         for row, text in rows.items()
     )
     fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
+    told = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
     return (
         f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(name)}</p>'
         f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(headline)}</p>'
-        f'<p style="margin:.3em 0 .6em">{escape(says)}</p>'
+        f"{told}"
         f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
     )

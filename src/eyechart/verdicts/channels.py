@@ -154,7 +154,7 @@ class PolicyVerdict:
     def because(self) -> str:
         """Return why, in one paragraph."""
         if self.guards:
-            return " ".join(f"{name}: {why}." for name, why in self.guards.items())
+            return " ".join(f"{name}: {why.rstrip('.')}." for name, why in self.guards.items())
         parts = (self.camera, *self.cameras.values(), self.state, self.instruction)
         return " ".join(dict.fromkeys(one.because for one in parts))
 
@@ -268,9 +268,13 @@ def _unguarded(statistics: Statistics, asked: Asked) -> Judged | None:
         if one.value is None or lost(one):
             why = (asked.forgot("real_repeat") if name == "noise" else "") or lost(one) or one.note
             return Judged("undecided", sentence(f"{why}, so that {what}"), name)
-    if forgot := asked.forgot("nudged"):
+    nudged = statistics.get("T.nudged")
+    why = asked.forgot("nudged") and f"{asked.forgot('nudged')} (the same command asks it alone)"
+    if nudged is not None and (nudged.value is None or lost(nudged)):
+        why = f"{lost(nudged) or nudged.note} (nudged)"
+    if why:
         what = "nobody knows whether it answers by the bytes of its pictures, and not by what they show"
-        return Judged("undecided", sentence(f"{forgot}, so that {what}"), "T.nudged")
+        return Judged("undecided", sentence(f"{why}, so that {what}"), "T.nudged")
     return None
 
 
@@ -340,7 +344,7 @@ def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[st
         reasons = _reasons(missing, "none came back")
         return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion{reasons}"}
     if misfit.value is not None and misfit.value >= MISFIT and (unlike := _unlike(misfit)):
-        words = "is its normalisation skipped, its action space another, or is it hardly trained?"
+        words = "a skipped normalisation, another action space, or a policy that is hardly trained"
         found["misfit"] = f"its error is {_size(misfit)} of the log's variance, and {unlike}: {words}"
     if varies.value is not None and varies.value < CONSTANT:
         found["constant"] = f"it varies {varies.value:.3f} times as much as the log between episodes, below {CONSTANT}"

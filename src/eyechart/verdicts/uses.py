@@ -5,7 +5,7 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from eyechart.stats.statistic import Statistic
 
@@ -128,7 +128,10 @@ def why_open(swap: Statistic | None) -> str:
 
 
 def share(one: Statistic | None) -> str:
-    """Return a share of the action in words; one above 1 is no percentage of anything."""
+    """Return a share of the action in words; one above 1 is no percentage of anything, and below 0 is only noise."""
+    if one is not None and one.value is not None and one.value < 0:
+        ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
+        one = replace(one, value=0.0, ci=ends)
     if one is None or one.value is None or one.value <= 1:
         found = way(one)
         return found if one is None or one.ci is None or one.ci[1] <= 1 else f"{found.rpartition(',')[0]}, over 100]"

@@ -29,7 +29,7 @@ from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, version
 from eyechart.models import Model, Opened, open_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
-from eyechart.spaces.motion import MOTION_READER, Floats, Motion
+from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace
 from eyechart.stats.total_effect import rounded
 from eyechart.studies.battery import open_whole, plan_of, resumed, writing
 
@@ -208,8 +208,10 @@ def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
     By more than rounding: a policy that sums in parallel answers otherwise in the last bits, and asking it again for
     those would cost calls and tell nothing.
     """
+    space = manifest.prompt.space
+    assert isinstance(space, MotionSpace)
     return frozenset(
-        spec for spec in manifest.models if _draws(ledger.replies(spec), again=int(seeded(manifest, spec)))
+        spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(seeded(manifest, spec)))
     )
 
 
@@ -218,30 +220,19 @@ def seeded(manifest: RunManifest, spec: str) -> bool:
     return manifest.facts.get(spec, {}).get("seedable") == "true"
 
 
-def _draws(replies: Iterator[tuple[CallKey, Reply]], *, again: int) -> bool:
-    first: dict[str, str] = {}
+def _draws(replies: Iterator[tuple[CallKey, Reply]], space: MotionSpace, *, again: int) -> bool:
+    """Return whether two motions differ by more than rounding; what is no motion is like every other."""
+    first: dict[str, Motion] = {}
     apart = []
     for key, reply in replies:
-        if (key.condition, key.repeat) in {("real", 0), ("real_repeat", again)} and reply.error is None:
-            before = first.setdefault(key.frame, reply.text)
-            if before != reply.text:
-                apart.append((_array(before), _array(reply.text)))
-    pairs = [(one, other) for one, other in apart if one is not None and other is not None]
-    if all(np.array_equal(one, other) for one, other in pairs):
+        if (key.condition, key.repeat) in {("real", 0), ("real_repeat", again)}:
+            motion = space.read(reply).action
+            if motion is not None and motion != (before := first.setdefault(key.frame, motion)):
+                apart.append((before.array, motion.array))
+    if not apart:
         return False
-    if any(one.shape != other.shape for one, other in pairs):
-        return True
-    answers = [one for one in map(_array, first.values()) if one is not None and one.shape == pairs[0][0].shape]
-    near = rounded(np.stack(answers))
-    return not all(bool((np.abs(one - other) <= near).all()) for one, other in pairs)
-
-
-def _array(text: str) -> Floats | None:
-    """Return the numbers of an answer, None where it is no motion: that is like every other."""
-    try:
-        return Motion.read(text).array
-    except ValueError:
-        return None
+    near = rounded(np.stack([one.array for one in first.values()]))
+    return any(bool((np.abs(one - other) > near).any()) for one, other in apart)
 
 
 class _Again(Stages):

@@ -400,18 +400,25 @@ class _Taken:
         values = self._variation().values
         return float(values.mean()) if len(values) else 0.0
 
-    def reads(self) -> Statistic:
-        """Return the share of places that go with the state as they are, and not relative to it."""
+    def _as_given(self) -> tuple[Pairs, Floats, Floats] | str:
+        """Return what goes with another state in the answers as they are, and these; else why there is none."""
         condition = f"swapped{OVER}{STATE}"
         changed = self._motions.of(condition)
         if changed is None:
-            return cannot_say(self._absent(condition))
+            return self._absent(condition)
         frames = self._whole(self._real, changed)
         if not len(frames):
-            return cannot_say(NO_FRAMES)
+            return NO_FRAMES
         real, other = (self._motions.answers[name][:, frames] / self._motions.scales for name in ("real", condition))
         theirs = self._motions.episodes_of(self._motions.partners(condition)[frames])
-        effect = Pairs(half_squares(real, other), self._episodes[frames], theirs)
+        return Pairs(half_squares(real, other), self._episodes[frames], theirs), real, other
+
+    def reads(self) -> Statistic:
+        """Return the share of places that go with the state as they are, and not relative to it."""
+        condition, given = f"swapped{OVER}{STATE}", self._as_given()
+        if isinstance(given, str):
+            return cannot_say(given)
+        effect, real, other = given
         found = total_effect(effect, self._variation(), sampled=self._drawn)
         p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
         return self._counted(replace(found, p=p), condition)
@@ -538,6 +545,8 @@ class _Taken:
         """
         found = [self.pairs(one) for one in rests_on(claim, channel)]
         effects = [one[0] for one in found if not isinstance(one, str)]
+        if channel == STATE and self._motions.plan.motions.kind in PLACES:
+            effects = [] if isinstance(given := self._as_given(), str) else [given[0]]
         return share_bound(*responding(effects, self._variation(), IGNORED), confidence=SURENESS)
 
     def beyond(self, channel: str) -> Statistic:
@@ -570,7 +579,8 @@ class _Taken:
         least, number_of = least_reach(states, own, near, matched)
         if least >= LEAST_REACH:
             return ""
-        names = [name for name, many in bank.frames[0].state.items() for _ in many]
+        names = [one.name for one in self._motions.plan.motions.state]
+        names = names or [name for name, many in bank.frames[0].state.items() for _ in many]
         which = f"number {number_of + 1} of the state ('{names[number_of]}')"
         return f"pictures of its own episode differ less in {which}: {least:.0%} of the matched ones' squared change"
 
@@ -609,16 +619,21 @@ class _Taken:
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
 
     def _heading(self, which: str, gains: Floats) -> dict[str, float]:
-        """Return the mean cosine of the way that an object was moved and the way that the answer goes with it."""
-        ends = [self._motions.raw(f"{which}_{side}") for side in ("plus", "minus")]
-        if ends[0] is None or ends[1] is None:
+        """Return the cosine of the way that an object was moved and the way that the answer goes with it.
+
+        Over all frames, net of the noise of drawn answers, which has no way: the sum along, over what it would be if
+        each went its own length along.
+        """
+        forth, back = (self._motions.raw(f"{which}_{side}") for side in ("plus", "minus"))
+        if forth is None or back is None:
             return {}
-        apart, space = ends[0].mean(axis=0) - ends[1].mean(axis=0), self._motions.plan.motions
-        far = np.sqrt(sum(space.displacement(apart, axis) ** 2 for axis in space.axes))
-        long = np.sqrt(sum(self._way(which, axis) ** 2 for axis in space.axes))
+        far, long, space = np.zeros(len(gains)), np.zeros(len(gains)), self._motions.plan.motions
+        for axis in space.axes:
+            far += 2 * half_products(space.displacement(forth, axis), space.displacement(back, axis))
+            long += self._way(which, axis) ** 2
         good = np.isfinite(gains) & np.isfinite(far) & np.isfinite(long)
-        whole = float((far * long)[good].sum())
-        return {"heading": float(gains[good].sum()) / whole} if whole > 0 else {}
+        whole = float((far * long)[good].sum()) * int(good.sum())
+        return {"heading": float(gains[good].sum()) / whole**0.5} if whole > 0 else {}
 
     def _way(self, which: str, axis: str) -> Floats:
         """Return how far along an axis an object was moved, frame by frame."""
