@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eyechart.stats.partners import NOBODY, balanced_partners, least_reach, matched_partners, near_partners
+from eyechart.stats.partners import NOBODY, balanced_partners, matched_partners, near_partners, reaches
 
 
 @settings(max_examples=60, deadline=None)
@@ -73,9 +73,9 @@ def test_a_near_partner_is_as_far_off_in_every_number() -> None:
     near = near_partners(episodes, states, matched)
     assert list(near) == [2, NOBODY, NOBODY, NOBODY]
     here = np.array([0])
-    assert least_reach(states, here, near[here], matched[here]) == (pytest.approx(1.0), 0)
-    assert least_reach(states, here, np.array([1]), matched[here]) == (0.0, 0)
-    assert least_reach(states, here, np.array([1]), here)[0] == np.inf
+    assert list(reaches(states, here, near[here], matched[here])) == [pytest.approx(1.0), np.inf]
+    assert list(reaches(states, here, np.array([1]), matched[here])) == [0.0, np.inf]
+    assert set(reaches(states, here, np.array([1]), here)) == {np.inf}
 
 
 def test_a_partner_by_state_has_another_value() -> None:

@@ -94,18 +94,17 @@ def near_partners(
     return found
 
 
-def least_reach(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> tuple[float, int]:
-    """Return the least ratio, over the numbers of the state, of two mean squared changes, and of which number it is.
+def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> npt.NDArray[np.float64]:
+    """Return for each number of the state the ratio of two mean squared changes, shape (d,).
 
     That of ``frames`` to their partners of their own episode over that to their matches; ``states`` has shape (n, d),
-    the others are places in it. Below 1 a change of that number is smaller than the match's. A number that no match
-    changes has no ratio; infinite where none does.
+    the others are places in it. Below 1 a change of that number is smaller than the match's. Infinite for a number that
+    no match changes.
     """
     given = np.asarray(states, np.float64)
     own, theirs = (((given[places] - given[frames]) ** 2).mean(axis=0) for places in (near, matched))
     moved = theirs > TIE * given.var(axis=0)
-    ratios = np.where(moved, own, np.inf) / np.where(moved, theirs, 1.0)
-    return float(ratios.min(initial=np.inf)), int(ratios.argmin()) if len(ratios) else 0
+    return np.where(moved, own, np.inf) / np.where(moved, theirs, 1.0)
 
 
 def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np.float64]:

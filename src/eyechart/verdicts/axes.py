@@ -178,6 +178,10 @@ def _content(statistics: Statistics, channel: str, shown: str, asked: Asked) -> 
     beyond, near = statistics.get(f"beyond@{channel}"), f"near@{channel}"
     colours = _exchanged(statistics, channel)
     also = "" if colours is None else f"; the objects' colours exchanged change {share(colours)}"
+    if (still := _never_moved(beyond)) and not (used(colours, COLOURED) or followed(gain, FOLLOWED)):
+        never = "which never changes within an episode"
+        shown = f"{shown}; what the picture tells of {still} of the state, {never}, counts too"
+        plain = replace(plain, because=sentence(shown))
     if used(beyond) or used(colours, COLOURED) or followed(gain, FOLLOWED):
         return plain if channel != "cameras" else _grounded(plain, statistics, shown, asked)
     if beyond is not None and beyond.value is not None:
@@ -189,6 +193,12 @@ def _content(statistics: Statistics, channel: str, shown: str, asked: Asked) -> 
         why = f"without a picture of its own episode it may read its own pose: {why}{also}"
         return Judged("undecided", sentence(f"{shown}; {why}"), f"beyond@{channel}")
     return plain if channel != "cameras" else _grounded(plain, statistics, shown, asked)
+
+
+def _never_moved(beyond: Statistic | None) -> str:
+    """Return in words which numbers of the state no picture of the own episode shows otherwise."""
+    still = ((beyond.detail if beyond is not None else None) or {}).get("still")
+    return ", ".join(map(str, still)) if isinstance(still, list) else ""
 
 
 def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -> Judged:

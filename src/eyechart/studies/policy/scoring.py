@@ -39,7 +39,7 @@ from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
-from eyechart.stats.partners import NOBODY, Places, least_reach
+from eyechart.stats.partners import NOBODY, Places, reaches
 from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.stats.total_effect import (
@@ -80,6 +80,8 @@ NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
 LEAST_REACH = 0.8
 """A picture of the own episode is as far off as the matched one where each number changes by so much of its square."""
+STILL = 1e-3
+"""A number of the state that changes by less of it never changes within an episode."""
 NOT_SHOWN = "no frame of the run can be shown it"
 NO_FRAMES = "no frame has both answers"
 
@@ -560,29 +562,36 @@ class _Taken:
         frames = self._whole(self._real, matched, near)
         if not len(frames):
             return cannot_say(NO_FRAMES)
-        if short := self._short(channel, frames):
+        short, still = self._short(channel, frames)
+        if short:
             return cannot_say(short, len(frames))
         real, own = self._real[:, frames], self._episodes[frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
         alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
         found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
+        if still:
+            found = replace(found, detail={**(found.detail or {}), "still": still})
         return self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
 
-    def _short(self, channel: str, frames: Places) -> str:
-        """Return in words in which number of the state pictures of the own episode are nearer than the matched ones."""
-        bank = self._motions.plan.bank
+    def _short(self, channel: str, frames: Places) -> tuple[str, list[str]]:
+        """Return in words in which number of the state pictures of the own episode are nearer than the matched ones.
+
+        And which numbers never change within an episode: where they are the fewer ones, nobody can be held to them.
+        """
+        bank, space = self._motions.plan.bank, self._motions.plan.motions
         states = np.array([flat_state(frame.state) for frame in bank])
-        own, near, matched = (
-            self._motions.partners(name)[frames]
-            for name in ("real", *(f"{one}@{channel}" for one in ("near", "matched")))
-        )
-        least, number_of = least_reach(states, own, near, matched)
-        if least >= LEAST_REACH:
-            return ""
-        names = [one.name for one in self._motions.plan.motions.state]
-        names = names or [name for name, many in bank.frames[0].state.items() for _ in many]
-        which = f"number {number_of + 1} of the state ('{names[number_of]}')"
-        return f"pictures of its own episode differ less in {which}: {least:.0%} of the matched ones' squared change"
+        conditions = ("real", *(f"{one}@{channel}" for one in ("near", "matched")))
+        ratios = reaches(states, *(self._motions.partners(name)[frames] for name in conditions))
+        names = [one.name for one in space.state] or [name for name, many in bank.frames[0].state.items() for _ in many]
+        still = ratios < STILL
+        if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
+            ratios = np.where(still, np.inf, ratios)
+        if not len(ratios) or ratios.min() >= LEAST_REACH:
+            return "", [f"number {place + 1} ('{names[place]}')" for place in np.flatnonzero(still).tolist()]
+        worst = int(ratios.argmin())
+        which = f"number {worst + 1} of the state ('{names[worst]}')"
+        less = f"{ratios[worst]:.0%} of the matched ones' squared change"
+        return f"pictures of its own episode differ less in {which}: {less}", []
 
     def alike(self, channel: str) -> Statistic:
         """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
