@@ -29,6 +29,8 @@ from policies_by_hand import OPEN as OPEN_SHARE
 
 pytestmark = pytest.mark.slow
 
+FEW = ("real", "real_repeat", "nudged", "swapped@cameras", "matched@cameras", "blank")
+
 
 class Checkpoint:
     """A policy that goes by what it sees in part, and for the rest to the middle."""
@@ -93,7 +95,7 @@ def test_the_step_at_which_a_policy_stopped_looking_is_named(bank: FrameBank, tm
 def test_a_checkpoint_whose_guard_failed_is_not_compared(bank: FrameBank, tmp_path: Path) -> None:
     """It neither looks nor stops looking; its guard is named, and no share of it stands in a table or a figure."""
     specs = [f"{HERE}:{name}" for name in ("early", "halted", "late")]
-    policy.run(policy.plan(bank.root, specs, tmp_path / "run"))
+    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
     course = course_of([policy.score(tmp_path / "run")])
     said = list(course.says())
     assert said[0].endswith(f"not compared: guard constant of {specs[1]}, step 150")
@@ -152,7 +154,7 @@ def test_a_difference_that_is_rounding_is_none() -> None:
 def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path) -> None:
     """Exit 0; what was not asked about the same frames is refused, and so is one policy alone."""
     for name, limit in {"one": None, "two": None, "part": 30}.items():
-        planned = policy.plan(bank.root, [f"{HERE}:early"], tmp_path / name, extent=Extent(limit=limit))
+        planned = policy.plan(bank.root, [f"{HERE}:early"], tmp_path / name, conditions=FEW, extent=Extent(limit=limit))
         policy.run(planned)
     runs = [str(tmp_path / name) for name in ("one", "two", "part")]
     assert CliRunner().invoke(app, ["compare", *runs[:2]]).exit_code == 0
@@ -199,7 +201,7 @@ def test_a_replication_of_several_policies_compares_each_with_itself(bank: Frame
     """Not with whoever was asked after it: those two may well differ, and say nothing of the replication."""
     specs = [f"{HERE}:{one}" for one in ("stepless", "sightless")]
     for name, order in {"one": specs, "two": specs[::-1]}.items():
-        policy.run(policy.plan(bank.root, order, tmp_path / name))
+        policy.run(policy.plan(bank.root, order, tmp_path / name, conditions=FEW))
     found = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
     assert found.exit_code == 0, found.output
     said = json.loads(found.stdout)
