@@ -16,6 +16,7 @@ from eyechart.verdicts.channels import (
     judge_state,
 )
 from policies_by_hand import (
+    A_LITTLE,
     CHANNELS,
     FOLLOWED,
     GOOD,
@@ -536,6 +537,17 @@ def test_an_object_is_followed_because_it_is_named_and_towards_it() -> None:
     assert verdict(follow=beside).camera.label == "camera_content"
     assert "46 degrees" in verdict(follow=beside).camera.why_not
     assert verdict(follow=toward).camera.label == "object_grounded"
+
+
+def test_a_gate_cannot_say_what_may_be_so() -> None:
+    """Of an instruction that the log does not settle, where nothing is moved; and an interval above the margin does."""
+    open_ = Statistic(0.2, 72, (-0.3, 0.7), 0.2)
+    found = verdict(named=None, follow=None, **{"follow.logged": open_})
+    assert (found.instruction.label, found.instruction.may_be) == ("undecided", "instruction_followed")
+    assert hold_policies({"m": found}, ["instruction:instruction_followed"], {}).exit_code == 2
+    sure = verdict(named=None, follow=None, **{"follow.logged": Statistic(2.5, 72, (0.63, 4.4), 0.02)})
+    assert sure.instruction.label == "instruction_followed"
+    assert verdict(**{"named": A_LITTLE, "follow": UNFOLLOWED, "follow.logged": open_}).instruction.label == "undecided"
 
 
 def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:

@@ -343,7 +343,7 @@ def _by_the_log(statistics: Statistics, shown: str) -> Judged:
     nearer = f"its own brings it nearer to what was logged by {way(logged)} of what both differ by"
     if opposed(logged):
         return Judged("undecided", sentence(f"{shown}, but {nearer}: the other way"), "follow.logged")
-    if followed(logged, HEARD):
+    if followed(logged, HEARD) or (not moved and _surely_above(logged, HEARD)):
         what = "that it follows an object is not shown" if moved else "the bank moves no object"
         open_ = f"whether it goes to what is named is open: {what}"
         return Judged("instruction_followed", sentence(f"{shown}, and {nearer}"), "follow.logged", open_)
@@ -356,6 +356,11 @@ def _by_the_log(statistics: Statistics, shown: str) -> Judged:
         return Judged("undecided", sentence(f"{shown}, but {why}"), "follow.logged", may_be="instruction_followed")
     why = "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
     return Judged("instruction_followed", sentence(f"{shown}; {why}"), "T.swapped@instruction", why)
+
+
+def _surely_above(one: Statistic | None, least: float) -> bool:
+    """Return whether an interval is above a margin, of calls of which nearly all came back."""
+    return one is not None and one.ci is not None and not lost(one) and one.ci[0] > least
 
 
 def _absent(
