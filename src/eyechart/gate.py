@@ -153,11 +153,8 @@ def hold_policies(
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
             elif not holds and (found.label in OPEN or wanted == found.may_be):
                 holds = None
-                because = (
-                    f"{because} {found.why_not[0].upper()}{found.why_not[1:]}."
-                    if found.may_be and found.why_not
-                    else because
-                )
+                why = found.why_not if found.may_be else ""
+                because = f"{because} {why[0].upper()}{why[1:]}." if why else because
             kept = [one for one in (guards or {}).get(spec, ()) if isinstance(one, ServedGuard) and not one.holds]
             checks.append(_marked(Check(spec, name, holds, because), kept, terms))
     return Gate(tuple(checks))

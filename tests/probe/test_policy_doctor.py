@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from arm_logs import arm_bank
-from eyechart.channels import reads
 from eyechart.cli.app import app
 from eyechart.cli.terminal import patience
 from eyechart.errors import BankError, SpecError
@@ -18,7 +17,6 @@ from eyechart.frames import FrameBank
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _Asked, examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import MotionSpace
-from eyechart.verdicts.channels import _declared
 
 
 @pytest.fixture(scope="module")
@@ -248,12 +246,3 @@ def test_what_takes_long_says_how_far_it_is(bank: FrameBank, monkeypatch: pytest
     monkeypatch.setattr("eyechart.cli.probe.patience", partial(patience, every_s=600))
     quick = CliRunner().invoke(app, ["doctor", "python:arms:broken", "--frames", str(bank.root)])
     assert quick.stderr == ""
-
-
-@pytest.mark.parametrize(
-    "declared", [("cameras", "state"), ("camera:top",), ("camera:top", "camera:wrist"), ("state",)]
-)
-def test_the_doctor_and_the_verdict_take_a_declaration_alike(declared: tuple[str, ...]) -> None:
-    """Of all cameras together and of each."""
-    for channel in ("cameras", "camera:top", "camera:wrist", "state", "instruction"):
-        assert reads(channel, declared) == _declared(channel, declared)

@@ -1,5 +1,6 @@
 """What the reports on every kind of run have in common: verdicts by name, words, cards and a page."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
@@ -29,7 +30,7 @@ V = TypeVar("V", bound=_Judged)
 
 
 @dataclass(frozen=True, repr=False)
-class Read(Generic[S, V]):
+class Read(ABC, Generic[S, V]):
     """A run that was scored and judged: its folder, its score, and the verdict on each of whom it asked, by SPEC."""
 
     path: Path
@@ -67,9 +68,9 @@ class Read(Generic[S, V]):
         """Return the verdicts in words."""
         return "\n\n".join(map(str, self.verdicts.values()))
 
+    @abstractmethod
     def _scope(self) -> str:
         """Return the sentence that bounds what is said."""
-        raise NotImplementedError
 
 
 def row_of(who: str, spec: str, name: str, one: Statistic, **further: float | None) -> dict[str, object]:

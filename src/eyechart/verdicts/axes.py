@@ -255,11 +255,8 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Aske
     shown, reads = f"its state carries {of_action(swap)}", statistics.get("reads@state")
     if reads is not None and reads.value is not None:
         if ignored(reads):
-            swap, by, shown = (
-                reads,
-                "reads@state",
-                f"its answers are places, and change by {share(reads)} with its state",
-            )
+            swap, by = reads, "reads@state"
+            shown = f"its answers are places, and change by {share(reads)} with its state"
         elif why := _of_places(swap, reads):
             return Judged("undecided", sentence(f"{shown}; but {why}"), "reads@state")
     if ignored(swap):
@@ -422,8 +419,8 @@ def _controls(statistics: Statistics, claim: str, channel: str, asked: Asked) ->
 
 
 def _unasked_singles(asked: Asked) -> list[str]:
-    swaps = (name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith("swapped@camera:"))
-    return list(swaps)
+    """Return the single cameras that the bank could exchange and the run did not ask."""
+    return [name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith("swapped@camera:")]
 
 
 def _singles(statistics: Statistics) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
+from eyechart.channels import reads as is_read
 from eyechart.records import picked, plain
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import (
@@ -304,7 +305,7 @@ def _reached(found: Judged, statistics: Statistics, channel: str, what: str, rea
     alike = [(one.detail or {}).get("same") == 1.0 for one in (swap, *pictures) if one is not None]
     if found.label not in {*ABSENT, "undecided"} or swap is None or not all(alike):
         return found
-    if reads and not _declared(channel, reads):
+    if reads and not is_read(channel, reads):
         if found.label not in ABSENT:
             return found
         return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
@@ -326,13 +327,6 @@ def _pictures(channel: str) -> Iterator[str]:
     elif channel.startswith("camera:"):
         name = channel.partition(":")[2]
         yield from (f"matched@{channel}", f"blank@{name}", f"exchanged@{name}")
-
-
-def _declared(channel: str, reads: Sequence[str]) -> bool:
-    """Return whether a channel is among those that are read; all cameras stand for each, and one for all together."""
-    if channel == "cameras":
-        return any(one == channel or one.startswith("camera:") for one in reads)
-    return channel in reads or (channel.startswith("camera:") and "cameras" in reads)
 
 
 def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[str, str]:
