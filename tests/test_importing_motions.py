@@ -144,6 +144,18 @@ def test_the_data_tell_places_from_changes(
     assert (found.kind, found.pairs) == (kind, pairs)
 
 
+@pytest.mark.parametrize(("done", "kind"), [(AHEAD, "absolute"), (AHEAD - STATES, "delta")])
+@pytest.mark.parametrize("still", [1, 2])
+def test_numbers_of_a_state_that_stand_still_tell_nothing(done: np.ndarray, kind: str, still: int) -> None:
+    """And keep nothing back that the others tell, be they one or most; nothing is told where all stand still."""
+    states = STATES.copy()
+    states[:, -still:] = 1.0
+    found = tell(moments(done, states), (0, 1, 2))
+    assert (found.kind, found.pairs, found.count) == (kind, (0, 1, 2), 3 - still)
+    found = tell(moments(done, np.ones_like(states)), (0, 1, 2))
+    assert (found.ratio, found.kind, found.count) == (None, None, 0)
+
+
 def test_what_lies_between_places_and_changes_is_not_told() -> None:
     """Nor anything without a state."""
     noise = RNG.normal(size=STATES.shape) * STATES.std(axis=0)

@@ -137,8 +137,8 @@ class Told:
     """What the data say of logged numbers.
 
     ``ratio`` is how far they are from the numbers of the state that they are paired with, in units of their own spread
-    (root mean square; the median of the ``count`` numbers that vary), None where nothing can be paired. ``pairs`` has
-    the place of each one's number in the state, None where it has none.
+    (root mean square; the median of the ``count`` numbers whose partner varies), None where nothing can be paired.
+    ``pairs`` has the place of each one's number in the state, None where it has none.
     """
 
     ratio: float | None
@@ -205,9 +205,9 @@ def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Ma
     """
     pairs = {number: others[number] if (own := named[number]) is None else own for number in apart}
     near = {number: place for number, place in pairs.items() if apart[number][place] < CHANGES_ABOVE}
-    ratio = float(np.median([apart[number][place] for number, place in pairs.items()]))
+    known = [far for number, place in pairs.items() if np.isfinite(far := apart[number][place])]
     found = tuple(near.get(number) if own is None else own for number, own in enumerate(named))
-    return Told(round(ratio, 4) if np.isfinite(ratio) else None, found, len(apart))
+    return Told(round(float(np.median(known)), 4) if known else None, found, len(known))
 
 
 class Log:
