@@ -194,3 +194,27 @@ def test_a_call_that_was_given_up_does_not_abort_a_command_that_ends(bank: Frame
     with _run_hung(bank, tmp_path, 3, "--timeout-s", "0.2", "--max-calls", "4") as running:
         said = running.communicate(timeout=30)[1].decode()
     assert (running.returncode, "stopped: 4 calls were sent" in said) == (3, True), said
+
+
+CALLED_FROM_A_PROGRAM = """
+import sys
+import threading
+
+from eyechart.cli import main
+from eyechart.models.python_callable import _CALL
+
+done = threading.Event()
+threading.Thread(target=done.wait, name=_CALL, daemon=True).start()
+sys.argv = ["eyechart", "list", "no such kind"]
+try:
+    main()
+except SystemExit as ended:
+    print("went on after", ended.code)
+done.set()
+"""
+
+
+def test_a_call_of_a_program_s_own_does_not_end_it_with_a_command() -> None:
+    """A command that is called from Python raises SystemExit; only a call that it made itself ends the process."""
+    found = subprocess.run([sys.executable, "-c", CALLED_FROM_A_PROGRAM], capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout) == (0, "went on after 2\n"), found.stderr

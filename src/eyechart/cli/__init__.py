@@ -4,6 +4,7 @@ import gc
 import os
 import sys
 from contextlib import suppress
+from typing import NoReturn
 
 from eyechart.cli.terminal import end_as_interrupted, how_it_ends, was_told_to_end
 from eyechart.errors import EyechartError, MissingCallsWarning, is_full, printable
@@ -43,10 +44,12 @@ def main() -> None:
 
     A Ctrl-C, also while modules are imported, prints one line and exits 130; SIGTERM and SIGHUP exit 143 and 129.
     """
+    before = _calls()
     try:
         _command()
     except SystemExit as ended:
-        _leave_calls(ended.code)
+        if _calls() - before:
+            _leave_calls(ended.code)
         raise
 
 
@@ -82,14 +85,17 @@ def _command() -> None:
         _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
 
 
-def _leave_calls(status: object) -> None:
-    """End the process at once where a callable that was given up is still called; else go on to the usual end.
+def _calls() -> frozenset[object]:
+    """Return the calls of callables that are under way in this process, also where nobody waits for them any more."""
+    called = sys.modules.get("eyechart.models.python_callable")
+    return frozenset() if called is None else called.under_way()
+
+
+def _leave_calls(status: object) -> NoReturn:
+    """End the process at once, beside a call that was given up.
 
     The usual end takes the interpreter from below that thread, and libraries such as torch abort the process then.
     """
-    called = sys.modules.get("eyechart.models.python_callable")
-    if called is None or not called.under_way():
-        return
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # nobody reads on
             stream.flush()

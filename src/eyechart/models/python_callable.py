@@ -132,9 +132,9 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         raise
 
 
-def under_way() -> bool:
-    """Return whether a callable is being called, also where nobody waits for it any more."""
-    return any(one.name == _CALL for one in threading.enumerate())
+def under_way() -> frozenset[threading.Thread]:
+    """Return the threads in which callables are being called, also where nobody waits for them any more."""
+    return frozenset(one for one in threading.enumerate() if one.name == _CALL)
 
 
 def open_model(name: str, mode: RequestMode) -> PythonCallable:
