@@ -28,10 +28,13 @@ def arm_bank(
     tasks: Sequence[str] = ("go", "leave"),
     kind: str = "delta",
     horizon: int = 2,
+    pace: float = 0.5,
+    stays: int = 0,
 ) -> FrameBank:
     """Return a bank of an arm that goes home from somewhere; the pictures of a side camera are all alike if ``still``.
 
-    The brightness of the front picture's left half is the episode's, that of the right half the step's.
+    It goes the part ``pace`` of its way in a step, but in the last joints, as many as ``stays`` says, that stay. The
+    brightness of the front picture's left half is the episode's, that of the right half the step's.
     """
     assert side in SIDES
     rng, cameras = np.random.default_rng(7), ("front", *(("side",) if side else ()))
@@ -51,7 +54,7 @@ def arm_bank(
             action = -0.3 * state + (bright - 125) / 100
             cells = [*files, drive, step, tasks[drive % len(tasks)], *np.round([*state, *action], 5)]
             lines.append(",".join(map(str, cells)))
-            state = state + 0.5 * action + 0.05 * rng.normal(size=joints)
+            state[: joints - stays] += (pace * action + 0.1 * pace * rng.normal(size=joints))[: joints - stays]
     (folder / "t.csv").write_text("\n".join(lines))
     rig = [f'[[camera]]\nname = "{name}"\ncolumn = "{name}"\n' for name in cameras]
     rig += [

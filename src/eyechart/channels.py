@@ -17,7 +17,7 @@ from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
-from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners
+from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners, reaches
 from eyechart.stats.shapley import Subset, subsets
 
 CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
@@ -33,6 +33,10 @@ OBJECTS = ("named", "other")
 """What a world moves: what the instruction names, and what it does not."""
 LEAST_MATCHED = 0.25
 """Of fewer frames with a partner at a similar state nothing is asked of those that have one."""
+LEAST_REACH = 0.8
+"""A picture of the own episode is as far off as the matched one where each number changes by so much of its square."""
+STILL = 1e-3
+"""A number of the state that changes by less of it never changes within an episode."""
 TOLD = "told_"
 """Stands before the name of a moved object where the instruction is another's too."""
 MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus"))
@@ -307,6 +311,32 @@ def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[st
     cameras, but where one of these has the same picture there.
     """
     return _partners(_Same(frames, images), how, channel)
+
+
+def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) -> tuple[str, list[str]]:
+    """Return in which number of the state pictures of the own episode (``near``) are nearer than the matched ones.
+
+    In words, empty where in none: then a policy that reads its own pose answers to them as much as to the matched ones.
+    And which numbers never change within an episode: where they are the fewer ones, nobody can be held to them.
+    ``frames`` are places in the bank, by default of all frames that have both partners.
+    """
+    near, matched = (partners(bank.frames, name, channel, bank.manifest.images) for name in ("near", "matched"))
+    asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
+    if not len(asked):
+        return "", []
+    states, space = np.array([flat_state(frame.state) for frame in bank]), bank.manifest.motion
+    ratios = reaches(states, asked, near[asked], matched[asked])
+    named = [one.name for one in space.state] if space is not None else []
+    names = named or [name for name, many in bank.frames[0].state.items() for _ in many]
+    still = ratios < STILL
+    if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
+        ratios = np.where(still, np.inf, ratios)
+    if not len(ratios) or ratios.min() >= LEAST_REACH:
+        return "", [f"number {place + 1} ('{names[place]}')" for place in np.flatnonzero(still).tolist()]
+    worst = int(ratios.argmin())
+    which = f"number {worst + 1} of the state ('{names[worst]}')"
+    less = f"{ratios[worst]:.0%} of the matched ones' squared change"
+    return f"pictures of its own episode differ less in {which}: {less}", []
 
 
 def whose(base: str, channel: str) -> tuple[str, str]:

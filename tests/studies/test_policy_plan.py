@@ -9,10 +9,18 @@ from typer.testing import CliRunner
 
 from arm_logs import arm_bank
 from eyechart.calibrate.policies import power
-from eyechart.calibrate.reach import matches, reachable, unreachable
+from eyechart.calibrate.reach import matches, reachable, unmoved, unreachable
 from eyechart.cli.app import app
+from eyechart.frames import FrameBank
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
+from eyechart.studies.policy.scoring import judge
+
+
+def policy_verdicts(bank: FrameBank, out: Path) -> list[str]:
+    """Return what the camera of who does as the log does is called."""
+    policy.run(policy.plan(bank.root, ["python:arm_logs:by_front"], out))
+    return [one.camera.label for one in judge(policy.score(out)).values()]
 
 
 @pytest.mark.slow
@@ -96,6 +104,26 @@ def test_labels_are_reachable_where_the_bank_can_show_them(tmp_path: Path) -> No
     arm = arm_bank(tmp_path / "arm", tasks=("go",), length=10, episodes=16)
     assert set(unreachable(arm)) == {"object_grounded", "instruction_followed", "instruction_ignored"}
     assert 0 < matches(arm)["cameras"] <= len(arm)
+
+
+def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No picture of the own episode is as far off as the matched one: content is not told from a pose there."""
+    monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
+    slow = arm_bank(tmp_path / "slow", tasks=("go",), length=10, episodes=24, pace=0.05)
+    never = unreachable(slow)
+    assert "object_grounded" in never
+    assert "pose_only" not in never
+    assert never["camera_content"].startswith("pictures of its own episode differ less in number 2 of the state ('j1')")
+    assert policy_verdicts(slow, tmp_path / "run") == ["undecided"]
+    stays = arm_bank(tmp_path / "stays", tasks=("go",), length=10, episodes=24, stays=1)
+    assert "camera_content" in reachable(stays)
+    assert unmoved(stays) == ["number 2 ('j1')"]
+    printed = " ".join(CliRunner().invoke(app, ["plan", str(stays.root)]).stdout.split())
+    assert "number 2 ('j1') of the state never changes within an episode, and counts as content" in printed
+    assert json.loads(CliRunner().invoke(app, ["plan", str(stays.root), "--json"]).stdout)["unmoved"] == unmoved(stays)
+    assert policy_verdicts(stays, tmp_path / "other") == ["camera_content"]
 
 
 def test_fewer_matches_settle_less() -> None:

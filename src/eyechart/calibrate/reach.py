@@ -2,7 +2,19 @@
 
 from collections.abc import Iterator
 
-from eyechart.channels import CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, conditions_of, partners
+from eyechart.channels import (
+    CAMERA,
+    CAMERAS,
+    EXCHANGED,
+    INSTRUCTION,
+    MOVES,
+    STATE,
+    channels_of,
+    conditions_of,
+    own_pictures,
+    partners,
+)
+from eyechart.conditions import OVER
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.verdicts.channels import AXES, OPEN
@@ -64,8 +76,33 @@ def _of_cameras(bank: FrameBank) -> Iterator[tuple[str, str]]:
             yield from ((f"{label}{of}", why) for label in labels)
         elif why := left_out.get(f"matched@{channel}", ""):
             yield from ((f"{label}{of}", why) for label in labels if label in BY_MATCH)
+        elif why := _its_pose(bank, channel):
+            yield f"camera_content{of}", f"{why}, and a policy that reads its own pose answers to the matched ones too"
     if any(why := left_out.get(name, "") for name in MOVES):
         yield "object_grounded", f"the bank moves no object: {why}"
+
+
+def unmoved(bank: FrameBank) -> list[str]:
+    """Return the numbers of the state that never change within an episode and that a picture may still tell.
+
+    They count as its content, since no picture of the own episode shows them otherwise; none where a world changes
+    pictures while the state stays.
+    """
+    return [] if _state_stays(bank, CAMERAS) or _its_pose(bank, CAMERAS) else own_pictures(bank, CAMERAS)[1]
+
+
+def _state_stays(bank: FrameBank, channel: str) -> bool:
+    """Return whether a world moves an object, or exchanges the objects' colours, in pictures of a channel."""
+    over = "" if channel == CAMERAS else f"{OVER}{channel.removeprefix(CAMERA)}"
+    able = conditions_of(bank)[0]
+    return f"{EXCHANGED}{over}" in able or (channel == CAMERAS and set(MOVES) <= {*able})
+
+
+def _its_pose(bank: FrameBank, channel: str) -> str:
+    """Return why no picture of a channel is told from the pose that it shows; nothing where one is."""
+    if _state_stays(bank, channel):
+        return ""
+    return conditions_of(bank)[1].get(f"near{OVER}{channel}", "") or own_pictures(bank, channel)[0]
 
 
 def _of_the_rest(bank: FrameBank) -> Iterator[tuple[str, str]]:

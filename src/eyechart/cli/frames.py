@@ -269,7 +269,7 @@ def plan(
 def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
-    from eyechart.calibrate.reach import matched_of, matches, reachable, unreachable
+    from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
     from eyechart.channels import channels_of, conditions_of, shown, subset_conditions
     from eyechart.cli.terminal import print_each
     from eyechart.conditions import by_reason
@@ -286,7 +286,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     never = unreachable(bank)
     if json:
         labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
-        print_json({**found.as_dict(), **labels})
+        print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank)})
         return
     print_each([found.table()])
     some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
@@ -299,6 +299,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
             f"frames with a match at a similar state, of {len(bank)}: {alike}",
             f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
             *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
+            *(f"{one} of the state never changes within an episode, and counts as content" for one in unmoved(bank)),
             *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
             *([f"--shapley asks {more} calls more"] if more else []),
             f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",

@@ -1,0 +1,501 @@
+"""Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log."""
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.channels import (
+    BY_STATE,
+    CAMERAS,
+    INSTRUCTION,
+    MOVES,
+    OBJECTS,
+    PARTNERS,
+    STATE,
+    TOLD,
+    channels_of,
+    own_pictures,
+    subset_conditions,
+)
+from eyechart.conditions import OVER
+from eyechart.seeds import key_seed
+from eyechart.spaces.motion import PLACES
+from eyechart.stats.agreement import rate
+from eyechart.stats.flips import follow
+from eyechart.stats.guarantees import share_bound
+from eyechart.stats.memory import memory_share
+from eyechart.stats.partners import NOBODY, Places
+from eyechart.stats.shapley import shapley_values
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.total_effect import (
+    Pairs,
+    half_products,
+    half_squares,
+    held_still,
+    misfit_share,
+    noise_share,
+    relabelling_p,
+    responding,
+    rounded,
+    scattering,
+    share_beyond,
+    shares_of_parts,
+    total_effect,
+    unlikeness,
+)
+from eyechart.studies.policy.reading import Floats, Motions
+from eyechart.verdicts.channels import CONSTANT, IGNORED, RESPONDS, SURENESS, USED, rests_on
+
+NOT_ASKED = "the run did not ask this"
+NOT_FINISHED = "none of its calls is finished"
+NOT_SHOWN = "no frame of the run can be shown it"
+NO_FRAMES = "no frame has both answers"
+
+
+def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, Statistic]:
+    """Return every statistic of one policy's motions, by name.
+
+    ``T.CONDITION`` is the share of its own variation that goes under a condition; ``follow.named`` and
+    ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names, and
+    ``follow.logged`` how much nearer its own instruction brings it to what was logged than another. ``swapped.alike@…``
+    is the share of any other episode's pictures in the moments that have one at a similar state.
+    ``shapley.CHANNEL`` is there where every subset of the channels was asked.
+    """
+    taken = Effects(motions, drawn=drawn, seeded=seeded)
+    found = {
+        "motions": rate(motions.finished - sum(motions.missing.values()), motions.finished),
+        "misfit": taken.misfit(),
+        "variation": taken.variation_share(),
+        "noise": taken.noise(),
+        **({"memory": taken.memory()} if drawn else {}),
+    }
+    for name in motions.plan.conditions:
+        if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
+            found[f"T.{name}"] = taken.total(name)
+    cameras = [name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION}]
+    found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
+    if motions.plan.motions.kind in PLACES and f"T.swapped{OVER}{STATE}" in found:
+        found[f"reads{OVER}{STATE}"] = taken.reads()
+    found |= {f"swapped.alike@{name}": taken.alike(name) for name in cameras if f"T.matched@{name}" in found}
+    absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in found]
+    found |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
+    found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
+    found["follow.told"] = taken.told()
+    found["follow.rather"] = taken.follow(OBJECTS)
+    if f"T.swapped{OVER}{INSTRUCTION}" in found:
+        found["follow.logged"] = taken.logged()
+    found["mirror"] = taken.mirror()
+    found |= taken.shapley()
+    return found
+
+
+class Effects:
+    """The statistics of one policy's motions, one by one."""
+
+    def __init__(self, motions: Motions, *, drawn: bool, seeded: bool = False) -> None:
+        self._motions, self._drawn, self._seeded = motions, drawn, seeded
+        real = motions.of("real")
+        empty = np.full((1, len(motions.plan.frames), *motions.plan.motions.shape), np.nan)
+        self._real = empty if real is None else real
+        self._compared = motions.compared
+        self._episodes = motions.episodes
+
+    def _whole(self, *arrays: Floats) -> Places:
+        """Return the frames on which every answer of all arrays is a motion."""
+        good = np.ones(arrays[0].shape[1], dtype=bool)
+        for one in arrays:
+            good &= np.isfinite(one).reshape(len(one), one.shape[1], -1).all(axis=(0, 2))
+        return np.flatnonzero(good)
+
+    def _others(self) -> tuple[Places, Places]:
+        """Return frames, and for each a frame of another episode, that both have their real answers."""
+        places, there = self._compared, np.zeros(len(self._compared), dtype=bool)
+        there[self._whole(self._real)] = True
+        good = there & (places != NOBODY) & there[np.where(places == NOBODY, 0, places)]
+        frames = np.flatnonzero(good)
+        return frames, places[frames]
+
+    def _variation(self) -> Pairs:
+        frames, others = self._others()
+        values = half_squares(self._real[:, frames], self._real[:, others]) if len(frames) else np.zeros(0)
+        return Pairs(values, self._episodes[frames], self._episodes[others])
+
+    def misfit(self) -> Statistic:
+        """Return how far the answers are from what was logged, and how unlike it they are as a whole."""
+        fit = self._motions.fit_to
+        frames = self._whole(self._real[:1], fit[None])
+        answers, logged = self._real[0, frames], fit[frames]
+        found = misfit_share(answers, logged, self._episodes[frames])
+        if found.value is None:
+            return found
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        detail = dict(found.detail or {})
+        for what, (size, dimension) in zip(("offset", "spread"), unlikeness(answers, logged), strict=True):
+            detail |= {what: size, f"{what}_of": names[dimension]}
+        return replace(found, detail=detail)
+
+    def variation_share(self) -> Statistic:
+        """Return how much the answers vary between episodes, over how much the logged motions do."""
+        frames, others = self._others()
+        fit, method = self._motions.fit_to, "variation between episodes, over that of the logged motions"
+        good = np.isfinite(fit[frames]).all(axis=(1, 2)) & np.isfinite(fit[others]).all(axis=(1, 2))
+        frames, others = frames[good], others[good]
+        if not len(frames):
+            return cannot_say("no two frames have answers and logged motions", method=method)
+        own = float(half_squares(self._real[:, frames], self._real[:, others]).mean())
+        logged = float(half_squares(fit[None, frames], fit[None, others]).mean())
+        if not logged > 0:
+            return cannot_say("the logged motions are all the same", len(frames), method)
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        still = [names[place] for place in held_still(self._real[:, frames].mean(axis=0), fit[frames])]
+        return Statistic(own / logged, len(frames), method=method, detail={"still": still} if still else None)
+
+    def memory(self) -> Statistic:
+        """Return which share of the noise goes with the call before, or with its noise: of who keeps nothing, none.
+
+        Of four it is the one that says most. What is kept goes with what was shown before; what drifts with the time,
+        or with a count of calls, with the noise of the call before. Either is looked for in the mean over the steps,
+        and in all of them, since what alternates along the horizon has no mean.
+        """
+        apart, *before = self._motions.remembered()
+        parts = (apart.mean(axis=1), apart.reshape(len(apart), apart.shape[1] * apart.shape[2]))
+        found = [memory_share(part, one, seed=key_seed("memory")) for part in parts for one in before]
+        return min(found, key=lambda one: 2.0 if one.p is None else one.p)
+
+    def noise(self) -> Statistic:
+        """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
+        again = self._motions.of("real_repeat")
+        if again is None:
+            return cannot_say(self._absent("real_repeat"))
+        frames, others = self._others()
+        good = np.isfinite(again[0, frames]).all(axis=(1, 2))
+        frames, others = frames[good], others[good]
+        other = again[0] if self._seeded and np.isfinite(again[0, others]).all() else self._real[0]
+        found = noise_share(self._real[0, frames], again[0, frames], other[others])
+        if self._seeded:
+            found = replace(found, detail={**(found.detail or {}), "seeds": 2})
+        return self._counted(found, "real_repeat")
+
+    @cached_property
+    def _near(self) -> Floats:
+        """Return by how much two answers may differ and be one: by nothing, but of who rounds one moment otherwise.
+
+        In the numbers that it answers with, shape (dimensions,).
+        """
+        real, again = (self._motions.answers.get(name) for name in ("real", "real_repeat"))
+        exact = np.zeros(self._real.shape[-1])
+        if real is None or again is None or self._drawn or self._seeded:
+            return exact
+        frames = self._whole(real, again)
+        return exact if (real[:, frames] == again[:, frames]).all() else rounded(real[0, frames])
+
+    def _same(self, condition: str, frames: Places) -> float:
+        """Return the share of frames on which the numbers that it answers with are the same under a condition.
+
+        As they are, since a place that stays is another one relative to another state.
+        """
+        real, other = (self._motions.answers[name][:, frames] for name in ("real", condition))
+        return float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean())
+
+    @cached_property
+    def _whole_variation(self) -> float:
+        values = self._variation().values
+        return float(values.mean()) if len(values) else 0.0
+
+    def _as_given(self) -> tuple[Pairs, Floats, Floats] | str:
+        """Return what goes with another state in the answers as they are, and these; else why there is none."""
+        condition = f"swapped{OVER}{STATE}"
+        frames = self._answered(condition)
+        if isinstance(frames, str):
+            return frames
+        real, other = (self._motions.answers[name][:, frames] / self._motions.scales for name in ("real", condition))
+        return self._between(condition, frames, real, other), real, other
+
+    def reads(self) -> Statistic:
+        """Return the share of places that go with the state as they are, and not relative to it."""
+        condition, given = f"swapped{OVER}{STATE}", self._as_given()
+        if isinstance(given, str):
+            return cannot_say(given)
+        effect, real, other = given
+        found = total_effect(effect, self._variation(), sampled=self._drawn)
+        p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
+        return self._counted(replace(found, p=p), condition)
+
+    def _counted(self, found: Statistic, *conditions: str) -> Statistic:
+        """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
+        lost = self._motions.lost(*conditions)
+        return replace(found, detail={**(found.detail or {}), "lost": lost}) if lost else found
+
+    def _absent(self, condition: str) -> str:
+        """Return why there is no answer at all under a condition."""
+        plan = self._motions.plan
+        if condition not in plan.conditions:
+            return NOT_ASKED
+        return NOT_FINISHED if any(plan.shows(condition, frame) for frame in plan.frames) else NOT_SHOWN
+
+    def _answered(self, condition: str) -> Places | str:
+        """Return the frames that have a real answer and one under a condition; else why there is none."""
+        changed = self._motions.of(condition)
+        if changed is None:
+            return self._absent(condition)
+        frames = self._whole(self._real, changed)
+        return frames if len(frames) else NO_FRAMES
+
+    def _between(self, condition: str, frames: Places, real: Floats, other: Floats) -> Pairs:
+        """Return half the squared distance of two answers to frames, the second shown what a condition shows."""
+        owner = partner = self._episodes[frames]
+        if condition.partition(OVER)[0] in PARTNERS:
+            partner = self._motions.episodes_of(self._motions.partners(condition)[frames])
+        return Pairs(half_squares(real, other), owner, partner)
+
+    def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
+        """Return what goes under a condition, and the variation of which it is a share; else why there is none."""
+        frames, changed = self._answered(condition), self._motions.of(condition)
+        if isinstance(frames, str) or changed is None:
+            return str(frames)
+        return self._between(condition, frames, self._real[:, frames], changed[:, frames]), self._variation()
+
+    def total(self, condition: str) -> Statistic:
+        """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
+        pairs, changed = self.pairs(condition), self._motions.of(condition)
+        if isinstance(pairs, str) or changed is None:
+            return cannot_say(str(pairs))
+        frames = self._whole(self._real, changed)
+        real, other = self._real[:, frames], changed[:, frames]
+        found = total_effect(*pairs, sampled=self._drawn)
+        if found.value is None:
+            return found
+        p = relabelling_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None
+        some, others = self._others()
+        parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others])
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        detail = {
+            **(found.detail or {}),
+            "by_dimension": dict(zip(names, parts["dimension"], strict=True)),
+            "by_step": list(parts["step"]),
+            "same": self._same(condition, frames),
+        }
+        if self._drawn and (
+            apart := scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
+        ):
+            detail |= dict(zip(("scatter", "scatter_p"), apart, strict=True))
+        if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
+            detail["carried"] = carried
+        return self._counted(replace(found, p=p, detail=detail), condition)
+
+    def _carried(self, frames: Places, changed: Floats, effect: Pairs) -> dict[str, float]:
+        """Return the numbers and steps of the answer that go under a condition as much as must not be ignored.
+
+        With their shares, of those whose lower end is above the margin of use, and that vary as a number of the log
+        does: a part that hardly moves has a share of anything.
+        """
+        some, others = self._others()
+        went = half_products(self._real[:, frames], changed[:, frames])
+        varies = half_products(self._real[:, some], self._real[:, others])
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        parts = {name: (went[..., place], varies[..., place]) for place, name in enumerate(names)}
+        parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
+        found = {}
+        for name, (less, more) in parts.items():
+            of, over = less.mean(axis=1), more.mean(axis=1)
+            if len(over) and over.mean() > CONSTANT and of.mean() >= IGNORED * over.mean():
+                whole = Pairs(over, self._episodes[some], self._episodes[others])
+                one = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
+                if one.value is not None and one.ci is not None and one.ci[0] > USED:
+                    found[name] = one.value
+        return found
+
+    def shapley(self) -> dict[str, Statistic]:
+        """Return each channel's Shapley share of the variation, which add up to 1; nothing where none was asked for.
+
+        The worth of a subset is half the squared distance of the answer to the frame, and of that with the subset from
+        the partner of its pictures; of all channels, that partner's own answer.
+        """
+        every = subset_conditions(self._motions.plan.bank)
+        if not every or not set(every.values()) <= set(self._motions.plan.conditions):
+            return {}
+        names = sorted(frozenset().union(*every))
+        answers = {some: self._motions.of(name) for some, name in every.items()}
+        given = {some: one for some, one in answers.items() if one is not None}
+        if len(given) < len(every):
+            return {f"shapley.{name}": cannot_say(NOT_ASKED) for name in names}
+        frames, others = self._pictures_of(np.isin(np.arange(self._real.shape[1]), self._whole(*given.values())))
+        if not len(frames):
+            return {f"shapley.{name}": cannot_say(NO_FRAMES) for name in names}
+        real = self._real[:, frames]
+        worth = {some: half_squares(real, one[:, frames]) for some, one in given.items()}
+        worth[frozenset(names)] = half_squares(real, self._real[:, others])
+        owner, partner = self._episodes[frames], self._episodes[others]
+        whole = Pairs(worth[frozenset(names)], owner, partner)
+        return {
+            f"shapley.{name}": total_effect(Pairs(values, owner, partner), whole, signed=True)
+            for name, values in shapley_values(worth).items()
+        }
+
+    def _pictures_of(self, good: npt.NDArray[np.bool_]) -> tuple[Places, Places]:
+        """Return of good frames those whose pictures' partner has a real answer too, and the places of the partners."""
+        plan = self._motions.plan
+        at = {frame.id: place for place, frame in enumerate(plan.frames)}
+        ids = [plan.bank.frames[place].id for place in self._motions.partners(f"swapped{OVER}{CAMERAS}")]
+        places = np.array([at.get(one, NOBODY) for one in ids])
+        there = np.isin(places, self._whole(self._real))
+        frames = np.flatnonzero(good & there)
+        return frames, places[frames]
+
+    def responds(self, channel: str, claim: str) -> Statistic:
+        """Return the share of episodes in which a channel carries `IGNORED` or more, bounded for the whole data set.
+
+        It may do so under any condition that the claim of absence rests on. The data set is all episodes from which
+        these were drawn.
+        """
+        found = [self.pairs(one) for one in rests_on(claim, channel)]
+        effects = [one[0] for one in found if not isinstance(one, str)]
+        if channel == STATE and self._motions.plan.motions.kind in PLACES:
+            effects = [] if isinstance(given := self._as_given(), str) else [given[0]]
+        return share_bound(*responding(effects, self._variation(), IGNORED), confidence=SURENESS)
+
+    def beyond(self, channel: str) -> Statistic:
+        """Return the share that goes with pictures at a similar state, over what goes with those of the own episode.
+
+        Where that is nothing, what is left at a similar state may be the little by which the states still differ.
+        """
+        matched, near = (self._motions.of(f"{name}@{channel}") for name in BY_STATE)
+        if matched is None or near is None:
+            return cannot_say(self._absent(f"{BY_STATE[matched is not None]}@{channel}"))
+        frames = self._whole(self._real, matched, near)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        short, still = own_pictures(self._motions.plan.bank, channel, self._motions.partners("real")[frames])
+        if short:
+            return cannot_say(short, len(frames))
+        real, own = self._real[:, frames], self._episodes[frames]
+        theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
+        alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
+        found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
+        if still:
+            found = replace(found, detail={**(found.detail or {}), "still": still})
+        return self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
+
+    def alike(self, channel: str) -> Statistic:
+        """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
+
+        A share at a similar state is of these moments, and to be held against this one.
+        """
+        matched, swapped = (self._motions.of(f"{name}@{channel}") for name in ("matched", "swapped"))
+        if matched is None or swapped is None:
+            return cannot_say(next(self._absent(f"{name}@{channel}") for name in ("matched", "swapped")))
+        frames = self._whole(self._real, matched, swapped)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        real, other = self._real[:, frames], swapped[:, frames]
+        theirs = self._motions.episodes_of(self._motions.partners(f"swapped@{channel}")[frames])
+        found = total_effect(
+            Pairs(half_squares(real, other), self._episodes[frames], theirs), self._variation(), sampled=self._drawn
+        )
+        p = relabelling_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
+        return self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
+
+    def follow(self, which: tuple[str, ...]) -> Statistic:
+        """Return how far what was moved is followed; of two objects, how much farther the first than the second."""
+        gains, full = self._gains(which[0])
+        if gains is None:
+            return cannot_say(NOT_ASKED)
+        heading = self._heading(which[0], gains) if len(which) == 1 else {}
+        if len(which) > 1:
+            less, _ = self._gains(which[1])
+            if less is None:
+                return cannot_say(NOT_ASKED)
+            gains = gains - less
+        found = self._followed(gains, full)
+        found = replace(found, detail={**(found.detail or {}), **heading})
+        return self._counted(found, *(name for name in MOVES if name.startswith(which)))
+
+    def _heading(self, which: str, gains: Floats) -> dict[str, float]:
+        """Return the cosine of the way that an object was moved and the way that the answer goes with it.
+
+        Over all frames, net of the noise of drawn answers, which has no way: the sum along, over what it would be if
+        each went its own length along.
+        """
+        forth, back = (self._motions.raw(f"{which}_{side}") for side in ("plus", "minus"))
+        if forth is None or back is None:
+            return {}
+        far, long, space = np.zeros(len(gains)), np.zeros(len(gains)), self._motions.plan.motions
+        for axis in space.axes:
+            far += 2 * half_products(space.displacement(forth, axis), space.displacement(back, axis))
+            long += self._way(which, axis) ** 2
+        good = np.isfinite(gains) & np.isfinite(far) & np.isfinite(long)
+        whole = float((far * long)[good].sum()) * int(good.sum())
+        return {"heading": float(gains[good].sum()) / whole**0.5} if whole > 0 else {}
+
+    def _way(self, which: str, axis: str) -> Floats:
+        """Return how far along an axis an object was moved, frame by frame."""
+        return np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in self._motions.plan.frames])
+
+    def told(self) -> Statistic:
+        """Return how much farther the named object is followed than the other, over both instructions."""
+        own = [self._gains(which) for which in OBJECTS]
+        told = [self._gains(which, TOLD) for which in OBJECTS]
+        (named, named_full), (other, other_full) = own
+        (named_told, _), (other_told, _) = told
+        if named is None or other is None or named_told is None or other_told is None:
+            return cannot_say(NOT_ASKED)
+        found = self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
+        return self._counted(found, *MOVES, *(f"{TOLD}{name}" for name in MOVES))
+
+    def logged(self) -> Statistic:
+        """Return how much nearer its own instruction brings the answer to what was logged than another one does.
+
+        As a share of what the two answers differ by: 1 of who answers what was logged; 0 of who changes by what it is
+        told in a way that has nothing to do with it.
+        """
+        condition = f"swapped{OVER}{INSTRUCTION}"
+        changed, fit = self._motions.of(condition), self._motions.fit_to
+        if changed is None:
+            return cannot_say(self._absent(condition))
+        frames = self._whole(self._real, changed, fit[None])
+        own, other, logged = self._real[:, frames], changed[:, frames], fit[frames]
+        if not len(frames):
+            return cannot_say("no frame has both answers and a logged motion")
+        errors = [((one.mean(axis=0) - logged) ** 2).mean(axis=(1, 2)) for one in (other, own)]
+        full = 2 * half_squares(own, other)
+        found = follow(errors[0] - errors[1], full, self._episodes[frames], seed=key_seed("logged"))
+        return self._counted(found, condition)
+
+    def _followed(self, gains: Floats, full: Floats) -> Statistic:
+        good = np.isfinite(gains) & np.isfinite(full)
+        return follow(gains[good], full[good], self._episodes[good], seed=key_seed("follow"))
+
+    def _gains(self, which: str, told: str = "") -> tuple[Floats | None, Floats]:
+        """Return how much farther along its way the motion goes with an object moved forth than back, frame by frame.
+
+        And how far the oracle goes; NaN where there is no answer.
+        """
+        ends = [self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus")]
+        frames, space = self._motions.plan.frames, self._motions.plan.motions
+        full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in frames])
+        if ends[0] is None or ends[1] is None or not space.axes:
+            return None, full
+        apart, along = ends[0].mean(axis=0) - ends[1].mean(axis=0), np.zeros(len(frames))
+        for axis in space.axes:
+            along += self._way(which, axis) * space.displacement(apart, axis)
+        return along, full
+
+    def mirror(self) -> Statistic:
+        """Return how far the answer to the mirrored moment is from the reflected one, over the variation: 0 fits."""
+        changed, space = self._motions.of("mirrored"), self._motions.plan.motions
+        if changed is None:
+            return cannot_say(NOT_ASKED)
+        frames = self._whole(self._real, changed)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        scales = self._motions.scales
+        expected = space.reflect_relative(self._real[:, frames] * scales) / scales
+        owner = self._episodes[frames]
+        values = half_squares(expected, changed[:, frames])
+        return total_effect(Pairs(values, owner, owner), self._variation(), sampled=self._drawn)
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
