@@ -111,13 +111,13 @@ def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
 ) -> None:
     """No picture of the own episode is as far off as the matched one: content is not told from a pose there."""
     monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
-    slow = arm_bank(tmp_path / "slow", tasks=("go",), length=10, episodes=24, pace=0.05)
+    slow = arm_bank(tmp_path / "slow", tasks=("go",), length=8, episodes=12, pace=0.05)
     never = unreachable(slow)
     assert "object_grounded" in never
     assert "pose_only" not in never
-    assert never["camera_content"].startswith("pictures of its own episode differ less in number 2 of the state ('j1')")
+    assert never["camera_content"].startswith("pictures of its own episode differ less in number 1 of the state ('j0')")
     assert policy_verdicts(slow, tmp_path / "run") == ["undecided"]
-    stays = arm_bank(tmp_path / "stays", tasks=("go",), length=10, episodes=24, stays=1)
+    stays = arm_bank(tmp_path / "stays", tasks=("go",), length=8, episodes=12, stays=1)
     assert "camera_content" in reachable(stays)
     assert unmoved(stays) == ["number 2 ('j1')"]
     printed = " ".join(CliRunner().invoke(app, ["plan", str(stays.root)]).stdout.split())
