@@ -17,6 +17,7 @@ from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
+from eyechart.stats.outliers import outlying
 from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners, reaches
 from eyechart.stats.shapley import Subset, subsets
 
@@ -339,6 +340,22 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     return f"pictures of its own episode differ less in {which}: {less}", []
 
 
+def far_off(bank: FrameBank) -> Mapping[str, tuple[str, ...]]:
+    """Return of each frame whose logged motion holds a number far from all others which dimensions these are.
+
+    By `eyechart.stats.outliers.outlying`, relative to the state as motions are compared. Such a frame counts as one
+    without a logged motion: one row of a wrong unit would be the scale of its dimension.
+    """
+    space = bank.manifest.motion
+    return {} if space is None else _far_off(_Same(bank.frames), space)
+
+
+def logs(bank: FrameBank) -> list[Frame]:
+    """Return the frames with a logged motion, but for those in which it is far off."""
+    far = far_off(bank)
+    return [frame for frame in bank if frame.motion and frame.id not in far]
+
+
 def whose(base: str, channel: str) -> tuple[str, str]:
     """Return by which partners a condition is shown: with one channel kept, or alone, by those of all cameras."""
     return (base if base in BY_STATE else "swapped"), CAMERAS if base in {"kept", ALONE} else channel
@@ -364,6 +381,22 @@ class _Same:
             return range(len(self.frames))
         files = [[frame.pictures[name] for name in names] for frame in self.frames]
         return [tuple(self.images.get(file, file) for file in many) for many in files]
+
+
+@lru_cache(maxsize=16)
+def _far_off(same: _Same, space: MotionSpace) -> Mapping[str, tuple[str, ...]]:
+    frames = [frame for frame in same.frames if frame.motion]
+    if not frames:
+        return {}
+    states = np.array([flat_state(frame.state) for frame in frames])
+    logged = space.relative(np.array([frame.motion for frame in frames]), states if states.size else None)
+    names = [one.name for one in space.dimensions]
+    far = outlying(logged.reshape(-1, len(names)), at_once=space.horizon).reshape(logged.shape)
+    found = {
+        frame.id: tuple(name for place, name in enumerate(names) if one[:, place].any())
+        for frame, one in zip(frames, far, strict=True)
+    }
+    return {name: which for name, which in found.items() if which}
 
 
 @lru_cache(maxsize=128)

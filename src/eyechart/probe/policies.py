@@ -9,7 +9,7 @@ import numpy as np
 
 from eyechart.attempts import close
 from eyechart.calls import Query, Reply
-from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, reads, require_channels
+from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, logs, reads, require_channels
 from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
@@ -128,6 +128,8 @@ class _Asked:
         told = [frame for frame in others if frame.fields != self.first.fields]
         self.other = (told or others)[len(told or others) // 2]
         self.further = _spread(bank.frames)
+        self.logs = logs(bank)
+        self.kept = {frame.id for frame in self.logs}
 
     def other_by(self, cameras: Sequence[str]) -> Frame | None:
         """Return a frame of another episode whose picture of any of these cameras is another; None where all are alike.
@@ -149,7 +151,7 @@ class _Asked:
     @property
     def pair(self) -> tuple[Frame, ...]:
         """Return two of the further frames with a logged motion, told different things where there are such."""
-        logged = [frame for frame in self.further if frame.motion]
+        logged = [frame for frame in self.further if frame.id in self.kept]
         others = [frame for frame in logged[1:] if frame.fields != logged[0].fields] or logged[1:]
         return (*logged[:1], *others[:1])
 
@@ -177,7 +179,7 @@ class _Asked:
 
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the squared error to the logged motion, over the variance of all logged ones."""
-        every = self.logged([one for one in self.bank if one.motion])
+        every = self.logged(self.logs)
         spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
         given = flat_state(frame.state)
         own = np.array(given) if len(given) else None
@@ -424,7 +426,7 @@ def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, 
     numbers = asked.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
     if (numbers == numbers[0]).all():
         return Finding("constant", False, "moments of different episodes get the same answer")
-    logged = asked.logged(kept) if (kept := [frame for frame in asked.bank if frame.motion]) else np.zeros((0, 1, 1))
+    logged = asked.logged(asked.logs) if asked.logs else np.zeros((0, 1, 1))
     spread = logged.std(axis=(0, 1)) if len(logged) else numbers.std(axis=(0, 1))
     units = np.where(spread > 0, spread, 1.0)
     varies = float((numbers / units).var(axis=0, ddof=1).mean())
@@ -446,13 +448,13 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
 
     They are held against the log of these frames and of the whole bank: a few moments may call for next to no motion.
     """
-    pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.motion]
+    pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.id in asked.kept]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]
     if len(kept) < 2:
         return Finding("unit", None, "too few logged motions to hold the answers against")
     frames = [frame for frame, _ in kept]
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
-    logged, every = asked.logged(frames), asked.logged([frame for frame in asked.bank if frame.motion])
+    logged, every = asked.logged(frames), asked.logged(asked.logs)
     here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))
     most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
     sizes = np.where(most > 1, most, np.minimum(least, 1.0))

@@ -409,6 +409,7 @@ def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
     """Yield what whoever acts on a verdict should know beside it; ``camera`` is the label of all cameras."""
     yield from _held_still(statistics)
     misfit = statistics.get("misfit")
+    yield from _faulty_log(misfit)
     if misfit is not None and misfit.value is not None and misfit.value < MISFIT and (unlike := _unlike(misfit)):
         yield f"{unlike[0].upper()}{unlike[1:]}, although its error is below the log's variance: is that its unit?"
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
@@ -441,6 +442,18 @@ def _of_one_seed(noise: Statistic | None) -> Iterator[str]:
         yield (
             f"All is said of its answers at one seed, and another seed changes {of_action(noise)}: what it does at "
             "others may be something else"
+        )
+
+
+def _faulty_log(misfit: Statistic | None) -> Iterator[str]:
+    """Yield that moments were left out of what answers are measured by, where the log is far off there."""
+    detail = (misfit.detail if misfit is not None else None) or {}
+    if count := detail.get("far_off"):
+        of = detail.get("far_off_of")
+        which = ", ".join(map(str, of)) if isinstance(of, list) else str(of)
+        yield (
+            f"Of the log {count} moments are left out, in which {which} lies far from all others: is that a fault of "
+            "the log, or another unit?"
         )
 
 

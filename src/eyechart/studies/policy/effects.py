@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from eyechart.channels import (
     STATE,
     TOLD,
     channels_of,
+    far_off,
     own_pictures,
     subset_conditions,
 )
@@ -134,6 +136,8 @@ class Effects:
         detail = dict(found.detail or {})
         for what, (size, dimension) in zip(("offset", "spread"), unlikeness(answers, logged), strict=True):
             detail |= {what: size, f"{what}_of": names[dimension]}
+        if far := far_off(self._motions.plan.bank):
+            detail |= {"far_off": len(far), "far_off_of": list(dict.fromkeys(chain.from_iterable(far.values())))}
         return replace(found, detail=detail)
 
     def variation_share(self) -> Statistic:

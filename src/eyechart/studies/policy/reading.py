@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, partners, whose
+from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, logs, partners, whose
 from eyechart.conditions import OVER
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import reflect
@@ -44,9 +44,9 @@ class Motions:
 
     @cached_property
     def logged(self) -> Floats:
-        """Return the logged motions, NaN where there is none, shape (frames, steps, dimensions)."""
-        empty = np.full(self.plan.motions.shape, np.nan)
-        return np.stack([np.array(frame.motion) if frame.motion else empty for frame in self.plan.frames])
+        """Return the logged motions, NaN where `logs` has none, shape (frames, steps, dimensions)."""
+        empty, kept = np.full(self.plan.motions.shape, np.nan), {frame.id for frame in logs(self.plan.bank)}
+        return np.stack([np.array(frame.motion) if frame.id in kept else empty for frame in self.plan.frames])
 
     @cached_property
     def states(self) -> Floats | None:
@@ -62,7 +62,7 @@ class Motions:
     @cached_property
     def scales(self) -> Floats:
         """Return the scale of each dimension, shape (dimensions,), of the whole bank's relative logged motions."""
-        frames = [frame for frame in self.plan.bank if frame.motion]
+        frames = logs(self.plan.bank)
         if not frames:
             return self.plan.motions.scales()
         states = np.array([flat_state(frame.state) for frame in frames])

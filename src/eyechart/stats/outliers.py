@@ -1,0 +1,37 @@
+"""Numbers of a log that lie so far from all others that they are faults of the log, and not what it is of."""
+
+import numpy as np
+import numpy.typing as npt
+
+FAR = 5.0
+"""So many times the distance from the median within which 95 of 100 numbers lie."""
+FEW = 0.025
+"""More of the numbers than this share are no faults: a fast move in a log that mostly stands still is many of them."""
+WIDER = 1.5
+"""So much wider all numbers spread than the others: fewer change no scale."""
+LEAST = 20
+"""Numbers below which none is far from the others."""
+
+
+def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool_]:
+    """Return which numbers lie far from all others of their column, shape (n, d), of ``numbers`` of that shape.
+
+    These are a few numbers that stand out: beyond `FAR` times the distance from the median that 95 of 100 keep, no more
+    than `FEW` of all, or ``at_once`` where one row of a log is that many of them, and so far that the column's spread
+    is `WIDER` times that of the others. A column of which 95 of 100 numbers are equal has none. NaN is none.
+    """
+    given = np.asarray(numbers, np.float64)
+    found = np.zeros(given.shape, dtype=bool)
+    for column in range(given.shape[1]):
+        one = given[:, column]
+        known = one[np.isfinite(one)]
+        if len(known) < LEAST:
+            continue
+        away = np.abs(one - np.median(known))
+        usual = float(np.quantile(away[np.isfinite(one)], 0.95))
+        with np.errstate(invalid="ignore"):
+            far = away > FAR * usual
+        others = known[~far[np.isfinite(one)]]
+        if usual > 0 and 0 < far.sum() <= max(at_once, FEW * len(known)) and known.std() > WIDER * others.std():
+            found[:, column] = far
+    return found
