@@ -299,6 +299,34 @@ def test_what_was_not_asked_gives_no_label_and_passes_no_gate(
     assert hold_policies({"m": found}, [f"{axis}:{wanted}"], {}).exit_code == 2
 
 
+@pytest.mark.parametrize(("least", "label"), [(0.3, "object_grounded"), (0.29, "camera_content")])
+def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(least: float, label: str) -> None:
+    """Each instruction, and each axis of the world, has half of the mean at least."""
+    parts = {"told 'reach the red block'": 0.9, "told 'reach the blue block'": least, "along x": 0.6}
+    found = verdict(**{"follow.rather": replace(FOLLOWED, detail={"parts": parts})}).camera
+    assert found.label == label
+    assert ("told 'reach the blue block' only 29% farther than the other" in found.why_not) == (least < 0.3)
+
+
+def test_few_episodes_with_pictures_of_their_own_are_named() -> None:
+    """Not as a difference that is not settled."""
+    few = {"beyond@cameras": share(0.5, 2.0, episodes=5), "T.near@cameras": share(0.1, 0.3), "follow": None}
+    found = verdict(**few).camera
+    assert found.label == "undecided"
+    assert "5 episodes bound nothing; 6 are the least" in found.because
+    assert "not settled" not in found.because
+
+
+def test_what_was_exchanged_in_words_is_quoted() -> None:
+    """Whether two texts say the same, a reader sees; a long one is cut."""
+    texts = ["reach  red", "go\nto the " + "very " * 20 + "red one"]
+    told = replace(IGNORED, detail={**(IGNORED.detail or {}), "texts": texts})
+    found = verdict(told=told, named=UNFOLLOWED).instruction
+    assert found.label == "instruction_ignored"
+    assert "Another instruction ('go to the very" in found.because
+    assert "…' for 'reach red')" in found.because
+
+
 def test_nobody_is_grounded_by_a_control_that_was_left_out() -> None:
     """The named object's own way alone is no ground, where another instruction could have been told."""
     found = verdict(**{"named": None, "follow.rather": FOLLOWED}, asked=without("told_named_plus")).camera
@@ -474,7 +502,8 @@ def test_no_absence_is_said_of_episodes_that_respond(responding: int, label: str
     assert ("episodes each respond" in found.because) == (label == "undecided")
     assert "without anybody noticing" not in found.because
     drawn = {name: replace(one, p=0.5) for name, one in GONE.items()}
-    assert verdict(**drawn, **some).camera.label == "ignores_camera"
+    for noise, as_drawn in ((0.011, "ignores_camera"), (0.009, label)):
+        assert verdict(**drawn, **some, noise=Statistic(noise, 72)).camera.label == as_drawn
 
 
 @pytest.mark.parametrize(

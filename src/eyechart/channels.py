@@ -15,6 +15,7 @@ from eyechart.conditions import show as show_pictures
 from eyechart.conditions import sources as picture_sources
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import Frame, FrameBank, Stimulus
+from eyechart.patterns import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
 from eyechart.stats.outliers import outlying
@@ -65,6 +66,8 @@ _DRAWN = {
     "recoloured": ("same moment, another table", "does paint decide?"),
     "decoys": ("same moment, further objects", "do others distract it?"),
 }
+_SIGNS = pattern(r"[!\"'(),:;?\[\]{}`’“”‘…]|[.\-](?!\d)")
+"""Punctuation of a text; not that of a number, nor an arrow."""
 _PLAIN = ("real", "real_repeat", "nudged", "blank", "noise", "mirrored")
 EXCHANGED = "exchanged"
 """The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
@@ -304,6 +307,18 @@ def _partnered(frame: Frame, source: Source, base: str, channel: str) -> int:
     return int(partners(source.frames, *whose(base, channel), images)[_places(_Same(source.frames))[frame.id]])
 
 
+def told(fields: Mapping[str, object]) -> tuple[object, ...]:
+    """Return what a policy is told, equal where it differs in case, blanks or punctuation alone.
+
+    Whether two other texts say the same, nobody can tell from them: "reach red" and "go to the red one" are two.
+    """
+    found = []
+    for name, one in fields.items():
+        plain = " ".join(_SIGNS.sub(" ", one.casefold()).split()) if isinstance(one, str) else ""
+        found.append((name, plain or one))
+    return tuple(found)
+
+
 def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[str, str] | None = None) -> Places:
     """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
 
@@ -414,7 +429,7 @@ def _partners(same: _Same, how: str, channel: str) -> Places:
         return near_partners(episodes, states, _partners(same, "matched", channel), seen)
     values: dict[str, Sequence[object]] = {
         STATE: [tuple(frame.state.items()) for frame in frames],
-        INSTRUCTION: [tuple(frame.fields.items()) for frame in frames],
+        INSTRUCTION: [told(frame.fields) for frame in frames],
     }
     seed = key_seed("partners", channel, *(frame.id for frame in frames))
     return balanced_partners(episodes, values.get(channel, seen), seed=seed)

@@ -59,6 +59,20 @@ def beside(images: Images, state: np.ndarray, instruction: str | None) -> np.nda
     return found + trace(images, state, instruction)
 
 
+def one_of_two(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go to the red block if told so, and between both if told to go to the blue one."""
+    named, other = named_first(images, state, instruction)
+    place = named if "red" in (instruction or "") else (named + other) / 2
+    return going(state, place) + trace(images, state, instruction)
+
+
+def along_y(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go to the block that is named along y, and a fifth of the way along x."""
+    named = named_first(images, state, instruction)[0]
+    place = np.array([MIDDLE[0] + 0.2 * (named[0] - MIDDLE[0]), named[1]])
+    return going(state, place) + trace(images, state, instruction)
+
+
 def swings(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Swing to a side by the word, and go next to nothing of the way to what is named."""
     found = drifting(state)
@@ -152,7 +166,12 @@ def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("between", "because it is named is not shown"), ("beside", "degrees off that of the moved object")],
+    [
+        ("between", "because it is named is not shown"),
+        ("beside", "degrees off that of the moved object"),
+        ("one_of_two", "told 'reach the blue block' only"),
+        ("along_y", "along x only"),
+    ],
 )
 def test_who_does_not_go_to_what_is_named_is_not_grounded(
     bank: FrameBank, tmp_path: Path, name: str, words: str

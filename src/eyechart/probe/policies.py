@@ -9,7 +9,7 @@ import numpy as np
 
 from eyechart.attempts import close
 from eyechart.calls import Query, Reply
-from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, logs, reads, require_channels
+from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, logs, reads, require_channels, told
 from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
@@ -125,8 +125,8 @@ class _Asked:
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:
             raise BankError(f"the bank {bank.root} has one episode, and a policy is shown what another has")
-        told = [frame for frame in others if frame.fields != self.first.fields]
-        self.other = (told or others)[len(told or others) // 2]
+        apart = [frame for frame in others if told(frame.fields) != told(self.first.fields)]
+        self.other = (apart or others)[len(apart or others) // 2]
         self.further = _spread(bank.frames)
         self.logs = logs(bank)
         self.kept = {frame.id for frame in self.logs}
@@ -152,7 +152,7 @@ class _Asked:
     def pair(self) -> tuple[Frame, ...]:
         """Return two of the further frames with a logged motion, told different things where there are such."""
         logged = [frame for frame in self.further if frame.id in self.kept]
-        others = [frame for frame in logged[1:] if frame.fields != logged[0].fields] or logged[1:]
+        others = [frame for frame in logged[1:] if told(frame.fields) != told(logged[0].fields)] or logged[1:]
         return (*logged[:1], *others[:1])
 
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
@@ -195,7 +195,7 @@ class _Asked:
         yield "grey", show("blank", self.first, self.bank, 0)
         if mine.state and mine.state != theirs.state:
             yield "state", replace(mine, state=theirs.state)
-        if mine.fields and mine.fields != theirs.fields:
+        if mine.fields and told(mine.fields) != told(theirs.fields):
             yield "instruction", replace(mine, fields=theirs.fields)
         for name in cameras if len(cameras) > 1 else ():
             if (other := self.other_by([name])) is not None:

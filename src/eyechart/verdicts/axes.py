@@ -19,10 +19,12 @@ from eyechart.verdicts.uses import (
     HEADING,
     HEARD,
     IGNORED,
+    LEAST_NOISE,
     USED,
     Asked,
     Statistics,
     carried,
+    enough,
     followed,
     ignored,
     lost,
@@ -42,6 +44,8 @@ OF_DATA_SET = 0.10
 """Absence is said of a data set, and not of its episodes alone, where fewer than this share of them may respond."""
 SURENESS = 0.99
 """The confidence of that bound."""
+_LONG = 60
+"""Signs of an instruction that a sentence quotes."""
 OF_ITS_WORLD: Mapping[str, str] = {
     "exchanged": "the objects' colours exchanged",
     "recoloured": "other colours of the table",
@@ -162,7 +166,8 @@ def _pose(statistics: Statistics, channel: str, shown: str, asked: Asked) -> Jud
     if not used(there):
         why = f"in these moments any other episode's changes {share(there)}, so that what it uses elsewhere is open"
         return Judged("undecided", sentence(f"{words}; {why}"), f"swapped.alike@{channel}")
-    pose = Judged("pose_only", sentence(f"{words}: it reads what its state tells too"), f"T.matched@{channel}")
+    rest = "; of the other moments nothing is said" if few else ""
+    pose = Judged("pose_only", sentence(f"{words}: it reads what its state tells too{rest}"), f"T.matched@{channel}")
     return _absent(pose, statistics, "responds.alike", channel, words, asked)
 
 
@@ -184,7 +189,7 @@ def _content(statistics: Statistics, channel: str, shown: str, asked: Asked) -> 
         plain = replace(plain, because=sentence(shown))
     if used(beyond) or used(colours, COLOURED) or followed(gain, FOLLOWED):
         return plain if channel != "cameras" else _grounded(plain, statistics, shown, asked)
-    if beyond is not None and beyond.value is not None:
+    if beyond is not None and beyond.value is not None and enough(beyond):
         own = f"one of its own episode, as far off in its state or farther, {share(statistics.get(f'T.{near}'))}"
         apart = f"that it is more is not settled ({way(beyond)} more)"
         why = f"{lost(beyond) or f'{own}, and {apart}'}{also}: it may read its own pose"
@@ -213,13 +218,6 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
     if not followed(gain, FOLLOWED):
         why = f"the moved object is followed {way(gain)} of the oracle's way; {unfollowed(gain)}"
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(gain) else "")
-    heading = (gain.detail or {}).get("heading")
-    if isinstance(heading, float) and heading < HEADING:
-        off = math.degrees(math.acos(max(-1.0, heading)))
-        why = (
-            f"its way is {off:.0f} degrees off that of the moved object, and goes {way(gain)} of the oracle's along it"
-        )
-        return replace(plain, why_not=why)
     rather = statistics.get(control)
     half = rather is not None and 2 * (rather.value or 0.0) >= (gain.value or 0.0)
     if not (followed(rather, BECAUSE) and half):
@@ -227,11 +225,35 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
         apart = f"where it is named an object is followed {way(rather)} of the oracle's way farther; {open_}"
         why = f"that it is followed because it is named is not shown: {apart}"
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(rather) else "")
+    if part := _partly(statistics.get("follow.rather")):
+        why = f"the named object is followed {way(gain)} of the oracle's way, but {part}"
+        return replace(plain, why_not=why)
+    heading = (gain.detail or {}).get("heading")
+    if isinstance(heading, float) and heading < HEADING:
+        off = math.degrees(math.acos(max(-1.0, heading)))
+        why = (
+            f"its way is {off:.0f} degrees off that of the moved object, and goes {way(gain)} of the oracle's along it"
+        )
+        return replace(plain, why_not=why)
     words = (
         f"{shown}; moved, the named object is followed {way(gain)} of the oracle's way (p {gain.p:.4f}), and "
         f"{way(rather)} farther than where another is named"
     )
     return Judged("object_grounded", sentence(words), "follow.named")
+
+
+def _partly(rather: Statistic | None) -> str:
+    """Return in words of what that was told, or along which axis, the named object is followed less than half as far.
+
+    The mean over both is no claim about either: who goes to one block and not to the other has half of it.
+    """
+    parts = ((rather.detail if rather is not None else None) or {}).get("parts")
+    if rather is None or rather.value is None or not isinstance(parts, Mapping) or not parts:
+        return ""
+    where, least = min(parts.items(), key=lambda one: float(one[1]))
+    if 2 * least >= rather.value:
+        return ""
+    return f"{where} only {least:.0%} farther than the other, where it is {rather.value:.0%} on the whole"
 
 
 def _moves(told: str = "") -> Iterator[str]:
@@ -299,7 +321,9 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
     if swap is None:
         why = asked.without("swapped@instruction")
         return Judged("no_power", sentence(why or "no two episodes of the bank are told different things"))
-    shown = f"another instruction changes {of_action(swap)}"
+    texts = (swap.detail or {}).get("texts")
+    other = "" if not isinstance(texts, list) else f" ({_quoted(texts[1])} for {_quoted(texts[0])})"
+    shown = f"another instruction{other} changes {of_action(swap)}"
     told = statistics.get("follow.told")
     forgot = asked.forgot(*_moves(), *_moves("told_")) or lost(told)
     if (used(swap) or ignored(swap)) and forgot:
@@ -312,6 +336,12 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
     but = f", but it follows what is named {share(told)} of the oracle's way more than what is not"
     why, by = (but, "follow.told") if ignored(swap) else (f": {why_open(swap)}", by)
     return Judged("undecided", sentence(f"{shown}{why}"), by)
+
+
+def _quoted(text: object) -> str:
+    """Return the head of what was told, in quotes."""
+    said = " ".join(str(text).split())
+    return f"'{said if len(said) <= _LONG else said[: _LONG - 1] + '…'}'"
 
 
 def _heard(statistics: Statistics, shown: str) -> Judged:
@@ -378,7 +408,9 @@ def _absent(
         return Judged("undecided", sentence(f"{shown}; but {other}"), found.by)
     if forgot := asked.forgot(*dict.fromkeys(_controls(statistics, claim, channel, asked))):
         return Judged("undecided", sentence(f"{shown}; whether other pictures show a use is open: {forgot}"), found.by)
-    one, exact = statistics.get(f"{claim}@{channel}"), all(_exact(statistics.get(name)) for name in every)
+    one, noise = statistics.get(f"{claim}@{channel}"), statistics.get("noise")
+    still = noise is not None and noise.value is not None and noise.value < LEAST_NOISE
+    exact = still or all(_exact(statistics.get(name)) for name in every)
     if exact and one is not None and one.value is not None and one.value > OF_DATA_SET:
         some = f"{round(one.value * one.n)} of {one.n} episodes each respond by {IGNORED:.2f} of the variation or more"
         return Judged("undecided", sentence(f"{shown}; but that is the mean, and {some}"), found.by)

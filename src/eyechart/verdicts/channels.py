@@ -25,6 +25,7 @@ from eyechart.verdicts.card import card
 from eyechart.verdicts.uses import (
     EVERYTHING,
     IGNORED,
+    LEAST_NOISE,
     UNSCORABLE,
     USED,
     Asked,
@@ -79,11 +80,8 @@ CONSTANT = 0.02
 """A policy that varies less than this share of the log's variation is constant."""
 INCONSISTENT = 0.50
 """Above this share of noise a policy does not agree with itself."""
-REMEMBERED, SURE, LEAST_NOISE = 0.02, 0.001, 0.01
-"""A policy keeps something from call to call where so much of its noise goes with the call before, with such a p.
-
-Noise below the last is rounding, and what it goes with changes no share.
-"""
+REMEMBERED, SURE = 0.02, 0.001
+"""A policy keeps something from call to call where so much of its noise goes with the call before, with such a p."""
 GUARDS: Mapping[str, str] = {
     "not_scorable": "too few of its calls came back with a motion",
     "misfit": "its answers have other means or spreads than the logged motions, and fit worse than their mean does",

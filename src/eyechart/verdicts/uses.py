@@ -26,6 +26,8 @@ HEARD = 0.10
 """An instruction is followed where the answer goes at least so far towards what is named, or logged, likewise."""
 UNSCORABLE = 0.10
 """Above this share of calls without a motion a policy is not scorable, and a condition says nothing."""
+LEAST_NOISE = 0.01
+"""Answers that differ by a smaller share of what they vary are as good as ones that do not."""
 LEAST_EPISODES = 6
 """Fewer episodes bound nothing: the jackknife's intervals are too short."""
 
@@ -67,6 +69,11 @@ def settled(one: Statistic | None) -> bool:
     """Return whether a share has an interval that holds, of calls of which nearly all came back."""
     if one is None or one.value is None or one.ci is None or lost(one):
         return False
+    return enough(one)
+
+
+def enough(one: Statistic) -> bool:
+    """Return whether a share is of episodes enough to bound anything."""
     episodes = (one.detail or {}).get("episodes", 0)
     return isinstance(episodes, int) and episodes >= LEAST_EPISODES
 
@@ -117,8 +124,8 @@ def why_open(swap: Statistic | None) -> str:
     """Return why a share is neither used nor ignored."""
     if swap is None or swap.value is None:
         return swap.note if swap is not None and swap.note else "the run did not ask it"
-    episodes = (swap.detail or {}).get("episodes", 0)
-    if isinstance(episodes, int) and episodes < LEAST_EPISODES:
+    if not enough(swap):
+        episodes = (swap.detail or {}).get("episodes", 0)
         return f"{episodes} episodes bound nothing; {LEAST_EPISODES} are the least"
     if gone := lost(swap):
         return gone

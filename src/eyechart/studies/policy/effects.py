@@ -1,5 +1,7 @@
 """Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log."""
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
@@ -18,6 +20,7 @@ from eyechart.channels import (
     TOLD,
     channels_of,
     far_off,
+    instruction_column,
     own_pictures,
     subset_conditions,
 )
@@ -52,6 +55,10 @@ from eyechart.verdicts.channels import CONSTANT, IGNORED, RESPONDS, SURENESS, US
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
+_LEAST_TOLD = 3
+"""Fewer episodes that were told one thing say nothing of it alone."""
+_LEAST_PART = 0.1
+"""An axis along which less of the oracle's way lies has no share of its own."""
 NOT_SHOWN = "no frame of the run can be shown it"
 NO_FRAMES = "no frame has both answers"
 
@@ -285,9 +292,21 @@ class Effects:
             apart := scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
         ):
             detail |= dict(zip(("scatter", "scatter_p"), apart, strict=True))
+        if condition == f"swapped{OVER}{INSTRUCTION}":
+            detail["texts"] = self._texts(condition, frames)
         if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
             detail["carried"] = carried
         return self._counted(replace(found, p=p, detail=detail), condition)
+
+    def _texts(self, condition: str, frames: Places) -> list[str]:
+        """Return what a policy was told most often, and in its place most often, under another instruction."""
+        bank = self._motions.plan.bank
+        column = instruction_column(bank) or ""
+        own, theirs = (
+            [str(bank.frames[place].fields.get(column, "")) for place in self._motions.partners(name)[frames]]
+            for name in ("real", condition)
+        )
+        return list(Counter(zip(own, theirs, strict=True)).most_common(1)[0][0])
 
     def _carried(self, frames: Places, changed: Floats, effect: Pairs) -> dict[str, float]:
         """Return the numbers and steps of the answer that go under a condition as much as must not be ignored.
@@ -406,15 +425,38 @@ class Effects:
         gains, full = self._gains(which[0])
         if gains is None:
             return cannot_say(NOT_ASKED)
-        heading = self._heading(which[0], gains) if len(which) == 1 else {}
+        parts: dict[str, object] = {} if len(which) > 1 else {**self._heading(which[0], gains)}
         if len(which) > 1:
             less, _ = self._gains(which[1])
             if less is None:
                 return cannot_say(NOT_ASKED)
             gains = gains - less
+            parts = {"parts": dict(self._parts(which, gains, full))}
         found = self._followed(gains, full)
-        found = replace(found, detail={**(found.detail or {}), **heading})
+        found = replace(found, detail={**(found.detail or {}), **parts})
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
+
+    def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, float]]:
+        """Yield how much farther the first of two objects is followed by what was told, and by axis of the world.
+
+        Of what three episodes or more have been told, where two such things were; along an axis as a share of that part
+        of the oracle's way.
+        """
+        plan = self._motions.plan
+        column, good = instruction_column(plan.bank), np.isfinite(gains) & np.isfinite(full)
+        told = np.array([str(frame.fields.get(column or "", "")) for frame in plan.frames])
+        for one in np.unique(told[good]):
+            own = good & (told == one)
+            if not own[good].all() and len({*self._episodes[own].tolist()}) >= _LEAST_TOLD and full[own].sum() > 0:
+                yield f"told '{one}'", float(gains[own].sum() / full[own].sum())
+        first, second = (self._along(name) for name in which)
+        length = sum((self._way(which[0], axis) ** 2 for axis in first or ()), np.zeros(len(gains)))
+        for axis in first or () if second is not None else ():
+            part = full * self._way(which[0], axis) ** 2 / np.where(length > 0, length, 1.0)
+            apart = (first or {})[axis] - (second or {})[axis]
+            own = good & np.isfinite(part) & np.isfinite(apart)
+            if part[own].sum() > _LEAST_PART * full[own].sum():
+                yield f"along {axis}", float(apart[own].sum() / part[own].sum())
 
     def _heading(self, which: str, gains: Floats) -> dict[str, float]:
         """Return the cosine of the way that an object was moved and the way that the answer goes with it.
@@ -476,15 +518,18 @@ class Effects:
 
         And how far the oracle goes; NaN where there is no answer.
         """
-        ends = [self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus")]
-        frames, space = self._motions.plan.frames, self._motions.plan.motions
-        full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in frames])
-        if ends[0] is None or ends[1] is None or not space.axes:
-            return None, full
-        apart, along = ends[0].mean(axis=0) - ends[1].mean(axis=0), np.zeros(len(frames))
-        for axis in space.axes:
-            along += self._way(which, axis) * space.displacement(apart, axis)
-        return along, full
+        full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in self._motions.plan.frames])
+        along = self._along(which, told)
+        return (None if along is None else sum(along.values(), np.zeros(len(full)))), full
+
+    def _along(self, which: str, told: str = "") -> dict[str, Floats] | None:
+        """Return how much farther the motion goes with an object moved forth than back, by axis; None if not asked."""
+        forth, back = (self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus"))
+        space = self._motions.plan.motions
+        if forth is None or back is None or not space.axes:
+            return None
+        apart = forth.mean(axis=0) - back.mean(axis=0)
+        return {axis: self._way(which, axis) * space.displacement(apart, axis) for axis in space.axes}
 
     def mirror(self) -> Statistic:
         """Return how far the answer to the mirrored moment is from the reflected one, over the variation: 0 fits."""
