@@ -30,11 +30,13 @@ def arm_bank(
     horizon: int = 2,
     pace: float = 0.5,
     stays: int = 0,
+    wrong: float = 0.0,
 ) -> FrameBank:
     """Return a bank of an arm that goes home from somewhere; the pictures of a side camera are all alike if ``still``.
 
     It goes the part ``pace`` of its way in a step, but in the last joints, as many as ``stays`` says, that stay. The
-    brightness of the front picture's left half is the episode's, that of the right half the step's.
+    brightness of the front picture's left half is the episode's, that of the right half the step's. In one row of the
+    log every number is ``wrong`` by so much.
     """
     assert side in SIDES
     rng, cameras = np.random.default_rng(7), ("front", *(("side",) if side else ()))
@@ -52,7 +54,8 @@ def arm_bank(
                 shown = np.full_like(pixels, 90) if side == "still" else 255 - pixels
                 Image.fromarray(shown).save(folder / files[1])
             action = -0.3 * state + (bright - 125) / 100
-            cells = [*files, drive, step, tasks[drive % len(tasks)], *np.round([*state, *action], 5)]
+            logged = action + (wrong if (drive, step) == (3, 2) else 0.0)
+            cells = [*files, drive, step, _quoted(tasks[drive % len(tasks)]), *np.round([*state, *logged], 5)]
             lines.append(",".join(map(str, cells)))
             state[: joints - stays] += (pace * action + 0.1 * pace * rng.normal(size=joints))[: joints - stays]
     (folder / "t.csv").write_text("\n".join(lines))
@@ -73,3 +76,9 @@ def declared(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: s
 
 
 declared.channels = ("camera:front", "state")  # type: ignore[attr-defined]
+
+
+def _quoted(text: str) -> str:
+    """Return a cell of a table."""
+    doubled = text.replace('"', '""')
+    return f'"{doubled}"'

@@ -30,6 +30,7 @@ from eyechart.channels import (
     show,
     shown,
     sources,
+    told,
     unshown_channels,
 )
 from eyechart.cli.app import app
@@ -276,3 +277,22 @@ def test_a_sheet_has_all_cameras_and_what_a_policy_is_told(bank: FrameBank, tmp_
     tall, less = (decode((tmp_path / f"{name}.png").read_bytes(), name).shape[0] for name in ("sheet", "plain"))
     rows = len({one.episode for one in bank})
     assert tall - less == 2 * 18 * rows
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "one"),
+    [
+        ("reach red", "Reach red. ", True),
+        ('Pick-up the "cube"!', "pick up   the cube", True),
+        ("reach red", "go to the red one", False),
+        ("turn by 30", "turn by -30", False),
+        ("move 3.5 cm", "move 35 cm", False),
+        ("go ↑", "go ↓", False),
+        ("?", "!", False),
+    ],
+)
+def test_instructions_that_differ_in_signs_alone_are_one(tmp_path: Path, first: str, second: str, *, one: bool) -> None:
+    """Nobody who obeys both alike ignores them; whether other words say the same, nobody knows from the words."""
+    bank = arm_bank(tmp_path / "arm", tasks=(f"{first}", f"{second}"))
+    assert (told({"task": first}) == told({"task": second})) == one
+    assert ("swapped@instruction" in conditions_of(bank)[1]) == one

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from arm_logs import arm_bank
+from eyechart.channels import far_off
 from eyechart.frames import FrameBank
 from eyechart.models import policy_callable
 from eyechart.models.policy_callable import PolicyCallable
@@ -216,3 +218,21 @@ def test_a_policy_that_hangs_ends_the_run_with_its_reason(bank: FrameBank, tmp_p
     verdict = judge(found)[spec]
     assert found.models[spec].motions.finished < 4 * len(bank)
     assert {verdict.camera.label, verdict.state.label} == {"undecided"}
+
+
+def test_a_row_of_a_log_that_is_far_from_all_others_turns_no_verdict_round(tmp_path: Path) -> None:
+    """It would be the scale of its numbers, beside which nothing moves; it is left out, and named."""
+    spec, found = "python:arm_logs:by_front", {}
+    for wrong in (0.0, 1000.0):
+        bank = arm_bank(tmp_path / f"{wrong}", tasks=("go",), length=8, episodes=12, wrong=wrong)
+        policy.run(policy.plan(bank.root, [spec], tmp_path / f"run-{wrong}"))
+        score = policy.score(tmp_path / f"run-{wrong}")
+        found[wrong] = judge(score)[spec]
+        assert (score.models[spec].motions.scales < 1).all()
+        assert {one.name: one.fine for one in examine_policy(spec, bank).findings}["unit"]
+        assert len(far_off(bank)) == (2 if wrong else 0)
+    assert found[1000.0].guards == found[0.0].guards == {}
+    assert found[1000.0].camera.label == found[0.0].camera.label == "camera_content"
+    (said,) = (one for one in found[1000.0].remarks if one.startswith("Of the log"))
+    assert said.startswith("Of the log 2 moments are left out, in which aj0, aj1 lies far from all others")
+    assert not any("left out" in one for one in found[0.0].remarks)
