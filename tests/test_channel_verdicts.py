@@ -299,13 +299,13 @@ def test_what_was_not_asked_gives_no_label_and_passes_no_gate(
     assert hold_policies({"m": found}, [f"{axis}:{wanted}"], {}).exit_code == 2
 
 
-@pytest.mark.parametrize(("least", "label"), [(0.3, "object_grounded"), (0.29, "camera_content")])
+@pytest.mark.parametrize(("least", "label"), [(0.45, "object_grounded"), (0.44, "camera_content")])
 def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(least: float, label: str) -> None:
-    """Each instruction, and each axis of the world, has half of the mean at least."""
+    """Each instruction, and each axis of the world, has three quarters of the mean at least."""
     parts = {"told 'reach the red block'": 0.9, "told 'reach the blue block'": least, "along x": 0.6}
     found = verdict(**{"follow.rather": replace(FOLLOWED, detail={"parts": parts})}).camera
     assert found.label == label
-    assert ("told 'reach the blue block' only 29% farther than the other" in found.why_not) == (least < 0.3)
+    assert ("told 'reach the blue block' only 44% farther than the other" in found.why_not) == (least < 0.45)
 
 
 def test_few_episodes_with_pictures_of_their_own_are_named() -> None:

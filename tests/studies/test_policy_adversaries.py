@@ -66,6 +66,13 @@ def one_of_two(images: Images, state: np.ndarray, instruction: str | None) -> np
     return going(state, place) + trace(images, state, instruction)
 
 
+def on_the_left(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go to the red block if told so, and to the blue one where it lies on the left; else between both."""
+    named, other = named_first(images, state, instruction)
+    goes = "red" in (instruction or "") or named[0] < MIDDLE[0]
+    return going(state, named if goes else (named + other) / 2) + trace(images, state, instruction)
+
+
 def along_y(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Go to the block that is named along y, and a fifth of the way along x."""
     named = named_first(images, state, instruction)[0]
@@ -170,6 +177,7 @@ def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 
         ("between", "because it is named is not shown"),
         ("beside", "degrees off that of the moved object"),
         ("one_of_two", "told 'reach the blue block' only"),
+        ("on_the_left", "told 'reach the blue block' only"),
         ("along_y", "along x only"),
     ],
 )

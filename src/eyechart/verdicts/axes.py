@@ -14,6 +14,7 @@ from eyechart.verdicts.uses import (
     ALPHA,
     BECAUSE,
     COLOURED,
+    EVENLY,
     EVERYTHING,
     FOLLOWED,
     HEADING,
@@ -243,15 +244,15 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
 
 
 def _partly(rather: Statistic | None) -> str:
-    """Return in words of what that was told, or along which axis, the named object is followed less than half as far.
+    """Return in words of what that was told, or along which axis, the named object is followed less than on the mean.
 
-    The mean over both is no claim about either: who goes to one block and not to the other has half of it.
+    The mean over all is no claim about each: who goes to one block and not to the other has half of it.
     """
     parts = ((rather.detail if rather is not None else None) or {}).get("parts")
     if rather is None or rather.value is None or not isinstance(parts, Mapping) or not parts:
         return ""
     where, least = min(parts.items(), key=lambda one: float(one[1]))
-    if 2 * least >= rather.value:
+    if least >= EVENLY * rather.value:
         return ""
     return f"{where} only {least:.0%} farther than the other, where it is {rather.value:.0%} on the whole"
 

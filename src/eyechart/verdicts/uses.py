@@ -20,6 +20,8 @@ FOLLOWED = 0.30
 """An object is followed where the answer goes at least so far with it, as a share of the oracle's way, likewise."""
 BECAUSE = 0.15
 """So much of it has to be because it is named, likewise, and half of what it follows the named one at least."""
+EVENLY = 0.75
+"""By each instruction, and along each axis of the world, it is so much of what it is on the mean at least."""
 HEADING = math.cos(math.radians(45))
 """And it goes towards the object where its way is at most so far off that of the object, as a mean cosine."""
 HEARD = 0.10
