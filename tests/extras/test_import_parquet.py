@@ -18,6 +18,7 @@ from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, decode, encode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
 from eyechart.importing.bank import taken
+from eyechart.importing.notes import notes
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
 from eyechart.spaces.motion import Kind
@@ -622,6 +623,21 @@ def test_what_the_data_do_not_tell_is_as_the_names_say(tmp_path: Path) -> None:
     assert bank.manifest.motion.kind == "delta"
     (said,) = (line for line in taken(bank) if line.startswith("kind: delta, as the names say; the data do not tell"))
     assert said.endswith("--kind says it")
+
+
+def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tmp_path: Path) -> None:
+    """A data set declares no scale."""
+    reach(tmp_path / "set", {}, changes=True)
+    pa, pq = arrow()
+    for path in sorted((tmp_path / "set" / "data").rglob("*.parquet")):
+        table = pq.read_table(path)
+        done = np.array(table["action"].to_pylist()) * [1, 1e-6]
+        table = table.set_column(table.schema.get_field_index("action"), "action", pa.array(done.tolist()))
+        pq.write_table(table, path)
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
+    (said,) = notes(bank)
+    assert said.startswith("'speed' varies by 1e-06, the others by ")
+    assert said.endswith("leave it out of the data set's 'action', or import a --table, whose --rig declares its scale")
 
 
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ from eyechart.importing.cells import (
 )
 from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Log, tell
+from eyechart.importing.notes import notes
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.tables import Table, open_table
@@ -628,7 +629,7 @@ def costs(bank: FrameBank) -> list[str]:
 
 
 def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
-    """Return what a bank for policies has of motions, and what it cannot show."""
+    """Return what a bank for policies has of motions, what it cannot show, and what looks wrong in its log."""
     steps, wide = motion.shape
     relative = sum(one.state is not None for one in motion.dimensions)
     rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
@@ -647,6 +648,7 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
         *lines,
         *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
         *_costs_of_reflection(bank, motion),
+        *notes(bank),
     ]
 
 
