@@ -5,6 +5,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,12 @@ from eyechart.calibrate.policies import power
 from eyechart.channels import reflected, show
 from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
-from eyechart.frames import Frame, FrameBank, alone, check, decode, open_bank
+from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.importing.bank import taken
 from eyechart.importing.logged import tell
 from eyechart.importing.notes import notes
+from eyechart.importing.repeats import repeats
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from eyechart.studies.policy.scoring import judge
@@ -443,3 +445,153 @@ def test_every_command_on_a_bank_says_what_looks_wrong_in_its_log(
     assert said in " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
     for words in (["plan", str(bank.root)], ["frames", "check", str(bank.root)]):
         assert json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)["notes"] == [said]
+
+
+def again(*drives: int, redraw: Callable[[np.ndarray], np.ndarray] = np.copy, steps: int = 6) -> Callable[..., None]:
+    """Return what appends some drives to a log under other names, so many steps of each, the front pictures redrawn."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        for line in [one for one in lines if int(one["drive"]) in drives and int(one["step"]) < steps]:
+            new = {**line, "drive": f"{line['drive']}b"}
+            for camera in ("front", "side"):
+                new[camera] = f"again-{line[camera]}"
+                shutil.copy(folder / line[camera], folder / new[camera])
+            pixels = redraw(np.asarray(Image.open(folder / line["front"])))
+            Image.fromarray(pixels).save(folder / new["front"])
+            lines.append(new)
+
+    return change
+
+
+def encoded(pixels: np.ndarray) -> np.ndarray:
+    """Return a picture as another encoding may show it: each value up to two levels off."""
+    noise = np.random.default_rng(0).integers(-2, 3, pixels.shape)
+    return np.clip(pixels.astype(int) + noise, 0, 255).astype(np.uint8)
+
+
+def moved(pixels: np.ndarray) -> np.ndarray:
+    """Return a picture with something small in it, which changes it by less than three levels on average."""
+    found = np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")
+    found[20:24, 20:24] = 255 - found[20:24, 20:24]
+    return found
+
+
+def larger(folder: Path, lines: Rows) -> None:
+    """Make the front pictures of a log larger, as `moved` does."""
+    for line in lines:
+        pixels = np.asarray(Image.open(folder / line["front"]))
+        Image.fromarray(np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")).save(folder / line["front"])
+
+
+def repeated(bank: FrameBank) -> list[str]:
+    """Return what the import says of episodes that are others again."""
+    return [line for line in taken(bank) if " again" in line]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (again(7), "episode '7b' is episode '7' again (same states and motions, same pictures): left out, 6 frames"),
+        (
+            again(2, 5, redraw=encoded),
+            "2 episodes are others again: '2b' is '2', '5b' is '5' (same states and motions, same pictures): left out",
+        ),
+        (again(4, steps=5), "episode '4b' is episode '4' again (same states and motions, same pictures): left out, 5"),
+    ],
+)
+def test_a_recording_that_is_there_twice_is_imported_once(
+    tmp_path: Path, change: Callable[[Path, Rows], None], said: str
+) -> None:
+    """Also encoded otherwise, and a part of it; the bank is that of the log without it, and whole."""
+    plain = log(tmp_path / "plain", lambda *_: None)
+    bank = log(tmp_path / "twice", change)
+    assert bank.manifest.fingerprint == plain.manifest.fingerprint
+    assert [frame.id for frame in bank] == [frame.id for frame in plain]
+    assert check(bank.root) == []
+    assert not [*bank.root.rglob("again-*")]
+    (line,) = repeated(bank)
+    assert line.startswith(said)
+    assert repeated(plain) == []
+    assert not {"repeats", "keep_repeats"} & plain.manifest.settings.keys()
+
+
+def test_a_repeat_that_is_told_otherwise_is_one_too_and_the_longer_one_is_kept(tmp_path: Path) -> None:
+    """Whichever comes first."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        again(3)(folder, lines)
+        del lines[18]
+        for line in lines[-6:]:
+            line["task"] = "go there"
+
+    bank = log(tmp_path, change)
+    assert [frame.step for frame in bank if frame.episode == "3b"] == [*range(6)]
+    assert not [frame for frame in bank if frame.episode == "3"]
+    (said,) = repeated(bank)
+    assert said.startswith("episode '3' is episode '3b' again (same states and motions, same pictures, another instr")
+
+
+def still(folder: Path, lines: Rows) -> None:
+    """Make a log one of a robot that stands still and is filmed by cameras that see nothing else."""
+    stops(*range(8))(folder, lines)
+    for line in lines:
+        shutil.copy(folder / lines[0]["front"], folder / line["side"])
+        line.update(dict.fromkeys((name for name in line if name[-1] in "012"), "0.5"))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (still,),
+        (again(2, 5, redraw=lambda pixels: 255 - pixels),),
+        (larger, again(2, 5, redraw=lambda pixels: moved(pixels[:6, :8]))),
+        (again(2, 5, redraw=lambda pixels: pixels[:, :7]),),
+    ],
+)
+def test_what_is_no_recording_twice_is_imported_whole(
+    tmp_path: Path, changes: Sequence[Callable[[Path, Rows], None]]
+) -> None:
+    """A robot that stands still; the same numbers with other pictures, be it one small thing, or of another size."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        for one in changes:
+            one(folder, lines)
+
+    bank = log(tmp_path, change)
+    assert len(bank) == (48 if changes == (still,) else 60)
+    assert repeated(bank) == []
+
+
+def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None:
+    """The bank says that they were asked for; without any it says nothing of them."""
+    log(tmp_path, again(2, 5))
+    words = ["frames", "import", tmp_path, "--table", tmp_path / "t.csv", "--rig", tmp_path / "rig.toml"]
+    words += ["--prompt-columns", "task"]
+    for keep, out, frames in ((["--keep-repeats"], "kept", 60), ([], "left", 48)):
+        found = CliRunner().invoke(app, [str(one) for one in [*words, *keep, "--out", tmp_path / out]])
+        assert found.exit_code == 0, found.output
+        bank = open_bank(tmp_path / out)
+        assert len(bank) == frames
+        assert bank.manifest.settings.get("keep_repeats") is (True if keep else None)
+        pairs = [(one["episode"], one["of"]) for one in bank.manifest.settings["repeats"]]  # type: ignore[attr-defined]
+        assert pairs == [("2b", "2"), ("5b", "5")]
+        (said,) = repeated(bank)
+        assert said in found.stderr.splitlines()
+        assert said.startswith("warning: 2 episodes are others again: " if keep else "2 episodes are others again: ")
+        assert said.endswith(
+            "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"
+        )
+
+
+def test_the_time_that_repeats_take_goes_with_the_frames() -> None:
+    """Also of a log whose episodes all have the same numbers and other pictures: few are looked at of each."""
+    pictures = count()
+    read = lambda _: encode(np.full((4, 4, 3), 40 * (next(pictures) % 6), np.uint8))  # noqa: E731
+    camera, calls = alone("none"), 400
+    frames = [
+        Frame(f"{drive}-{step}", "all", str(drive), step, camera, {"main": "x"}, {}, {}, {}, {"state": (step + 0.5,)})
+        for drive in range(calls)
+        for step in range(5)
+    ]
+    assert repeats(frames, read) == []
+    assert next(pictures) <= calls * 3 * 2

@@ -477,6 +477,36 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
     assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path: Path, *, inside: bool) -> None:
+    """As of two data sets that were merged; with other pictures they are other recordings."""
+    arm(tmp_path / "set", inside=inside)
+    _, pq = arrow()
+    one, other = sorted((tmp_path / "set" / "data").rglob("*.parquet"))
+    first, second = pq.read_table(one), pq.read_table(other)
+    for name in ("observation.state", "action"):
+        second = second.set_column(second.schema.get_field_index(name), name, first[name])
+    pq.write_table(second, other, row_group_size=13)
+    apart = import_lerobot(tmp_path / "set", tmp_path / "apart", Choices(), ahead=Ahead(4, "delta"))
+    assert len(apart) == 80
+    for name in (CAMERA, REAR):
+        if inside:
+            second = second.set_column(second.schema.get_field_index(name), name, first[name])
+            pq.write_table(second, other, row_group_size=13)
+        else:
+            reel = tmp_path / "set" / "videos" / name / "chunk-000"
+            shutil.copy(reel / "file-000.mp4", reel / "file-001.mp4")
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
+    assert [frame.id for frame in bank] == [frame.id for frame in apart][:40]
+    assert check(bank.root) == []
+    said = (
+        "4 episodes are others again: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same states and motions, same pic"
+    )
+    assert any(line.startswith(said) for line in taken(bank))
+    kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Ahead(4, "delta"))
+    assert kept.manifest.fingerprint == apart.manifest.fingerprint
+
+
 def tasks(root: Path, words: dict[int, str | None] | None) -> None:
     """Replace the words of a data set's tasks; None removes the file."""
     path = root / "meta/tasks.parquet"

@@ -91,6 +91,10 @@ def import_(
     longest: Annotated[
         int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
     ] = None,
+    keep_repeats: Annotated[
+        bool,
+        typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
+    ] = False,
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import finite_number
@@ -121,6 +125,7 @@ def import_(
         independent=independent,
         every=every,
         convert=_convert(background, longest, asked=convert),
+        keep_repeats=keep_repeats,
         wrong=wrong.lines,
     )
     if format_ not in {"table", "lerobot"}:
