@@ -1,18 +1,30 @@
 """A table with what a robot did becomes a bank for policies: cameras, state, instruction, and the motion ahead."""
 
-from collections.abc import Sequence
+import csv
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
+from arm_logs import arm_bank
+from eyechart.calibrate.policies import power
 from eyechart.channels import reflected, show
+from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
-from eyechart.frames import Frame, FrameBank, alone, check, decode, open_bank
+from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.importing.bank import taken
 from eyechart.importing.logged import tell
+from eyechart.importing.notes import notes
+from eyechart.importing.repeats import repeats
+from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from eyechart.studies.policy.scoring import judge
 
@@ -318,3 +330,268 @@ def test_a_reflection_that_cannot_be_is_one_line(tmp_path: Path, rig: str, said:
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()
+
+
+Rows = list[dict[str, str]]
+
+
+def log(folder: Path, change: Callable[[Path, Rows], None], rig: str = "", **arm: object) -> FrameBank:
+    """Import the log of an arm of three joints and two cameras, its rows changed, the ``rig`` behind its own."""
+    arm_bank(folder, **{"joints": 3, "side": "moving", "tasks": ("go",), **arm})  # type: ignore[arg-type]
+    with (folder / "t.csv").open(newline="") as file:
+        lines = [*csv.DictReader(file)]
+    change(folder, lines)
+    with (folder / "t.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*lines[0]])
+        writer.writeheader()
+        writer.writerows(lines)
+    (folder / "rig.toml").write_text((folder / "rig.toml").read_text() + rig)
+    chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",))
+    return import_table(folder, folder / "t.csv", folder / "changed", chosen)
+
+
+def sets(column: str, value: Callable[[int], object]) -> Callable[[Path, Rows], None]:
+    """Return what writes into a column the value of each row's number, where that is not None."""
+
+    def change(_: Path, lines: Rows) -> None:
+        for number, line in enumerate(lines):
+            if (one := value(number)) is not None:
+                line[column] = str(one)
+
+    return change
+
+
+def stops(*drives: int, black: bool = False) -> Callable[[Path, Rows], None]:
+    """Return what makes the front camera show one picture all through some drives."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        first = folder / lines[0]["front"]
+        if black:
+            Image.fromarray(np.zeros((6, 8, 3), np.uint8)).save(first)
+        for line in lines[1:]:
+            if int(line["drive"]) in drives:
+                shutil.copy(first, folder / line["front"])
+
+    return change
+
+
+NOISE = np.random.default_rng(3).normal(size=48)
+FAR = {
+    "motion 'aj1': in 2 of 40 logged motions a number lies far from all others (1e+03 from the median, where 95 of 100 "
+    "are within 0.99): these are left out of what answers are measured by; correct them": sets(
+        "aj1", lambda number: 1000 if number == 14 else None
+    ),
+    "state 'j2': in 1 of 48 moments a number lies far from all others (1e+03 from the median, where 95 of 100 are "
+    "within 1.2): partners at a similar state are chosen by its spread; correct them": sets(
+        "j2", lambda number: -1000 if number == 14 else None
+    ),
+}
+SMALL = {
+    "'aj1' is 0 in every row: the log does not say what counts there, and an answer counts in its own unit; declare "
+    "its scale in --rig (scale = …), or leave it out": sets("aj1", lambda _: 0),
+    "'aj2' varies by 1e-05, the others by 0.41: an error of that size counts as much as one of theirs; if it is of "
+    "the same unit, declare its scale in --rig (scale = …), or leave it out": sets(
+        "aj2", lambda number: f"{0.1 + 1e-5 * NOISE[number]:.9f}"
+    ),
+}
+FROZEN = "camera 'front' shows one and the same picture all through {} of 8 episodes: was it frozen, or covered?"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        *((change, said) for said, change in (FAR | SMALL).items()),
+        (stops(0, 3, 5), FROZEN.format(3)),
+        (stops(2, 5, black=True), FROZEN.format(2)),
+    ],
+)
+def test_what_looks_wrong_in_a_log_is_one_line(tmp_path: Path, change: Callable[[Path, Rows], None], said: str) -> None:
+    """Numbers far from all others, a dimension that stays or hardly varies, a camera that shows nothing new."""
+    bank = log(tmp_path, change)
+    assert notes(bank) == [said]
+    assert said.replace("--rig", "rig") in costs(bank)
+
+
+def test_a_log_in_which_nothing_looks_wrong_has_no_notes(tmp_path: Path) -> None:
+    """Nor a bank of a simulator, nor a camera whose pictures are all alike, of which other words say it."""
+    assert notes(log(tmp_path / "fine", lambda *_: None)) == []
+    assert notes(log(tmp_path / "alike", lambda *_: None, side="still")) == []
+    for name in ("tabletop", "rover"):
+        assert notes(open_bank_simulator(name).build(tmp_path / name, seeds=(0, 1), steps=6)) == []
+
+
+@pytest.mark.parametrize(("column", "said"), [("aj1", min(SMALL)), ("aj2", max(SMALL))])
+def test_a_dimension_with_a_declared_scale_may_hardly_vary(tmp_path: Path, column: str, said: str) -> None:
+    """It counts by that scale."""
+    assert notes(log(tmp_path, SMALL[said])) == [said]
+    rig, number = tmp_path / "rig.toml", f'column = "{column}"'
+    rig.write_text(rig.read_text().replace(number, f"{number}\nscale = 0.1"))
+    chosen = Choices(rig=read_rig(rig), prompt_columns=("task",))
+    assert notes(import_table(tmp_path, tmp_path / "t.csv", tmp_path / "declared", chosen)) == []
+
+
+def test_every_command_on_a_bank_says_what_looks_wrong_in_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The import, the check, the plan and a run, before it asks."""
+    monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
+    bank, said = log(tmp_path, stops(0, 3, 5)), FROZEN.format(3)
+    again = ["frames", "import", tmp_path, "--table", tmp_path / "t.csv", "--rig", tmp_path / "rig.toml"]
+    asked = ["run", "policy", "--policy", "python:arm_logs:by_front", "--frames", bank.root, "--out", tmp_path / "run"]
+    for words in ([*again, "--out", tmp_path / "again"], ["frames", "check", bank.root], [*asked, "--dry-run"]):
+        found = CliRunner().invoke(app, [str(word) for word in words])
+        assert found.exit_code == 0, found.output
+        assert found.stderr.splitlines().count(said) == 1
+    assert said in " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
+    for words in (["plan", str(bank.root)], ["frames", "check", str(bank.root)]):
+        assert json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)["notes"] == [said]
+
+
+def again(*drives: int, redraw: Callable[[np.ndarray], np.ndarray] = np.copy, steps: int = 6) -> Callable[..., None]:
+    """Return what appends some drives to a log under other names, so many steps of each, the front pictures redrawn."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        for line in [one for one in lines if int(one["drive"]) in drives and int(one["step"]) < steps]:
+            new = {**line, "drive": f"{line['drive']}b"}
+            for camera in ("front", "side"):
+                new[camera] = f"again-{line[camera]}"
+                shutil.copy(folder / line[camera], folder / new[camera])
+            pixels = redraw(np.asarray(Image.open(folder / line["front"])))
+            Image.fromarray(pixels).save(folder / new["front"])
+            lines.append(new)
+
+    return change
+
+
+def encoded(pixels: np.ndarray) -> np.ndarray:
+    """Return a picture as another encoding may show it: each value up to two levels off."""
+    noise = np.random.default_rng(0).integers(-2, 3, pixels.shape)
+    return np.clip(pixels.astype(int) + noise, 0, 255).astype(np.uint8)
+
+
+def moved(pixels: np.ndarray) -> np.ndarray:
+    """Return a picture with something small in it, which changes it by less than three levels on average."""
+    found = np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")
+    found[20:24, 20:24] = 255 - found[20:24, 20:24]
+    return found
+
+
+def larger(folder: Path, lines: Rows) -> None:
+    """Make the front pictures of a log larger, as `moved` does."""
+    for line in lines:
+        pixels = np.asarray(Image.open(folder / line["front"]))
+        Image.fromarray(np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")).save(folder / line["front"])
+
+
+def repeated(bank: FrameBank) -> list[str]:
+    """Return what the import says of episodes that are others again."""
+    return [line for line in taken(bank) if " again" in line]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (again(7), "episode '7b' is episode '7' again (same states and motions, same pictures): left out, 6 frames"),
+        (
+            again(2, 5, redraw=encoded),
+            "2 episodes are others again: '2b' is '2', '5b' is '5' (same states and motions, same pictures): left out",
+        ),
+        (again(4, steps=5), "episode '4b' is episode '4' again (same states and motions, same pictures): left out, 5"),
+    ],
+)
+def test_a_recording_that_is_there_twice_is_imported_once(
+    tmp_path: Path, change: Callable[[Path, Rows], None], said: str
+) -> None:
+    """Also encoded otherwise, and a part of it; the bank is that of the log without it, and whole."""
+    plain = log(tmp_path / "plain", lambda *_: None)
+    bank = log(tmp_path / "twice", change)
+    assert bank.manifest.fingerprint == plain.manifest.fingerprint
+    assert [frame.id for frame in bank] == [frame.id for frame in plain]
+    assert check(bank.root) == []
+    assert not [*bank.root.rglob("again-*")]
+    (line,) = repeated(bank)
+    assert line.startswith(said)
+    assert repeated(plain) == []
+    assert not {"repeats", "keep_repeats"} & plain.manifest.settings.keys()
+
+
+def test_a_repeat_that_is_told_otherwise_is_one_too_and_the_longer_one_is_kept(tmp_path: Path) -> None:
+    """Whichever comes first."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        again(3)(folder, lines)
+        del lines[18]
+        for line in lines[-6:]:
+            line["task"] = "go there"
+
+    bank = log(tmp_path, change)
+    assert [frame.step for frame in bank if frame.episode == "3b"] == [*range(6)]
+    assert not [frame for frame in bank if frame.episode == "3"]
+    (said,) = repeated(bank)
+    assert said.startswith("episode '3' is episode '3b' again (same states and motions, same pictures, another instr")
+
+
+def still(folder: Path, lines: Rows) -> None:
+    """Make a log one of a robot that stands still and is filmed by cameras that see nothing else."""
+    stops(*range(8))(folder, lines)
+    for line in lines:
+        shutil.copy(folder / lines[0]["front"], folder / line["side"])
+        line.update(dict.fromkeys((name for name in line if name[-1] in "012"), "0.5"))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (still,),
+        (again(2, 5, redraw=lambda pixels: 255 - pixels),),
+        (larger, again(2, 5, redraw=lambda pixels: moved(pixels[:6, :8]))),
+        (again(2, 5, redraw=lambda pixels: pixels[:, :7]),),
+    ],
+)
+def test_what_is_no_recording_twice_is_imported_whole(
+    tmp_path: Path, changes: Sequence[Callable[[Path, Rows], None]]
+) -> None:
+    """A robot that stands still; the same numbers with other pictures, be it one small thing, or of another size."""
+
+    def change(folder: Path, lines: Rows) -> None:
+        for one in changes:
+            one(folder, lines)
+
+    bank = log(tmp_path, change)
+    assert len(bank) == (48 if changes == (still,) else 60)
+    assert repeated(bank) == []
+
+
+def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None:
+    """The bank says that they were asked for; without any it says nothing of them."""
+    log(tmp_path, again(2, 5))
+    words = ["frames", "import", tmp_path, "--table", tmp_path / "t.csv", "--rig", tmp_path / "rig.toml"]
+    words += ["--prompt-columns", "task"]
+    for keep, out, frames in ((["--keep-repeats"], "kept", 60), ([], "left", 48)):
+        found = CliRunner().invoke(app, [str(one) for one in [*words, *keep, "--out", tmp_path / out]])
+        assert found.exit_code == 0, found.output
+        bank = open_bank(tmp_path / out)
+        assert len(bank) == frames
+        assert bank.manifest.settings.get("keep_repeats") is (True if keep else None)
+        pairs = [(one["episode"], one["of"]) for one in bank.manifest.settings["repeats"]]  # type: ignore[attr-defined]
+        assert pairs == [("2b", "2"), ("5b", "5")]
+        (said,) = repeated(bank)
+        assert said in found.stderr.splitlines()
+        assert said.startswith("warning: 2 episodes are others again: " if keep else "2 episodes are others again: ")
+        assert said.endswith(
+            "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"
+        )
+
+
+def test_the_time_that_repeats_take_goes_with_the_frames() -> None:
+    """Also of a log whose episodes all have the same numbers and other pictures: few are looked at of each."""
+    pictures = count()
+    read = lambda _: encode(np.full((4, 4, 3), 40 * (next(pictures) % 6), np.uint8))  # noqa: E731
+    camera, calls = alone("none"), 400
+    frames = [
+        Frame(f"{drive}-{step}", "all", str(drive), step, camera, {"main": "x"}, {}, {}, {}, {"state": (step + 0.5,)})
+        for drive in range(calls)
+        for step in range(5)
+    ]
+    assert repeats(frames, read) == []
+    assert next(pictures) <= calls * 3 * 2

@@ -18,6 +18,7 @@ from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, decode, encode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
 from eyechart.importing.bank import taken
+from eyechart.importing.notes import notes
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
 from eyechart.spaces.motion import Kind
@@ -476,6 +477,36 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
     assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path: Path, *, inside: bool) -> None:
+    """As of two data sets that were merged; with other pictures they are other recordings."""
+    arm(tmp_path / "set", inside=inside)
+    _, pq = arrow()
+    one, other = sorted((tmp_path / "set" / "data").rglob("*.parquet"))
+    first, second = pq.read_table(one), pq.read_table(other)
+    for name in ("observation.state", "action"):
+        second = second.set_column(second.schema.get_field_index(name), name, first[name])
+    pq.write_table(second, other, row_group_size=13)
+    apart = import_lerobot(tmp_path / "set", tmp_path / "apart", Choices(), ahead=Ahead(4, "delta"))
+    assert len(apart) == 80
+    for name in (CAMERA, REAR):
+        if inside:
+            second = second.set_column(second.schema.get_field_index(name), name, first[name])
+            pq.write_table(second, other, row_group_size=13)
+        else:
+            reel = tmp_path / "set" / "videos" / name / "chunk-000"
+            shutil.copy(reel / "file-000.mp4", reel / "file-001.mp4")
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
+    assert [frame.id for frame in bank] == [frame.id for frame in apart][:40]
+    assert check(bank.root) == []
+    said = (
+        "4 episodes are others again: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same states and motions, same pic"
+    )
+    assert any(line.startswith(said) for line in taken(bank))
+    kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Ahead(4, "delta"))
+    assert kept.manifest.fingerprint == apart.manifest.fingerprint
+
+
 def tasks(root: Path, words: dict[int, str | None] | None) -> None:
     """Replace the words of a data set's tasks; None removes the file."""
     path = root / "meta/tasks.parquet"
@@ -622,6 +653,21 @@ def test_what_the_data_do_not_tell_is_as_the_names_say(tmp_path: Path) -> None:
     assert bank.manifest.motion.kind == "delta"
     (said,) = (line for line in taken(bank) if line.startswith("kind: delta, as the names say; the data do not tell"))
     assert said.endswith("--kind says it")
+
+
+def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tmp_path: Path) -> None:
+    """A data set declares no scale."""
+    reach(tmp_path / "set", {}, changes=True)
+    pa, pq = arrow()
+    for path in sorted((tmp_path / "set" / "data").rglob("*.parquet")):
+        table = pq.read_table(path)
+        done = np.array(table["action"].to_pylist()) * [1, 1e-6]
+        table = table.set_column(table.schema.get_field_index("action"), "action", pa.array(done.tolist()))
+        pq.write_table(table, path)
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
+    (said,) = notes(bank)
+    assert said.startswith("'speed' varies by 1e-06, the others by ")
+    assert said.endswith("leave it out of the data set's 'action', or import a --table, whose --rig declares its scale")
 
 
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:

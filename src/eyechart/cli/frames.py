@@ -91,6 +91,10 @@ def import_(
     longest: Annotated[
         int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
     ] = None,
+    keep_repeats: Annotated[
+        bool,
+        typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
+    ] = False,
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import finite_number
@@ -121,6 +125,7 @@ def import_(
         independent=independent,
         every=every,
         convert=_convert(background, longest, asked=convert),
+        keep_repeats=keep_repeats,
         wrong=wrong.lines,
     )
     if format_ not in {"table", "lerobot"}:
@@ -149,24 +154,25 @@ def check(
 
     With OTHER, also whether the frames of one name in both banks are the same moments: ground truth to 3 decimals, not
     pixels, which other versions of libraries draw otherwise. Of a bank for policies, also which channels have nothing
-    to be exchanged, such as a camera whose pictures are all alike.
+    to be exchanged, such as a camera whose pictures are all alike, and what looks wrong in its log.
     """
     from eyechart.conditions import by_reason
     from eyechart.frames import check as check_bank
     from eyechart.frames import open_unchecked, shared
 
     problems = [problem for each in filter(None, (bank, other)) for problem in check_bank(each)]
-    undrawn, unshown = ({}, {}) if problems else _lacking(bank)
+    undrawn, unshown, noted = ({}, {}, []) if problems else _lacking(bank)
     both = None if other is None else shared(open_unchecked(bank), open_unchecked(other))
     unlike = both is not None and bool(both.unlike or not both.frames)
     if json:
-        more: dict[str, object] = {"undrawn": undrawn} if undrawn else {}
-        more |= {"unshown": unshown} if unshown else {}
+        lacks: dict[str, object] = {"undrawn": undrawn, "unshown": unshown, "notes": noted}
+        more = {name: one for name, one in lacks.items() if one}
         more |= {} if both is None else {"other": str(other), "geometry": both.as_dict()}
         print_json({"bank": str(bank), "ok": not problems and not unlike, "problems": problems, **more})
     else:
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
         lacking += [f"not asked of a policy: {names}: {why}" for names, why in by_reason(unshown).items()]
+        lacking += noted
         fine = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
         say(*([f"eyechart: {one}" for one in problems] or [*fine, *lacking]))
         say(*(() if both is None else _shared_words(both)))
@@ -174,14 +180,15 @@ def check(
         raise typer.Exit(1)
 
 
-def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str]]:
-    """Return which controls of a bank could not be drawn, and which of its channels no policy is asked about."""
+def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
+    """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
     from eyechart.channels import unshown_channels
     from eyechart.conditions import undrawn_controls
     from eyechart.frames import open_bank
+    from eyechart.importing.notes import notes
 
     bank = open_bank(folder)
-    return undrawn_controls(bank), {} if bank.manifest.motion is None else unshown_channels(bank)
+    return undrawn_controls(bank), {} if bank.manifest.motion is None else unshown_channels(bank), notes(bank)
 
 
 def _shared_words(both: "Shared") -> list[str]:
@@ -273,6 +280,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     from eyechart.channels import channels_of, conditions_of, shown, subset_conditions
     from eyechart.cli.terminal import print_each
     from eyechart.conditions import by_reason
+    from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.channels import OF_DATA_SET, SURENESS
 
@@ -286,7 +294,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     never = unreachable(bank)
     if json:
         labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
-        print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank)})
+        print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank), "notes": notes(bank)})
         return
     print_each([found.table()])
     some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
@@ -301,6 +309,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
             *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
             *(f"{one} of the state never changes within an episode, and counts as content" for one in unmoved(bank)),
             *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
+            *notes(bank),
             *([f"--shapley asks {more} calls more"] if more else []),
             f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
         ]

@@ -281,6 +281,7 @@ def policy(
     Example: eyechart run policy --policy trained:sees --frames bank --out run
     """
     from eyechart.conditions import by_reason
+    from eyechart.importing.notes import notes
     from eyechart.limits import Limits
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
@@ -299,6 +300,7 @@ def policy(
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
     for names, why in by_reason(planned.left_out).items():
         say(f"left out: {names}, because {why}")
+    say(*notes(plan.bank))
     size = f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
     say(
         f"{size}{_unshown(plan)}: {calls} calls, "

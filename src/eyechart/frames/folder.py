@@ -6,7 +6,7 @@ import os
 import shutil
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
@@ -295,7 +295,7 @@ class BankWriter:
         self._folder = whole_folder(out, BankError)
         self._out = out
         self._manifest = manifest
-        self._rows: list[str] = []
+        self._rows: dict[str, str] = {}
         self._geometry: dict[str, str] = {}
         self._images: dict[str, str] = {}
         self._distances: dict[str, dict[str, float]] = {}
@@ -346,8 +346,23 @@ class BankWriter:
         row |= {f"{name}{FILE_SUFFIX}": frame.pictures[name] for name in others}
         for name, files in frame.counterfactuals.items():
             row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
-        self._rows.append(json.dumps(row, ensure_ascii=False))
+        self._rows[frame.id] = json.dumps(row, ensure_ascii=False)
         self._geometry[frame.id] = frame.geometry()
+
+    def read(self, file: str) -> bytes:
+        """Return an encoded picture that was added."""
+        return read_bounded(self._work, file)
+
+    def leave_out(self, frame: Frame) -> None:
+        """Take a frame that was added, as it was given, and its pictures out of the bank."""
+        del self._rows[frame.id], self._geometry[frame.id]
+        self._distances.pop(frame.id, None)
+        for file in files_of(frame):
+            del self._images[file]
+            path = self._work / file
+            path.unlink()
+            with suppress(OSError):  # other pictures lie there
+                path.parent.rmdir()
 
     def _logged(self, frame: Frame) -> dict[str, object]:
         """Return a frame's logged motion as its row has it, nothing where the manifest declares no motions."""
@@ -396,7 +411,7 @@ class BankWriter:
     def _finish(self) -> None:
         controls = replace(self._manifest.controls, distances=self._distances) if self._distances else Controls()
         manifest = replace(self._manifest, geometry=self._geometry, images=self._images, controls=controls)
-        (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows), encoding="utf-8")
+        (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows.values()), encoding="utf-8")
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
         open_bank(self._work)

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count, repeat
+from itertools import chain, count, repeat
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
@@ -45,8 +45,10 @@ from eyechart.importing.cells import (
 )
 from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Log, tell
+from eyechart.importing.notes import notes
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
+from eyechart.importing.repeats import REPEATS, in_words, repeats
 from eyechart.importing.tables import Table, open_table
 from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
@@ -85,7 +87,8 @@ class Choices:
     frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
     frames without episodes to be independent draws, and ``prompt_columns`` what a prompt may say. Every ``every``-th
     frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
-    refused. ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
+    refused. With ``keep_repeats`` a recording that is there twice is imported twice.
+    ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -99,6 +102,7 @@ class Choices:
     every: int = 1
     rig: reading.Rig | None = None
     convert: Convert | None = None
+    keep_repeats: bool = False
     wrong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -555,6 +559,7 @@ def write(
             "left_out": left_out,
             "every": choices.every,
             **({} if choices.convert is None else {"convert": plain(choices.convert)}),
+            **({"keep_repeats": True} if choices.keep_repeats else {}),
             **source.settings,
         },
         prompt_columns=choices.prompt_columns,
@@ -565,17 +570,26 @@ def write(
         motion=None if choices.rig is None else choices.rig.space,
     )
     with BankWriter(out, manifest) as writer:
+        added = []
         for number, (frame, images, drawn) in enumerate(source.pictures(frames), 1):
             writer.add(frame, images, drawn)
+            added.append(frame)
             if progress is not None:
                 progress(number, len(frames))
+        if found := repeats(added, writer.read):
+            writer.note(REPEATS, [one.as_dict() for one in found])
+        for frame in chain.from_iterable(one.frames for one in found if not choices.keep_repeats):
+            writer.leave_out(frame)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
     return open_bank(out)
 
 
 def taken(bank: FrameBank) -> list[str]:
-    """Return what an imported bank took: columns of other names, how pictures changed, and what its motions are."""
+    """Return what an imported bank took: columns of other names, how pictures changed, what its motions are.
+
+    And which episodes are others again.
+    """
     settings, lines = bank.manifest.settings, []
     columns, done, how = (settings.get(name) for name in ("columns", "converted", "convert"))
     own = {(place, of) for place, names in reading.ROLES.items() for of in names}
@@ -587,6 +601,8 @@ def taken(bank: FrameBank) -> list[str]:
     if isinstance(done, dict) and isinstance(how, dict):
         kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
         lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
+    if again := settings.get(REPEATS):
+        lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
     told = settings.get(KIND)
     warned = told.get("said") if isinstance(told, dict) else None
     return [*lines, *(map(str, warned) if isinstance(warned, list) else ())]
@@ -628,7 +644,7 @@ def costs(bank: FrameBank) -> list[str]:
 
 
 def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
-    """Return what a bank for policies has of motions, and what it cannot show."""
+    """Return what a bank for policies has of motions, what it cannot show, and what looks wrong in its log."""
     steps, wide = motion.shape
     relative = sum(one.state is not None for one in motion.dimensions)
     rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
@@ -647,6 +663,7 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
         *lines,
         *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
         *_costs_of_reflection(bank, motion),
+        *notes(bank),
     ]
 
 

@@ -1,0 +1,137 @@
+"""Which episodes of a log are one recording under two names, as a merged data set has them.
+
+Counted twice, an episode is two in every test, and the partner of a moment at a similar state is the moment itself.
+"""
+
+import hashlib
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from eyechart.frames import RGB, Frame, decode
+
+LEAST_SHARED = 3
+"""Episodes that share fewer unlike moments are no candidates: a robot that stands still has one."""
+SHARED = 0.5
+"""The share of the shorter one's unlike moments, by state and motion, that both have."""
+LOOKED_AT = 3
+"""So many shared moments are compared by their pictures."""
+MEAN, PART = 3.0, 25.0
+"""Levels by which pictures of one moment differ at most, such as by another encoding: on average, and in any part.
+
+A small object that stands elsewhere changes the average by no more than JPEG or H.264 do, and its own part by more.
+"""
+LEAST_SIDE, PARTS = 4, 32
+"""A part is a square of so many pixels at least, and about so many of them stand on a picture's shorter side."""
+MOST_HOLDERS = 8
+"""A moment is looked up in so many episodes at most, so that the time goes with the frames."""
+MOST_TRIED = 3
+_SHOWN = 8
+REPEATS = "repeats"
+"""The setting of an imported bank that says which episodes are others again."""
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """An episode that is another one again: its frames, what both are called, and whether it is told otherwise."""
+
+    frames: Sequence[Frame]
+    episode: str
+    of: str
+    told: bool
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {"episode": self.episode, "of": self.of, "frames": len(self.frames), "told_otherwise": self.told}
+
+
+def repeats(frames: Sequence[Frame], read: Callable[[str], bytes]) -> list[Repeat]:
+    """Return the episodes that are a longer one, or one before, again: the same states, motions and pictures.
+
+    ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and other pictures neither
+    is a repeat.
+    """
+    episodes: dict[str, list[Frame]] = defaultdict(list)
+    for frame in frames:
+        episodes[frame.drive].append(frame)
+    moments = {drive: {key: one for one in reversed(many) if (key := _key(one))} for drive, many in episodes.items()}
+    holders: dict[bytes, list[str]] = defaultdict(list)
+    several = len({frame.scenario for frame in frames}) > 1
+    names = {drive: drive if several else many[0].episode for drive, many in episodes.items()}
+    found = []
+    for drive in sorted(episodes, key=lambda one: -len(episodes[one])):
+        own = moments[drive]
+        if (of := _same(own, holders, moments, read)) is None:
+            for key in own:
+                if len(holders[key]) < MOST_HOLDERS:
+                    holders[key].append(drive)
+            continue
+        told, before = ({*chain.from_iterable(one.fields.items() for one in episodes[name])} for name in (drive, of))
+        found.append(Repeat(episodes[drive], names[drive], names[of], not told <= before))
+    return found
+
+
+def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
+    """Return a line that names which episodes are others again, by what `Repeat.as_dict` says of them."""
+    pairs = [f"'{one['episode']}' is '{one['of']}'" for one in found]
+    named = ", ".join(pairs[:_SHOWN]) + (f" and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
+    said = f"{len(pairs)} episodes are others again: {named}"
+    if len(pairs) == 1:
+        said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
+    told = sum(bool(one["told_otherwise"]) for one in found)
+    of = "" if told == len(pairs) else f" in {told}"
+    said += f" (same states and motions, same pictures{f', another instruction{of}' if told else ''})"
+    count = sum(int(str(one["frames"])) for one in found)
+    if kept:
+        return f"warning: {said}: kept, as --keep-repeats says, and counted twice"
+    return f"{said}: left out, {count} frames; --keep-repeats imports them"
+
+
+def _key(frame: Frame) -> bytes:
+    """Return what a moment's state and motion are, in single precision; nothing where it has neither."""
+    numbers = [*chain.from_iterable(frame.state.values()), *chain.from_iterable(frame.motion)]
+    held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign
+    return hashlib.blake2b(held.tobytes(), digest_size=16).digest() if numbers else b""
+
+
+def _same(
+    own: Mapping[bytes, Frame],
+    holders: Mapping[bytes, Sequence[str]],
+    moments: Mapping[str, Mapping[bytes, Frame]],
+    read: Callable[[str], bytes],
+) -> str | None:
+    """Return the episode that an episode's moments are again, None where there is none."""
+    counts = Counter(drive for key in own for drive in holders.get(key, ()))
+    for drive, count in counts.most_common(MOST_TRIED):
+        other = moments[drive]
+        if count < max(LEAST_SHARED, SHARED * min(len(own), len(other))):
+            break
+        shared = [key for key in own if key in other]
+        looked = {shared[place * (len(shared) - 1) // (LOOKED_AT - 1)] for place in range(LOOKED_AT)}
+        if all(_alike(own[key], other[key], read) for key in looked):
+            return drive
+    return None
+
+
+def _alike(one: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
+    """Return whether all cameras of two frames show the same."""
+    return all(_seen_alike(read(file), read(other.pictures[name])) for name, file in one.pictures.items())
+
+
+def _seen_alike(one: bytes, other: bytes) -> bool:
+    return one == other or _level(decode(one, "a picture"), decode(other, "a picture"))
+
+
+def _level(one: RGB, other: RGB) -> bool:
+    """Return whether two pictures differ by no more than their encoding may."""
+    if one.shape != other.shape:
+        return False
+    away = np.abs(one.astype(np.int16) - other).mean(axis=2)
+    high, wide = away.shape
+    side = min(max(LEAST_SIDE, min(high, wide) // PARTS), high, wide)
+    rows, columns = high // side, wide // side
+    parts = away[: rows * side, : columns * side].reshape(rows, side, columns, side).mean(axis=(1, 3))
+    return bool(away.mean() <= MEAN and parts.max() <= PART)
