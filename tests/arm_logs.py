@@ -31,12 +31,13 @@ def arm_bank(
     pace: float = 0.5,
     stays: int = 0,
     wrong: float = 0.0,
+    rows: Sequence[tuple[int, int]] = ((3, 2),),
 ) -> FrameBank:
     """Return a bank of an arm that goes home from somewhere; the pictures of a side camera are all alike if ``still``.
 
     It goes the part ``pace`` of its way in a step, but in the last joints, as many as ``stays`` says, that stay. The
-    brightness of the front picture's left half is the episode's, that of the right half the step's. In one row of the
-    log every number is ``wrong`` by so much.
+    brightness of the front picture's left half is the episode's, that of the right half the step's. In some rows
+    of the log (episode, step) the first number is ``wrong`` by so much.
     """
     assert side in SIDES
     rng, cameras = np.random.default_rng(7), ("front", *(("side",) if side else ()))
@@ -54,7 +55,7 @@ def arm_bank(
                 shown = np.full_like(pixels, 90) if side == "still" else 255 - pixels
                 Image.fromarray(shown).save(folder / files[1])
             action = -0.3 * state + (bright - 125) / 100
-            logged = action + (wrong if (drive, step) == (3, 2) else 0.0)
+            logged = action + np.eye(joints)[0] * (wrong if (drive, step) in rows else 0.0)
             cells = [*files, drive, step, _quoted(tasks[drive % len(tasks)]), *np.round([*state, *logged], 5)]
             lines.append(",".join(map(str, cells)))
             state[: joints - stays] += (pace * action + 0.1 * pace * rng.normal(size=joints))[: joints - stays]

@@ -299,13 +299,19 @@ def test_what_was_not_asked_gives_no_label_and_passes_no_gate(
     assert hold_policies({"m": found}, [f"{axis}:{wanted}"], {}).exit_code == 2
 
 
-@pytest.mark.parametrize(("least", "label"), [(0.45, "object_grounded"), (0.44, "camera_content")])
-def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(least: float, label: str) -> None:
-    """Each instruction, and each axis of the world, has three quarters of the mean at least."""
-    parts = {"told 'reach the red block'": 0.9, "told 'reach the blue block'": least, "along x": 0.6}
+@pytest.mark.parametrize(
+    ("value", "at_most", "label"),
+    [(0.45, 0.45, "object_grounded"), (0.44, 0.44, "camera_content"), (0.2, 0.45, "object_grounded")],
+)
+def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(value: float, at_most: float, label: str) -> None:
+    """Each instruction, and each axis of the world, may have three quarters of the mean at least."""
+    even, less = ({"value": one, "at_most": end, "episodes": 6} for one, end in ((0.9, 0.9), (value, at_most)))
+    parts = {"told 'reach the red block'": even, "told 'reach the blue block'": less, "along x": even}
     found = verdict(**{"follow.rather": replace(FOLLOWED, detail={"parts": parts})}).camera
     assert found.label == label
-    assert ("told 'reach the blue block' only 44% farther than the other" in found.why_not) == (least < 0.45)
+    said = "told 'reach the blue block' only 44 % farther than the other, and 60 % on the whole"
+    assert (said in found.why_not) == (label == "camera_content")
+    assert found.may_be == ("object_grounded" if label == "camera_content" else "")
 
 
 def test_few_episodes_with_pictures_of_their_own_are_named() -> None:
@@ -323,7 +329,7 @@ def test_what_was_exchanged_in_words_is_quoted() -> None:
     told = replace(IGNORED, detail={**(IGNORED.detail or {}), "texts": texts})
     found = verdict(told=told, named=UNFOLLOWED).instruction
     assert found.label == "instruction_ignored"
-    assert "Another instruction ('go to the very" in found.because
+    assert "Another instruction (most often 'go to the very" in found.because
     assert "…' for 'reach red')" in found.because
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
+import numpy.typing as npt
 
 from eyechart.conditions import CONDITIONS, OVER, Condition, Source, available, find_condition
 from eyechart.conditions import show as show_pictures
@@ -18,7 +19,7 @@ from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.patterns import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
-from eyechart.stats.outliers import outlying
+from eyechart.stats.outliers import outlying, recurs
 from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners, reaches
 from eyechart.stats.shapley import Subset, subsets
 
@@ -66,8 +67,9 @@ _DRAWN = {
     "recoloured": ("same moment, another table", "does paint decide?"),
     "decoys": ("same moment, further objects", "do others distract it?"),
 }
-_SIGNS = pattern(r"[!\"'(),:;?\[\]{}`’“”‘…]|[.\-](?!\d)")
+_SIGNS = pattern(r"[!\"(),:;?\[\]{}`“”…«»。，！？]|[.\-–—](?!\s*\d)")
 """Punctuation of a text; not that of a number, nor an arrow."""
+_APOSTROPHES = str.maketrans("", "", "'’‘")
 _PLAIN = ("real", "real_repeat", "nudged", "blank", "noise", "mirrored")
 EXCHANGED = "exchanged"
 """The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
@@ -294,6 +296,13 @@ def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
     return tuple(number for numbers in state.values() for number in numbers)
 
 
+def state_names(bank: FrameBank) -> list[str]:
+    """Return the name of each number of the state, that of its state where nobody names the numbers."""
+    space = bank.manifest.motion
+    named = [one.name for one in space.state] if space is not None else []
+    return named or [name for name, many in bank.frames[0].state.items() for _ in many]
+
+
 def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
     """Return whose channel a frame is shown; raises BankError where nobody's can be."""
     place = _partnered(frame, source, base, channel)
@@ -314,7 +323,9 @@ def told(fields: Mapping[str, object]) -> tuple[object, ...]:
     """
     found = []
     for name, one in fields.items():
-        plain = " ".join(_SIGNS.sub(" ", one.casefold()).split()) if isinstance(one, str) else ""
+        plain = (
+            " ".join(_SIGNS.sub(" ", one.casefold().translate(_APOSTROPHES)).split()) if isinstance(one, str) else ""
+        )
         found.append((name, plain or one))
     return tuple(found)
 
@@ -340,10 +351,9 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
     if not len(asked):
         return "", []
-    states, space = np.array([flat_state(frame.state) for frame in bank]), bank.manifest.motion
+    states = np.array([flat_state(frame.state) for frame in bank])
     ratios = reaches(states, asked, near[asked], matched[asked])
-    named = [one.name for one in space.state] if space is not None else []
-    names = named or [name for name, many in bank.frames[0].state.items() for _ in many]
+    names = state_names(bank)
     still = ratios < STILL
     if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
         ratios = np.where(still, np.inf, ratios)
@@ -356,13 +366,31 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
 
 
 def far_off(bank: FrameBank) -> Mapping[str, tuple[str, ...]]:
-    """Return of each frame whose logged motion holds a number far from all others which dimensions these are.
+    """Return of each frame whose logged motion holds a number that is a fault of the log which dimensions these are.
 
-    By `eyechart.stats.outliers.outlying`, relative to the state as motions are compared. Such a frame counts as one
-    without a logged motion: one row of a wrong unit would be the scale of its dimension.
+    It lies far from all others, by `eyechart.stats.outliers`, in one episode or few, relative to the state as motions
+    are compared, and nobody declares the scale of its dimension. Such a frame counts as one without a logged motion:
+    one row of a wrong unit would be the scale of its dimension.
     """
     space = bank.manifest.motion
-    return {} if space is None else _far_off(_Same(bank.frames), space)
+    return {} if space is None else _far(_Same(bank.frames), space)[0]
+
+
+def rare(bank: FrameBank) -> frozenset[str]:
+    """Return the dimensions of the motion with a few numbers far from all others, faults or moves that are rare."""
+    space = bank.manifest.motion
+    return frozenset() if space is None else _far(_Same(bank.frames), space)[1]
+
+
+def relative_log(frames: Sequence[Frame], space: MotionSpace) -> npt.NDArray[np.float64]:
+    """Return the logged motions of frames that have one, as `relative` does."""
+    return relative(np.array([frame.motion for frame in frames]), frames, space)
+
+
+def relative(motions: npt.NDArray[np.float64], frames: Sequence[Frame], space: MotionSpace) -> npt.NDArray[np.float64]:
+    """Return motions relative to the states of the frames that they belong to, shape (frames, steps, dimensions)."""
+    states = np.array([flat_state(frame.state) for frame in frames])
+    return space.relative(motions, states if states.size else None)
 
 
 def logs(bank: FrameBank) -> list[Frame]:
@@ -399,19 +427,21 @@ class _Same:
 
 
 @lru_cache(maxsize=16)
-def _far_off(same: _Same, space: MotionSpace) -> Mapping[str, tuple[str, ...]]:
-    frames = [frame for frame in same.frames if frame.motion]
+def _far(same: _Same, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
+    """Return which dimensions are far off in which frames by a fault, and which have numbers that are far at all."""
+    frames, names = [frame for frame in same.frames if frame.motion], [one.name for one in space.dimensions]
     if not frames:
-        return {}
-    states = np.array([flat_state(frame.state) for frame in frames])
-    logged = space.relative(np.array([frame.motion for frame in frames]), states if states.size else None)
-    names = [one.name for one in space.dimensions]
-    far = outlying(logged.reshape(-1, len(names)), at_once=space.horizon).reshape(logged.shape)
+        return {}, frozenset()
+    numbers = relative_log(frames, space)
+    far = outlying(numbers.reshape(-1, len(names)), at_once=space.horizon).reshape(numbers.shape).any(axis=1)
+    faults = far & ~recurs(far, [frame.drive for frame in frames])
+    faults &= np.array([one.scale is None for one in space.dimensions])
     found = {
-        frame.id: tuple(name for place, name in enumerate(names) if one[:, place].any())
-        for frame, one in zip(frames, far, strict=True)
+        frame.id: tuple(names[place] for place in np.flatnonzero(faults[row]))
+        for row, frame in enumerate(frames)
+        if faults[row].any()
     }
-    return {name: which for name, which in found.items() if which}
+    return found, frozenset(names[place] for place in np.flatnonzero(far.any(axis=0)))
 
 
 @lru_cache(maxsize=128)

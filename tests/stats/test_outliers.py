@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eyechart.stats.outliers import outlying
+from eyechart.stats.outliers import outlying, recurs
 
 RNG = np.random.default_rng(0)
 USUAL = RNG.normal(size=(144, 2))
@@ -50,3 +50,16 @@ def test_what_is_of_one_row_counts_as_one() -> None:
 def test_nothing_else_is_a_fault(numbers: np.ndarray) -> None:
     """Near numbers, many of them, few rows in all, what is mostly one value, and usual tails."""
     assert not outlying(numbers).any()
+
+
+def test_what_is_far_in_several_episodes_recurs() -> None:
+    """In more than one, and more than a twentieth of them: a gripper that closes, and no wrong row."""
+    episodes = np.repeat(np.arange(60), 10)
+    far = np.zeros((600, 3), dtype=bool)
+    far[[0, 1, 2], 0] = far[[0, 10, 20], 1] = far[[0, 10, 20, 30], 2] = True
+    assert recurs(far, episodes).tolist() == [False, False, True]
+    assert recurs(far[:200], episodes[:200]).tolist() == [False, True, True]
+    closes = np.where(np.arange(400) % 50 == 7, 1.0, 1e-3 * RNG.normal(size=400))[:, None]
+    found = outlying(closes)
+    assert found.sum() == 8
+    assert recurs(found, np.arange(400) // 20).all()

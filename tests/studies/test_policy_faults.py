@@ -4,6 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from arm_logs import arm_bank
@@ -234,5 +235,26 @@ def test_a_row_of_a_log_that_is_far_from_all_others_turns_no_verdict_round(tmp_p
     assert found[1000.0].guards == found[0.0].guards == {}
     assert found[1000.0].camera.label == found[0.0].camera.label == "camera_content"
     (said,) = (one for one in found[1000.0].remarks if one.startswith("Of the log"))
-    assert said.startswith("Of the log 2 moments are left out, in which aj0, aj1 lies far from all others")
+    assert said.startswith(
+        "Of the log 2 moments are left out of what answers are measured by, since numbers of aj0 are"
+    )
     assert not any("left out" in one for one in found[0.0].remarks)
+
+
+def test_rows_that_are_far_in_many_episodes_are_kept_and_hide_no_use(tmp_path: Path) -> None:
+    """They may be moves that are rare, so nothing is left out; but what they make small is not called ignored."""
+    rows = [(drive, 2) for drive in (1, 5, 9)]
+    bank = arm_bank(tmp_path / "arm", tasks=("go",), length=8, episodes=16, horizon=1, wrong=50.0, rows=rows)
+    spec = "python:test_policy_faults:by_sight_and_by_state"
+    policy.run(policy.plan(bank.root, [spec], tmp_path / "run"))
+    score = policy.score(tmp_path / "run")
+    found = score.models[spec].statistics["T.swapped@cameras"]
+    assert far_off(bank) == {}
+    assert found.value < 0.1
+    assert found.detail["carried"]["aj0"] > 0.5
+
+
+def by_sight_and_by_state(images: dict[str, Any], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do as the log does in the first number, and go by the state alone in the second."""
+    del instruction
+    return np.array([[-0.3 * state[0] + (float(images["front"][0, 0, 0]) - 125) / 100, -0.3 * state[1]]])

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.channels import far_off, flat_state, logs
+from eyechart.channels import far_off, flat_state, logs, rare, relative_log, state_names
 from eyechart.frames import IMPORTED, Frame, FrameBank
 from eyechart.spaces.motion import MotionSpace
-from eyechart.stats.outliers import outlying
+from eyechart.stats.outliers import outlying, recurs
 
 LEAST_FRAMES = 3
 """Of fewer frames of an episode it is no wonder that a camera shows the same in all of them."""
-STILL = 1e-9
+ONE_VALUE = 1e-9
 """A dimension whose spread is no more than this has one value, as `MotionSpace.scales` has it."""
 SMALL = 1e-3
 """A dimension that varies by less of what the others do is named: it counts as much as they do."""
@@ -30,38 +30,50 @@ def notes(bank: FrameBank) -> list[str]:
     space = bank.manifest.motion
     if space is None:
         return []
-    return [*_far_in_motion(bank, space), *_far_in_state(bank, space), *_spreads(bank, space), *_frozen(bank)]
+    return [*_far_in_motion(bank, space), *_far_in_state(bank), *_spreads(bank, space), *_frozen(bank)]
 
 
 def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
-    far = far_off(bank)
-    if not far:
-        return
-    frames, names = [frame for frame in bank if frame.motion], [one.name for one in space.dimensions]
-    numbers, which = _relative(frames, space), {name for many in far.values() for name in many}
-    places = [place for place, name in enumerate(names) if name in which]
-    said = _as_far(numbers[..., places].reshape(-1, len(places)), [names[place] for place in places])
-    yield (
-        f"motion {_quoted(names[place] for place in places)}: in {len(far)} of {len(frames)} logged motions a number "
-        f"lies far from all others ({said}): these are left out of what answers are measured by; correct them"
-    )
+    """Yield which dimensions have a few numbers far from all others: those of faults, and those that recur."""
+    frames, names, left = logs(bank), [one.name for one in space.dimensions], far_off(bank)
+    logged = [frame for frame in bank if frame.motion]
+    faults = {name for many in left.values() for name in many}
+    if faults:
+        said = _far(logged, space, [place for place, name in enumerate(names) if name in faults])
+        yield (
+            f"motion {said}, in {len(left)} of {len(logged)} logged motions: these are left out of what answers are "
+            "measured by; correct them, or declare the scale if it is a move that is rare"
+        )
+    recur = [place for place, one in enumerate(space.dimensions) if one.name in rare(bank) - faults and not one.scale]
+    if recur:
+        yield (
+            f"motion {_far(frames, space, recur)}, in several episodes: a move that is rare, or wrong rows, which "
+            "would be the scale of all others; correct them, or declare the scale"
+        )
 
 
-def _far_in_state(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
+def _far(frames: Sequence[Frame], space: MotionSpace, places: Sequence[int]) -> str:
+    """Return in words that some dimensions have numbers far from all others, and how far."""
+    names = [space.dimensions[place].name for place in places]
+    said = _as_far(relative_log(frames, space)[..., places].reshape(-1, len(places)), names)
+    return f"{_quoted(names)}: a few numbers lie far from all others ({said})"
+
+
+def _far_in_state(bank: FrameBank) -> Iterator[str]:
     if not bank.manifest.state:
         return
     numbers = np.array([flat_state(frame.state) for frame in bank])
     far = outlying(numbers)
+    far &= ~recurs(far, [frame.drive for frame in bank])
     if not far.any():
         return
-    names = [one.name for one in space.state]
-    names = names or [name for name, many in bank.frames[0].state.items() for _ in many]
-    places = np.flatnonzero(far.any(axis=0))
+    names, places = state_names(bank), np.flatnonzero(far.any(axis=0))
     said = _as_far(numbers[:, places], [names[place] for place in places])
     count = int(far.any(axis=1).sum())
     yield (
-        f"state {_quoted(names[place] for place in places)}: in {count} of {len(bank)} moments a number lies far "
-        f"from all others ({said}): partners at a similar state are chosen by its spread; correct them"
+        f"state {_quoted(names[place] for place in places)}: a few numbers lie far from all others ({said}), in "
+        f"{count} of {len(bank)} moments: partners at a similar state are chosen by its spread, and places are "
+        "measured from it; correct them"
     )
 
 
@@ -79,15 +91,15 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     frames = logs(bank)
     if not frames:
         return
-    numbers = _relative(frames, space).reshape(-1, len(space.dimensions))
+    numbers = relative_log(frames, space).reshape(-1, len(space.dimensions))
     spreads = {place: float(numbers[:, place].std()) for place, one in enumerate(space.dimensions) if one.scale is None}
-    if still := [place for place, spread in spreads.items() if spread <= STILL]:
+    if still := [place for place, spread in spreads.items() if spread <= ONE_VALUE]:
         values = ", ".join(_value(frames, space, place, float(numbers[0, place])) for place in still)
         yield (
             f"{values} in every row: the log does not say what counts there, and an answer counts in its own unit; "
             f"{_leave_out(bank)}"
         )
-    varied = {place: spread for place, spread in spreads.items() if spread > STILL}
+    varied = {place: spread for place, spread in spreads.items() if spread > ONE_VALUE}
     for place, spread in varied.items():
         usual = float(np.median([other for one, other in varied.items() if one != place] or [0.0]))
         if spread < SMALL * usual:
@@ -100,7 +112,9 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
 def _value(frames: Sequence[Frame], space: MotionSpace, place: int, relative: float) -> str:
     """Return what a dimension is in every row, in words: a number, or one beside that of the state."""
     name, raw = space.dimensions[place].name, {row[place] for frame in frames for row in frame.motion}
-    return f"'{name}' is {min(raw):g}" if max(raw) - min(raw) <= STILL else f"'{name}' is {relative:g} off the state"
+    return (
+        f"'{name}' is {min(raw):g}" if max(raw) - min(raw) <= ONE_VALUE else f"'{name}' is {relative:g} off the state"
+    )
 
 
 def _leave_out(bank: FrameBank) -> str:
@@ -127,12 +141,6 @@ def _frozen(bank: FrameBank) -> Iterator[str]:
                 f"camera '{name}' shows one and the same picture all through {count} of {len(long)} episodes: was it "
                 "frozen, or covered?"
             )
-
-
-def _relative(frames: Sequence[Frame], space: MotionSpace) -> Floats:
-    """Return logged motions as they are compared, shape (frames, steps, dimensions)."""
-    states = np.array([flat_state(frame.state) for frame in frames])
-    return space.relative(np.array([frame.motion for frame in frames]), states if states.size else None)
 
 
 def _quoted(names: Iterable[str]) -> str:

@@ -15,8 +15,8 @@ from eyechart.frames import RGB, Frame, decode
 
 LEAST_SHARED = 3
 """Episodes that share fewer unlike moments are no candidates: a robot that stands still has one."""
-SHARED = 0.5
-"""The share of the shorter one's unlike moments, by state and motion, that both have."""
+SHARED = 0.95
+"""The share of the shorter one's unlike moments that both have: two that begin alike and go apart are no repeat."""
 LOOKED_AT = 3
 """So many shared moments are compared by their pictures."""
 MEAN, PART = 3.0, 25.0
@@ -49,7 +49,7 @@ class Repeat:
 
 
 def repeats(frames: Sequence[Frame], read: Callable[[str], bytes]) -> list[Repeat]:
-    """Return the episodes that are a longer one, or one before, again: the same states, motions and pictures.
+    """Return the episodes that are a longer one, or one before, again: the same states, or motions, and pictures.
 
     ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and other pictures neither
     is a repeat.
@@ -83,7 +83,7 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
         said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
     told = sum(bool(one["told_otherwise"]) for one in found)
     of = "" if told == len(pairs) else f" in {told}"
-    said += f" (same states and motions, same pictures{f', another instruction{of}' if told else ''})"
+    said += f" (same numbers, same pictures{f', another instruction{of}' if told else ''})"
     count = sum(int(str(one["frames"])) for one in found)
     if kept:
         return f"warning: {said}: kept, as --keep-repeats says, and counted twice"
@@ -91,8 +91,11 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
 
 
 def _key(frame: Frame) -> bytes:
-    """Return what a moment's state and motion are, in single precision; nothing where it has neither."""
-    numbers = [*chain.from_iterable(frame.state.values()), *chain.from_iterable(frame.motion)]
+    """Return what a moment's state is, without any its motion, in single precision; nothing where it has neither.
+
+    The motion ahead ends with the episode, so that the last moments of an excerpt have another one, or none.
+    """
+    numbers = [*chain.from_iterable(frame.state.values())] or [*chain.from_iterable(frame.motion)]
     held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign
     return hashlib.blake2b(held.tobytes(), digest_size=16).digest() if numbers else b""
 
@@ -108,7 +111,7 @@ def _same(
     for drive, count in counts.most_common(MOST_TRIED):
         other = moments[drive]
         if count < max(LEAST_SHARED, SHARED * min(len(own), len(other))):
-            break
+            continue
         shared = [key for key in own if key in other]
         looked = {shared[place * (len(shared) - 1) // (LOOKED_AT - 1)] for place in range(LOOKED_AT)}
         if all(_alike(own[key], other[key], read) for key in looked):

@@ -9,7 +9,18 @@ import numpy as np
 
 from eyechart.attempts import close
 from eyechart.calls import Query, Reply
-from eyechart.channels import CAMERA, CAMERAS, flat_state, instruction_column, logs, reads, require_channels, told
+from eyechart.channels import (
+    CAMERA,
+    CAMERAS,
+    flat_state,
+    instruction_column,
+    logs,
+    reads,
+    relative,
+    relative_log,
+    require_channels,
+    told,
+)
 from eyechart.conditions import show
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
@@ -173,9 +184,7 @@ class _Asked:
 
     def logged(self, frames: Sequence[Frame], answers: Floats | None = None) -> Floats:
         """Return the logged motions of frames, or ``answers`` in their place, relative to their states."""
-        states = np.array([flat_state(frame.state) for frame in frames])
-        numbers = np.array([frame.motion for frame in frames]) if answers is None else answers
-        return self.space.relative(numbers, states if states.size else None)
+        return relative_log(frames, self.space) if answers is None else relative(answers, frames, self.space)
 
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the squared error to the logged motion, over the variance of all logged ones."""

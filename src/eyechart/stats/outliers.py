@@ -6,11 +6,13 @@ import numpy.typing as npt
 FAR = 5.0
 """So many times the distance from the median within which 95 of 100 numbers lie."""
 FEW = 0.025
-"""More of the numbers than this share are no faults: a fast move in a log that mostly stands still is many of them."""
+"""More of the numbers than this share are no exception: a fast move in a log that mostly stands is many of them."""
 WIDER = 1.5
 """So much wider all numbers spread than the others: fewer change no scale."""
 LEAST = 20
 """Numbers below which none is far from the others."""
+ONE_IN = 20
+"""What is far in more than one episode, and in more than one of so many, recurs: a move that is rare, and no fault."""
 
 
 def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool_]:
@@ -19,6 +21,8 @@ def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool
     These are a few numbers that stand out: beyond `FAR` times the distance from the median that 95 of 100 keep, no more
     than `FEW` of all, or ``at_once`` where one row of a log is that many of them, and so far that the column's spread
     is `WIDER` times that of the others. A column of which 95 of 100 numbers are equal has none. NaN is none.
+
+    They may be faults, or moves that are rare, such as a gripper that closes once: `recurs` tells these apart.
     """
     given = np.asarray(numbers, np.float64)
     found = np.zeros(given.shape, dtype=bool)
@@ -35,3 +39,13 @@ def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool
         if usual > 0 and 0 < far.sum() <= max(at_once, FEW * len(known)) and known.std() > WIDER * others.std():
             found[:, column] = far
     return found
+
+
+def recurs(far: npt.ArrayLike, episodes: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return of which columns the numbers that are far lie in several episodes, shape (d,).
+
+    ``far`` has shape (n, d), ``episodes`` (n,).
+    """
+    where, which = np.asarray(far, dtype=bool), np.asarray(episodes)
+    most = max(1, len(np.unique(which)) // ONE_IN)
+    return np.array([len(np.unique(which[one])) > most for one in where.T], dtype=bool)

@@ -113,7 +113,7 @@ def total_effect(
     share = float(whole[0] / without[0])
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
     detail = {"episodes": there, "standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
-    wide = _quantile(level, there - 1) * error
+    wide = t_quantile(level, there - 1) * error
     ci = (share - wide, share + wide) if signed else _interval(share, wide, error, sampled=sampled)
     return Statistic(share, n, ci, method=method, detail=detail, level=level)
 
@@ -156,7 +156,7 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
     if len(left) < there:
         return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
-    wide = _quantile(level, there - 1) * error
+    wide = t_quantile(level, there - 1) * error
     p = _two_sided(apart / error, there - 1) if error > 0 else float(apart == 0)
     detail = {"episodes": there, "standard_error": error}
     return Statistic(apart, n, (apart - wide, apart + wide), p, method=method, detail=detail, level=level)
@@ -188,7 +188,7 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
         return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
     first, second = more / whole, max(less / whole, 0.0)
     left = np.stack([mores[good] / wholes[good], np.maximum(lesses[good] / wholes[good], 0.0)])
-    value, ends = float((more - less) / whole), _inverted(first, second, left, _quantile(level, there - 1))
+    value, ends = float((more - less) / whole), _inverted(first, second, left, t_quantile(level, there - 1))
     detail = {"episodes": there}
     if ends is None:
         return Statistic(value, n, method=method, note="its upper end is not bounded", detail=detail, level=level)
@@ -246,7 +246,8 @@ def _interval(share: float, wide: float, error: float, *, sampled: bool) -> tupl
     return share / factor, max(upper, share * factor) if share > _SURE * error else upper
 
 
-def _quantile(level: float, freedom: int) -> float:
+def t_quantile(level: float, freedom: int) -> float:
+    """Return how many standard errors an interval of this level reaches to either side (Student's t)."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
     return float(special.stdtrit(freedom, (1 + level) / 2))

@@ -32,6 +32,7 @@ from eyechart.verdicts.uses import (
     may_follow,
     of_action,
     opposed,
+    quoted,
     sentence,
     settled,
     share,
@@ -45,8 +46,6 @@ OF_DATA_SET = 0.10
 """Absence is said of a data set, and not of its episodes alone, where fewer than this share of them may respond."""
 SURENESS = 0.99
 """The confidence of that bound."""
-_LONG = 60
-"""Signs of an instruction that a sentence quotes."""
 OF_ITS_WORLD: Mapping[str, str] = {
     "exchanged": "the objects' colours exchanged",
     "recoloured": "other colours of the table",
@@ -228,7 +227,7 @@ def _grounded(plain: Judged, statistics: Statistics, shown: str, asked: Asked) -
         return replace(plain, why_not=why, may_be="object_grounded" if may_follow(rather) else "")
     if part := _partly(statistics.get("follow.rather")):
         why = f"the named object is followed {way(gain)} of the oracle's way, but {part}"
-        return replace(plain, why_not=why)
+        return replace(plain, why_not=why, may_be="object_grounded")
     heading = (gain.detail or {}).get("heading")
     if isinstance(heading, float) and heading < HEADING:
         off = math.degrees(math.acos(max(-1.0, heading)))
@@ -249,12 +248,13 @@ def _partly(rather: Statistic | None) -> str:
     The mean over all is no claim about each: who goes to one block and not to the other has half of it.
     """
     parts = ((rather.detail if rather is not None else None) or {}).get("parts")
-    if rather is None or rather.value is None or not isinstance(parts, Mapping) or not parts:
+    if rather is None or rather.value is None or rather.value <= 0 or not isinstance(parts, Mapping) or not parts:
         return ""
-    where, least = min(parts.items(), key=lambda one: float(one[1]))
-    if least >= EVENLY * rather.value:
+    where, least = min(parts.items(), key=lambda one: float(one[1]["at_most"]))
+    if least["at_most"] >= EVENLY * rather.value:
         return ""
-    return f"{where} only {least:.0%} farther than the other, where it is {rather.value:.0%} on the whole"
+    far, whole = (f"{100 * one:.0f} %" for one in (least["value"], rather.value))
+    return f"{where} only {far} farther than the other, and {whole} on the whole"
 
 
 def _moves(told: str = "") -> Iterator[str]:
@@ -323,7 +323,7 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
         why = asked.without("swapped@instruction")
         return Judged("no_power", sentence(why or "no two episodes of the bank are told different things"))
     texts = (swap.detail or {}).get("texts")
-    other = "" if not isinstance(texts, list) else f" ({_quoted(texts[1])} for {_quoted(texts[0])})"
+    other = "" if not isinstance(texts, list) else f" (most often {quoted(texts[1])} for {quoted(texts[0])})"
     shown = f"another instruction{other} changes {of_action(swap)}"
     told = statistics.get("follow.told")
     forgot = asked.forgot(*_moves(), *_moves("told_")) or lost(told)
@@ -337,12 +337,6 @@ def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judg
     but = f", but it follows what is named {share(told)} of the oracle's way more than what is not"
     why, by = (but, "follow.told") if ignored(swap) else (f": {why_open(swap)}", by)
     return Judged("undecided", sentence(f"{shown}{why}"), by)
-
-
-def _quoted(text: object) -> str:
-    """Return the head of what was told, in quotes."""
-    said = " ".join(str(text).split())
-    return f"'{said if len(said) <= _LONG else said[: _LONG - 1] + '…'}'"
 
 
 def _heard(statistics: Statistics, shown: str) -> Judged:

@@ -33,6 +33,9 @@ LEAST_NOISE = 0.01
 LEAST_EPISODES = 6
 """Fewer episodes bound nothing: the jackknife's intervals are too short."""
 
+_LONG = 60
+"""Signs of an instruction that a sentence quotes."""
+
 Statistics = Mapping[str, Statistic]
 
 
@@ -164,6 +167,12 @@ def way(one: Statistic | None) -> str:
         return "— %"
     interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"
     return f"{100 * one.value:.1f} %{interval}"
+
+
+def quoted(text: object) -> str:
+    """Return the head of what was told, in quotes."""
+    said = " ".join(str(text).split())
+    return f"'{said if len(said) <= _LONG else said[: _LONG - 1] + '…'}'"
 
 
 def sentence(words: str) -> str:

@@ -22,7 +22,9 @@ from eyechart.channels import (
     far_off,
     instruction_column,
     own_pictures,
+    rare,
     subset_conditions,
+    told,
 )
 from eyechart.conditions import OVER
 from eyechart.seeds import key_seed
@@ -35,6 +37,7 @@ from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.stats.total_effect import (
+    LEVEL,
     Pairs,
     half_products,
     half_squares,
@@ -47,11 +50,13 @@ from eyechart.stats.total_effect import (
     scattering,
     share_beyond,
     shares_of_parts,
+    t_quantile,
     total_effect,
     unlikeness,
 )
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.verdicts.channels import CONSTANT, IGNORED, RESPONDS, SURENESS, USED, rests_on
+from eyechart.verdicts.uses import LEAST_EPISODES, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -110,6 +115,7 @@ class Effects:
         self._real = empty if real is None else real
         self._compared = motions.compared
         self._episodes = motions.episodes
+        self._far = far_off(motions.plan.bank)
 
     def _whole(self, *arrays: Floats) -> Places:
         """Return the frames on which every answer of all arrays is a motion."""
@@ -119,9 +125,13 @@ class Effects:
         return np.flatnonzero(good)
 
     def _others(self) -> tuple[Places, Places]:
-        """Return frames, and for each a frame of another episode, that both have their real answers."""
+        """Return frames, and for each a frame of another episode, that both have their real answers.
+
+        Not those in which the log is far off: a place relative to a state that is wrong would be all of the variation.
+        """
         places, there = self._compared, np.zeros(len(self._compared), dtype=bool)
         there[self._whole(self._real)] = True
+        there &= np.array([frame.id not in self._far for frame in self._motions.plan.frames])
         good = there & (places != NOBODY) & there[np.where(places == NOBODY, 0, places)]
         frames = np.flatnonzero(good)
         return frames, places[frames]
@@ -137,14 +147,15 @@ class Effects:
         frames = self._whole(self._real[:1], fit[None])
         answers, logged = self._real[0, frames], fit[frames]
         found = misfit_share(answers, logged, self._episodes[frames])
-        if found.value is None:
-            return found
-        names = [one.name for one in self._motions.plan.motions.dimensions]
         detail = dict(found.detail or {})
+        here = [self._far[frame.id] for frame in self._motions.plan.frames if frame.id in self._far]
+        if here:
+            detail |= {"far_off": len(here), "far_off_of": list(dict.fromkeys(chain.from_iterable(here)))}
+        if found.value is None:
+            return replace(found, detail=detail) if detail else found
+        names = [one.name for one in self._motions.plan.motions.dimensions]
         for what, (size, dimension) in zip(("offset", "spread"), unlikeness(answers, logged), strict=True):
             detail |= {what: size, f"{what}_of": names[dimension]}
-        if far := far_off(self._motions.plan.bank):
-            detail |= {"far_off": len(far), "far_off_of": list(dict.fromkeys(chain.from_iterable(far.values())))}
         return replace(found, detail=detail)
 
     def variation_share(self) -> Statistic:
@@ -312,7 +323,8 @@ class Effects:
         """Return the numbers and steps of the answer that go under a condition as much as must not be ignored.
 
         With their shares, of those whose lower end is above the margin of use, and that vary as a number of the log
-        does: a part that hardly moves has a share of anything.
+        does: a part that hardly moves has a share of anything. What a few moments of the log make small is held to
+        nothing but its own variation.
         """
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
@@ -320,10 +332,11 @@ class Effects:
         names = [one.name for one in self._motions.plan.motions.dimensions]
         parts = {name: (went[..., place], varies[..., place]) for place, name in enumerate(names)}
         parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
-        found = {}
+        found, small = {}, rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}
         for name, (less, more) in parts.items():
             of, over = less.mean(axis=1), more.mean(axis=1)
-            if len(over) and over.mean() > CONSTANT and of.mean() >= IGNORED * over.mean():
+            least = 0.0 if name in small else CONSTANT
+            if len(over) and over.mean() > least and of.mean() >= IGNORED * over.mean():
                 whole = Pairs(over, self._episodes[some], self._episodes[others])
                 one = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
                 if one.value is not None and one.ci is not None and one.ci[0] > USED:
@@ -436,27 +449,40 @@ class Effects:
         found = replace(found, detail={**(found.detail or {}), **parts})
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
 
-    def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, float]]:
+    def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, dict[str, float]]]:
         """Yield how much farther the first of two objects is followed by what was told, and by axis of the world.
 
         Of what three episodes or more have been told, where two such things were; along an axis as a share of that part
-        of the oracle's way.
+        of the oracle's way. Of less than six episodes ``at_most`` is an upper end (.99), else the share itself.
         """
         plan = self._motions.plan
-        column, good = instruction_column(plan.bank), np.isfinite(gains) & np.isfinite(full)
-        told = np.array([str(frame.fields.get(column or "", "")) for frame in plan.frames])
-        for one in np.unique(told[good]):
-            own = good & (told == one)
-            if not own[good].all() and len({*self._episodes[own].tolist()}) >= _LEAST_TOLD and full[own].sum() > 0:
-                yield f"told '{one}'", float(gains[own].sum() / full[own].sum())
+        column, good = instruction_column(plan.bank) or "", np.isfinite(gains) & np.isfinite(full)
+        texts: dict[object, list[int]] = {}
+        for place in np.flatnonzero(good).tolist():
+            texts.setdefault(told({column: plan.frames[place].fields.get(column, "")}), []).append(place)
+        for places in texts.values() if len(texts) > 1 else ():
+            if (part := self._part(gains[places], full[places], self._episodes[places])) is not None:
+                yield f"told {quoted(plan.frames[places[0]].fields.get(column, ''))}", part
         first, second = (self._along(name) for name in which)
         length = sum((self._way(which[0], axis) ** 2 for axis in first or ()), np.zeros(len(gains)))
         for axis in first or () if second is not None else ():
-            part = full * self._way(which[0], axis) ** 2 / np.where(length > 0, length, 1.0)
+            of = full * self._way(which[0], axis) ** 2 / np.where(length > 0, length, 1.0)
             apart = (first or {})[axis] - (second or {})[axis]
-            own = good & np.isfinite(part) & np.isfinite(apart)
-            if part[own].sum() > _LEAST_PART * full[own].sum():
-                yield f"along {axis}", float(apart[own].sum() / part[own].sum())
+            own = good & np.isfinite(of) & np.isfinite(apart)
+            if of[own].sum() > _LEAST_PART * full[own].sum():
+                part = self._part(apart[own], of[own], self._episodes[own])
+                yield from [(f"along {axis}", part)] if part is not None else ()
+
+    def _part(self, gains: Floats, full: Floats, episodes: Places) -> dict[str, float] | None:
+        """Return the share of a part of the frames, and what it is at most; None of too few episodes."""
+        names, which = np.unique(episodes, return_inverse=True)
+        count, whole = len(names), float(full.sum())
+        if count < _LEAST_TOLD or whole <= 0:
+            return None
+        value = float(gains.sum()) / whole
+        left = np.bincount(which, gains - value * full) / whole
+        wide = 0.0 if count >= LEAST_EPISODES else t_quantile(LEVEL, count - 1) * (count / (count - 1)) ** 0.5
+        return {"value": value, "at_most": value + wide * float(np.sqrt((left**2).sum())), "episodes": count}
 
     def _heading(self, which: str, gains: Floats) -> dict[str, float]:
         """Return the cosine of the way that an object was moved and the way that the answer goes with it.

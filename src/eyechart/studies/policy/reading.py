@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, logs, partners, whose
+from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, logs, partners, relative_log, whose
 from eyechart.conditions import OVER
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import reflect
@@ -65,9 +65,7 @@ class Motions:
         frames = logs(self.plan.bank)
         if not frames:
             return self.plan.motions.scales()
-        states = np.array([flat_state(frame.state) for frame in frames])
-        logged = np.array([frame.motion for frame in frames])
-        return self.plan.motions.scales(self.plan.motions.relative(logged, states if states.size else None))
+        return self.plan.motions.scales(relative_log(frames, self.plan.motions))
 
     @cached_property
     def fit_to(self) -> Floats:
