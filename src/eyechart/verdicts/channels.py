@@ -450,8 +450,8 @@ def _faulty_log(misfit: Statistic | None) -> Iterator[str]:
         of = detail.get("far_off_of")
         which = ", ".join(map(str, of)) if isinstance(of, list) else str(of)
         yield (
-            f"Of the log {count} moments are left out of what answers are measured by, since numbers of {which} are far "
-            "from all others there: a wrong row, another unit, or a move that is rare (then declare its scale)"
+            f"Of the log {count} moments are left out of what answers are measured by, since numbers of {which} are "
+            "far from all others there: a wrong row, another unit, or a move that is rare (then declare its scale)"
         )
 
 
