@@ -309,7 +309,7 @@ def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(value: float, at_mo
     parts = {"told 'reach the red block'": even, "told 'reach the blue block'": less, "along x": even}
     found = verdict(**{"follow.rather": replace(FOLLOWED, detail={"parts": parts})}).camera
     assert found.label == label
-    said = "told 'reach the blue block' only 44 % farther than the other, and 60 % on the whole"
+    said = "told 'reach the blue block' it is followed only 44 % farther than the other, and 60 % on the whole"
     assert (said in found.why_not) == (label == "camera_content")
     assert found.may_be == ("object_grounded" if label == "camera_content" else "")
 

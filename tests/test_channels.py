@@ -19,13 +19,16 @@ from eyechart.channels import (
     TOLD,
     channels_of,
     conditions_of,
+    far_off,
     find_exchange,
     flat_state,
     further_conditions,
     instruction_column,
     listed_conditions,
+    logs,
     partner_of,
     partners,
+    rare,
     reflected,
     show,
     shown,
@@ -296,3 +299,17 @@ def test_instructions_that_differ_in_signs_alone_are_one(tmp_path: Path, first: 
     bank = arm_bank(tmp_path / "arm", tasks=(f"{first}", f"{second}"))
     assert (told({"task": first}) == told({"task": second})) == one
     assert ("swapped@instruction" in conditions_of(bank)[1]) == one
+
+
+def test_a_scale_that_somebody_declares_keeps_every_row(tmp_path: Path) -> None:
+    """A row that is far off is left out where its spread would be the scale, and there alone."""
+    bank = arm_bank(tmp_path / "arm", length=8, wrong=1000.0)
+    space = bank.manifest.motion
+    assert space is not None
+    assert {name for many in far_off(bank).values() for name in many} == {"aj0"}
+    assert rare(bank) == {"aj0"}
+    first, *others = space.dimensions
+    declared = replace(space, dimensions=(replace(first, scale=0.2), *others))
+    kept = replace(bank, manifest=replace(bank.manifest, motion=declared), frames=(*bank.frames,))
+    assert far_off(kept) == {}
+    assert len(logs(kept)) == len(logs(bank)) + len(far_off(bank))

@@ -13,6 +13,7 @@ from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.tabletop.world import Workspace, oracle
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
+from eyechart.studies.policy.effects import Effects
 from eyechart.studies.policy.scoring import judge
 from eyechart.verdicts.channels import PolicyVerdict
 
@@ -176,9 +177,9 @@ def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 
     [
         ("between", "because it is named is not shown"),
         ("beside", "degrees off that of the moved object"),
-        ("one_of_two", "told 'reach the blue block' only"),
-        ("on_the_left", "told 'reach the blue block' only"),
-        ("along_y", "along x only"),
+        ("one_of_two", "told 'reach the blue block' it is followed only"),
+        ("on_the_left", "told 'reach the blue block' it is followed only"),
+        ("along_y", "along x it is followed only"),
     ],
 )
 def test_who_does_not_go_to_what_is_named_is_not_grounded(
@@ -194,6 +195,7 @@ def test_a_word_that_swings_the_arm_is_not_followed(bank: FrameBank, tmp_path: P
     """It goes 3 % of the way to what is named, and its cameras are ignored."""
     found = judged(bank, tmp_path / "run", "swings")
     assert (found.camera.label, found.instruction.label) == ("ignores_camera", "undecided")
+    assert "(most often 'reach the " in found.instruction.because
     assert "only 3.0 %" in found.instruction.because
 
 
@@ -246,3 +248,19 @@ def test_an_instruction_that_changes_anything_is_held_against_the_log(tmp_path: 
     found = judged(bank, tmp_path / "run", "carried").instruction
     assert found.label in {"undecided", "instruction_followed"}
     assert "what was logged" in found.because
+
+
+def test_a_part_of_few_episodes_is_held_to_what_it_may_be_at_most(bank: FrameBank, tmp_path: Path) -> None:
+    """Of six episodes to what it is; wordings that differ in signs alone are one part."""
+    spec = f"python:{__name__}:on_the_left"
+    policy.run(policy.plan(bank.root, [spec], tmp_path / "run"))
+    motions = policy.score(tmp_path / "run").models[spec].motions
+    effects = Effects(motions, drawn=False)
+    gains, full, episodes = np.array([1.0, 1, 1, 0, 0, 0, 1, 1]), np.ones(8), np.array([0, 0, 1, 1, 2, 2, 2, 2])
+    few, many = effects._part(gains, full, episodes), effects._part(gains, full, np.arange(8))
+    assert few["value"] == many["value"] == many["at_most"] == 5 / 8
+    assert few["at_most"] > 1.5
+    assert effects._part(gains, full, np.zeros(8, dtype=int)) is None
+    parts = effects.follow(("named", "other")).detail["parts"]
+    assert {*parts} == {"told 'reach the blue block'", "told 'reach the red block'", "along x", "along y"}
+    assert all(one["episodes"] >= 6 for one in parts.values())

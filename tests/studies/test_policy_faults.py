@@ -1,5 +1,6 @@
 """Policies as people ship them, with one fault between robot and network: what a run says, and what it cannot know."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,10 +14,14 @@ from eyechart.frames import FrameBank
 from eyechart.models import policy_callable
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.probe.policies import examine_policy
+from eyechart.prompts import policy_prompt
+from eyechart.run import MotionPlan
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
+from eyechart.studies.policy.effects import Effects
+from eyechart.studies.policy.reading import Motions
 from eyechart.studies.policy.scoring import PolicyScore, judge
 
 pytestmark = pytest.mark.slow
@@ -252,6 +257,20 @@ def test_rows_that_are_far_in_many_episodes_are_kept_and_hide_no_use(tmp_path: P
     assert far_off(bank) == {}
     assert found.value < 0.1
     assert found.detail["carried"]["aj0"] > 0.5
+
+
+def test_a_wrong_state_is_not_all_that_places_vary(tmp_path: Path) -> None:
+    """Relative to it a place is far off, and would be the whole variation, beside which nothing is used."""
+    clean = arm_bank(tmp_path / "arm", tasks=("go",), length=8, episodes=12, kind="absolute")
+    first, *others = clean.frames
+    state = {"joints": (1000.0, *first.state["joints"][1:])}
+    bank = replace(clean, frames=(replace(first, state=state), *others))
+    space, spec = bank.manifest.motion, "python:arm_logs:by_front"
+    assert {*far_off(bank)} == {first.id}
+    plan = MotionPlan("policy", bank, policy_prompt(space, None), (spec,), ("real",), bank.frames, 0)
+    answers = np.array([frame.motion or np.full(space.shape, np.nan) for frame in bank])
+    effects = Effects(Motions(plan, {"real": answers[None]}), drawn=False)
+    assert 0 < effects._variation().values.max() < 100
 
 
 def by_sight_and_by_state(images: dict[str, Any], state: np.ndarray, instruction: str | None) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""Numbers of a log that lie so far from all others that they are faults of the log, and not what it is of."""
+"""A few numbers of a log that lie far from all others: faults of it, or moves that are rare.
+
+Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+"""
 
 import numpy as np
 import numpy.typing as npt

@@ -254,7 +254,7 @@ def _partly(rather: Statistic | None) -> str:
     if least["at_most"] >= EVENLY * rather.value:
         return ""
     far, whole = (f"{100 * one:.0f} %" for one in (least["value"], rather.value))
-    return f"{where} only {far} farther than the other, and {whole} on the whole"
+    return f"{where} it is followed only {far} farther than the other, and {whole} on the whole"
 
 
 def _moves(told: str = "") -> Iterator[str]:

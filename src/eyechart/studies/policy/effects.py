@@ -1,4 +1,7 @@
-"""Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log."""
+"""Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log.
+
+Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
