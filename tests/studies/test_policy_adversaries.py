@@ -1,5 +1,6 @@
 """Policies that were written to get a label which is untrue of them, and what is said of them now."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -261,6 +262,17 @@ def test_a_part_of_few_episodes_is_held_to_what_it_may_be_at_most(bank: FrameBan
     assert few["value"] == many["value"] == many["at_most"] == 5 / 8
     assert few["at_most"] > 1.5
     assert effects._part(gains, full, np.zeros(8, dtype=int)) is None
+    frames = tuple(
+        replace(one, fields={name: f"{text.upper()}!" if number % 2 else text for name, text in one.fields.items()})
+        for number, one in enumerate(motions.plan.frames)
+    )
+    effects = Effects(replace(motions, plan=replace(motions.plan, frames=frames)), drawn=False)
     parts = effects.follow(("named", "other")).detail["parts"]
-    assert {*parts} == {"told 'reach the blue block'", "told 'reach the red block'", "along x", "along y"}
+    assert {name.casefold().replace("!", "") for name in parts} == {
+        "told 'reach the blue block'",
+        "told 'reach the red block'",
+        "along x",
+        "along y",
+    }
+    assert len(parts) == 4
     assert all(one["episodes"] >= 6 for one in parts.values())
