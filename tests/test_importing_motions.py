@@ -20,7 +20,7 @@ from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
 from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
-from eyechart.importing.bank import taken
+from eyechart.importing.costs import taken
 from eyechart.importing.logged import tell
 from eyechart.importing.notes import notes
 from eyechart.importing.repeats import repeats

@@ -17,7 +17,7 @@ from eyechart.channels import conditions_of, reflected, show
 from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, decode, encode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
-from eyechart.importing.bank import taken
+from eyechart.importing.costs import taken
 from eyechart.importing.notes import notes
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from eyechart.frames import FrameBank, MirrorAxis, Shared
     from eyechart.importing import Ahead, Convert
     from eyechart.importing.faults import Faults
+    from eyechart.importing.numerals import Numerals
 
 _FEW = 8
 """So many frames that differ are named; --json has all."""
@@ -95,11 +96,20 @@ def import_(
         bool,
         typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
     ] = False,
+    no_lead: Annotated[
+        str | None,
+        typer.Option(help="Numbers or words of the gap that mean nothing ahead, as -1,inf,999; empty: none does."),
+    ] = None,
+    numbers: Annotated[
+        str, typer.Option(help="How numbers are written: 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
+    ] = "",
+    strip: Annotated[str, typer.Option(help="What the pictures' paths of another machine begin with.")] = "",
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import finite_number
-    from eyechart.importing.bank import Choices, costs, import_table, taken
+    from eyechart.importing.bank import Choices, import_table
     from eyechart.importing.columns import read_rig
+    from eyechart.importing.costs import costs, taken
     from eyechart.importing.faults import Faults
     from eyechart.importing.lerobot import import_lerobot
     from eyechart.spaces.discrete import DRIVING, read_space
@@ -126,6 +136,8 @@ def import_(
         every=every,
         convert=_convert(background, longest, asked=convert),
         keep_repeats=keep_repeats,
+        numerals=_numerals(numbers, no_lead, wrong),
+        strip=strip,
         wrong=wrong.lines,
     )
     if format_ not in {"table", "lerobot"}:
@@ -314,6 +326,16 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
             f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
         ]
     )
+
+
+def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
+    """Return how a table's numbers are written; a way that is none is a fault."""
+    from eyechart.importing.numerals import Numerals
+
+    marks = None if no_lead is None else tuple(mark.strip() for mark in no_lead.split(",") if mark.strip())
+    with wrong.noted():
+        return Numerals(style, marks)
+    return Numerals("", marks)
 
 
 def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":

@@ -152,6 +152,13 @@ def digest_of_sound(picture: bytes, name: str) -> str:
     return found.hexdigest()
 
 
+_PHONES = {
+    "HEIC": (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1"),
+    "AVIF": (b"avif", b"avis"),
+}
+"""Formats of telephones' photographs, by the brand in their first box (ISO/IEC 23008-12)."""
+
+
 @contextmanager
 def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
     """Open a picture of one of these formats, of which no pixel is decoded yet and which is not too large.
@@ -178,9 +185,18 @@ def _opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Ima
     except Image.DecompressionBombError as error:
         raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
     except UnidentifiedImageError as error:
-        raise BankError(f"'{name}' is damaged or no picture of {', '.join(formats)}") from error
+        raise BankError(f"'{name}' {_unread(picture, formats)}") from error
     except (OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, struct.error) as error:
         raise BankError(f"'{name}' is damaged or no picture: {error}") from error
+
+
+def _unread(picture: bytes, formats: tuple[str, ...]) -> str:
+    """Return in words, which follow a picture's name, why it is of no format that is read."""
+    brand = picture[8:12].lower() if picture[4:8] == b"ftyp" else b""
+    kind = next((kind for kind, brands in _PHONES.items() if brand in brands), None)
+    if kind is None:
+        return f"is damaged or no picture of {', '.join(formats)}"
+    return f"is a picture of the format {kind}, which is not read; save it as PNG or JPEG, as with 'magick IN OUT.png'"
 
 
 def _refuse_vast(picture: bytes) -> None:

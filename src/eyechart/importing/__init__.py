@@ -6,13 +6,16 @@ What makes a bank is for Python here, and speaks of arguments; commands take it 
 from eyechart.errors import in_arguments, speaks_of_arguments
 from eyechart.frames import FrameBank
 from eyechart.importing import bank, lerobot
+from eyechart.importing import costs as lacking
 from eyechart.importing.answers import Answered, read_answer_table
-from eyechart.importing.bank import Choices, taken
+from eyechart.importing.bank import Choices
 from eyechart.importing.columns import read_rig
+from eyechart.importing.costs import taken
 from eyechart.importing.faults import Faults
 from eyechart.importing.inspect_log import ENDINGS as LOGS
 from eyechart.importing.inspect_log import open_log
 from eyechart.importing.lerobot import Ahead
+from eyechart.importing.numerals import Numerals
 from eyechart.importing.photographs import Convert
 
 __all__ = [
@@ -22,6 +25,7 @@ __all__ = [
     "Choices",
     "Convert",
     "Faults",
+    "Numerals",
     "costs",
     "import_lerobot",
     "import_table",
@@ -37,4 +41,4 @@ import_lerobot = speaks_of_arguments(lerobot.import_lerobot)
 
 def costs(imported: FrameBank) -> list[str]:
     """Return what a bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
-    return [in_arguments(line) for line in bank.costs(imported)]
+    return [in_arguments(line) for line in lacking.costs(imported)]

@@ -3,7 +3,6 @@
 A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -11,10 +10,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count, repeat
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import TypeVar
 
-from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
-from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.errors import SourceError, finite_number, whole_number
 from eyechart.frames import (
     IMPORTED,
@@ -45,27 +42,23 @@ from eyechart.importing.cells import (
 )
 from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Log, tell
-from eyechart.importing.notes import notes
+from eyechart.importing.numerals import Numerals, odd_gaps, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
-from eyechart.importing.repeats import REPEATS, in_words, repeats
+from eyechart.importing.repeats import REPEATS, repeats
 from eyechart.importing.tables import Table, open_table
 from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
-from eyechart.spaces.motion import PLACES, MotionSpace
 
 T = TypeVar("T")
 
 MOST_FRAMES = 100_000
 MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
-_LARGE = 3_000_000
-"""Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
-_SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
-LEAST_BOUNDED = 6
-"""Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
 KIND = "kind"
 """The setting of an imported bank that says by what the kind of its motions was told."""
+GUESSED = "guessed"
+"""The setting of an imported bank that says which columns were taken by their usual name alone, by place."""
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
@@ -87,7 +80,8 @@ class Choices:
     frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
     frames without episodes to be independent draws, and ``prompt_columns`` what a prompt may say. Every ``every``-th
     frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
-    refused. With ``keep_repeats`` a recording that is there twice is imported twice.
+    refused. With ``keep_repeats`` a recording that is there twice is imported twice. ``numerals`` says how numbers are
+    written and which mean "nothing ahead"; ``strip`` is what the paths of another machine begin with.
     ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
     """
 
@@ -103,6 +97,8 @@ class Choices:
     rig: reading.Rig | None = None
     convert: Convert | None = None
     keep_repeats: bool = False
+    numerals: Numerals = field(default_factory=Numerals)
+    strip: str = ""
     wrong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -164,7 +160,7 @@ def import_table(
     """
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
-    photographs = Photographs(folder, table.parent, choices.convert)
+    photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip)
     kept = keep(_opened(table, reads, choices), choices)
     cells = cells_of(kept, choices, photographs.locate)
     if kept.faults:
@@ -247,24 +243,44 @@ def keep(table: Table, choices: Choices) -> Kept:
     text, log = 0, _log(choices, places, table, faults)
     if table.count is not None:
         _check_count(table, table.count, -(-table.count // choices.every))
-    for number, row in enumerate(_whole(table), 1):
-        if not row:
+    words = _wordy(choices, places)
+    for number, found in enumerate(_whole(table), 1):
+        if not found:
             continue
+        row, where = found, f"{table.name}, row {number}"
+        with faults.noted():
+            row = choices.numerals.row(found, words, where)
         episode = row.get(places.get("episode", ""))
         turn = seen[episode] = seen.get(episode, -1) + 1
         if log is not None:
             log.add(row, number, places, kept=turn % choices.every == 0)
         if turn % choices.every:
             continue
-        rows.append(row)
+        rows.append(_with_gap(row, where, choices, places, faults))
         numbers.append(number)
-        text += _letters(row, f"{table.name}, row {number}", faults)
+        text += _letters(row, where, faults)
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
     if not rows and not faults:
         faults.add(f"{table.name} has no rows; each row is a frame")
     return Kept(rows, numbers, places, table, faults, log)
+
+
+def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
+    """Return the columns whose cells are words: files, names, what a prompt says."""
+    numbers = ("gap", "step", "state ", "motion ")
+    return {*choices.prompt_columns, *(column for place, column in places.items() if not place.startswith(numbers))}
+
+
+def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str], faults: Faults) -> Row:
+    """Return a row whose gap is a number without its unit, or empty where a mark says so; another unit is a fault."""
+    column, cells = places.get("gap"), dict(row)
+    if column is None or row.get(column) is None:
+        return row
+    with faults.noted():
+        cells[column] = choices.numerals.gap(row[column], _unit(choices, places), f"{where}: the gap '{column}'")
+    return cells
 
 
 def _whole(table: Table) -> Iterator[Row]:
@@ -304,6 +320,12 @@ def _check_count(table: Table, rows: int, frames: int) -> None:
 def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
     if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
         faults.add(f"the gap '{places['gap']}' needs what counts as near: --threshold and --unit, for example 18 and m")
+    named = unit_of(places["gap"]) if "gap" in places else None
+    if named and choices.unit and (unit_named(choices.unit) or choices.unit) != named:
+        faults.add(
+            f"--unit {choices.unit}: the gap's column '{places['gap']}' says {named}; leave out --unit, or rename the "
+            "column where its name is wrong"
+        )
     if "gap" not in places and choices.threshold is not None and not choices.columns.get("gap"):
         has = reading.no_column("gap", table.columns, table.name)
         faults.add(f"--threshold belongs to a gap, and {has}; name one with --map gap=COLUMN")
@@ -324,7 +346,7 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:
     """Return the unit of the gap: that which was given, or that in its column's name."""
-    return choices.unit or reading.unit_of(places["gap"]) or ""
+    return choices.unit or unit_of(places["gap"]) or ""
 
 
 @dataclass(frozen=True)
@@ -393,7 +415,20 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
         truth[gap] = [*kept.read(gap, read_number, f"the gap '{gap}'")]
         if all(one is None for one in truth[gap]) and kept.rows and not kept.faults:
             kept.faults.add(f"{kept.table.name}: the gap '{gap}' is empty in every row; leave it out with --map gap=")
+        _check_distances(kept, choices, truth, gap)
     return truth
+
+
+def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
+    """Note as faults the distances that no world has, of the gap and of pictures at a distance of their own."""
+    named = [where for _, where in kept.named()]
+    if len(truth[gap]) == len(named):  # else some of its cells are faults
+        numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
+        kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=not kept.faults))
+    for name in (f"{kind}_m" for kind in reading.PICTURED):
+        for where, one in zip(named, truth.get(name, ()), strict=False):
+            if isinstance(one, int | float) and one < 0:
+                kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
 
 
 def _read_axis(cell: Cell, what: str) -> MirrorAxis:
@@ -526,13 +561,6 @@ def _check_steps(kept: Kept) -> None:
             seen.add(key)
 
 
-def _pixels(bank: FrameBank) -> Iterator[int]:
-    """Yield the pixels of some of the bank's pictures."""
-    for frame in bank.frames[:: max(1, len(bank) // 20)]:
-        for high, wide, _ in bank.shapes(frame).values():
-            yield high * wide
-
-
 def _described(picture: str, frames: Sequence[Frame]) -> str:
     """Return what the pictures are: in the words that were given, else by their cameras where there are several."""
     names = [one.name for one in frames[0].cameras] if frames else []
@@ -560,6 +588,7 @@ def write(
             "every": choices.every,
             **({} if choices.convert is None else {"convert": plain(choices.convert)}),
             **({"keep_repeats": True} if choices.keep_repeats else {}),
+            **_declared(kept, choices),
             **source.settings,
         },
         prompt_columns=choices.prompt_columns,
@@ -585,96 +614,18 @@ def write(
     return open_bank(out)
 
 
-def taken(bank: FrameBank) -> list[str]:
-    """Return what an imported bank took: columns of other names, how pictures changed, what its motions are.
-
-    And which episodes are others again.
-    """
-    settings, lines = bank.manifest.settings, []
-    columns, done, how = (settings.get(name) for name in ("columns", "converted", "convert"))
-    own = {(place, of) for place, names in reading.ROLES.items() for of in names}
-    asked = {} if not isinstance(columns, dict) else {one: columns[one] for one in columns if one in reading.ROLES}
-    if other := {place: of for place, of in asked.items() if (place, of) not in own}:
-        unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
-        said = (f"{place} from '{of}'{unit if place == 'gap' else ''}" for place, of in other.items())
-        lines.append(f"columns: {', '.join(said)}")
-    if isinstance(done, dict) and isinstance(how, dict):
-        kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
-        lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
-    if again := settings.get(REPEATS):
-        lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
-    told = settings.get(KIND)
-    warned = told.get("said") if isinstance(told, dict) else None
-    return [*lines, *(map(str, warned) if isinstance(warned, list) else ())]
-
-
-def costs(bank: FrameBank) -> list[str]:
-    """Return what the bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
-    manifest, lines = bank.manifest, []
-    if manifest.motion is not None:
-        return _costs_of_policies(bank, manifest.motion)
-    if manifest.gap is None:
-        lines.append("no gap: whether decisions follow distance is not tested (depth_observational cannot say)")
-    elif "episode" in manifest.absent and not manifest.independent:
-        lines.append("no episodes, and not declared --independent: the gap tests cannot say")
-    if "scenario" in manifest.absent:
-        lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
-    if "step" in manifest.absent and "episode" not in manifest.absent:
-        lines.append("no steps: the rows of an episode count as its steps, in their order")
-    if all(frame.mirror_axis == "none" for frame in bank):
-        lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
-    lines += [
-        f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
-        for name, lacking in undrawn_controls(bank).items()
-    ]
-    lines += [
-        f"no {name}_m for some pictures of {name}: these are in no range of distances that is tested"
-        for name in ("lead_mid_near", "lead_mid_far")
-        if any(name in one.counterfactuals and f"{name}_m" not in one.truth for one in bank)
-    ]
-    if (wide := max(_pixels(bank))) > _LARGE:
-        lines.append(
-            f"large pictures: they leave as PNG, about {wide * 1.7e-6:.0f} MB each, which many servers refuse; import "
-            "them with --convert --longest 1280"
-        )
-    left_out = manifest.settings.get("left_out")
-    if isinstance(left_out, list) and left_out:
-        lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
-    return lines
-
-
-def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
-    """Return what a bank for policies has of motions, what it cannot show, and what looks wrong in its log."""
-    steps, wide = motion.shape
-    relative = sum(one.state is not None for one in motion.dimensions)
-    rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
-    kind = f"{motion.kind}, {relative} relative to the state" if motion.kind in PLACES else motion.kind
-    lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
-    if lacking := sum(not frame.motion for frame in bank):
-        lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
-    if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:
-        lines.append(f"{episodes} episodes: nothing is bounded below {LEAST_BOUNDED}")
-    if INSTRUCTION not in channels_of(bank):
-        lines.append("no instruction: whether a policy follows it is not asked (no_power)")
-    if STATE not in channels_of(bank):
-        lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
-    unshown = {name: why for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why}
-    return [
-        *lines,
-        *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
-        *_costs_of_reflection(bank, motion),
-        *notes(bank),
-    ]
-
-
-def _costs_of_reflection(bank: FrameBank, motion: MotionSpace) -> Iterator[str]:
-    """Yield why the mirrored moment is not shown, or what its instructions may say wrongly."""
-    if (why := conditions_of(bank)[1].get("mirrored")) is not None:
-        yield f"mirrored: {why}" + ("" if motion.mirrored else "; [reflection] of a --rig says it")
-        return
-    said = {str(one) for frame in bank for one in frame.fields.values()}
-    sided = sorted(one for one in said if _SIDES.search(one) and motion.reflect_text(one) == one)
-    if sided:
-        words = '[reflection.words] says what is exchanged, as left = "right"'
-        named = f"{len(sided)} instructions name a side, such as '{sided[0][:60]}', and stay as they are"
-        yield f"mirrored: {named}; {words}"
+def _declared(kept: Kept, choices: Choices) -> dict[str, object]:
+    """Return what to record of how the table was read, where it was not the usual way."""
+    numerals, marks = choices.numerals, choices.numerals.no_lead
+    guessed = {
+        place: column
+        for place, column in kept.places.items()
+        if choices.rig is None and place not in choices.columns and column not in reading.ROLES.get(place, (column,))
+    }
+    found = {
+        GUESSED: guessed,
+        "numbers": numerals.style,
+        "no_lead": {mark: numerals.counted[mark] for mark in marks or ()},
+        "strip": choices.strip,
+    }
+    return {name: one for name, one in found.items() if one}

@@ -39,8 +39,15 @@ def read_number(cell: Cell, what: str) -> float | None:
         return None
     number = _number(cell)
     if number is None:
-        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
-    return _held(number, what)
+        raise SourceError(
+            f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none{_marked(cell)}"
+        )
+    return _held(number, what, _marked(cell))
+
+
+def _marked(cell: Cell) -> str:
+    """Return how a cell is declared to mean "nothing ahead", where it is short enough to be a mark."""
+    return f", or say --no-lead {cell}" if len(str(cell)) <= 30 and " " not in str(cell) else ""
 
 
 def read_part(cell: Cell, what: str) -> float:
@@ -51,10 +58,10 @@ def read_part(cell: Cell, what: str) -> float:
     return _held(number, what)
 
 
-def _held(number: float, what: str) -> float:
+def _held(number: float, what: str, advice: str = "") -> float:
     """Return a number that a bank can hold; raises SourceError, beginning with ``what``, for a greater one."""
     if not abs(number) <= LARGEST:
-        raise SourceError(f"{what} is {number:g}, not a number up to {LARGEST:g}")
+        raise SourceError(f"{what} is {number:g}, not a number up to {LARGEST:g}{advice}")
     return number
 
 
@@ -70,7 +77,12 @@ def _number(cell: Cell) -> float | None:
 def read_step(cell: Cell, what: str) -> int:
     """Return a cell as a whole number; raises SourceError, beginning with ``what``, where it is none."""
     number = _number(cell)
-    if number is None or number != int(number) or abs(number) > _EXACT:
+    if number is not None and number == int(number) and abs(number) > _EXACT:
+        raise SourceError(
+            f"{what} is {_quoted(cell)}, too large for a step, which counts the frames of an episode; a time in "
+            "nanoseconds is none: leave the column out with --map step=, and the rows count in their order"
+        )
+    if number is None or number != int(number):
         raise SourceError(
             f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode: every row needs "
             "one, or none: leave the column out with --map step="

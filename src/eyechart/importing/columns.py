@@ -1,5 +1,6 @@
 """Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -49,8 +50,13 @@ USUAL: dict[str, tuple[str, ...]] = {
 None is here that is as often something else: a column ``frame`` may be a number, a name or a file.
 """
 
-UNITS = ("mm", "cm", "m", "km", "ft", "px")
-"""Units that a column's name may end with, as in ``distance_m``."""
+_DISTANCE = re.compile(r"(?:^|_)(gap|distance|dist|range|headway|clearance|lidar|radar|sonar|ultrasonic)(?:_|$)")
+
+
+def is_distance(column: str) -> bool:
+    """Return whether a column's name looks like that of a distance."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column)
+    return _DISTANCE.search(re.sub(r"[^a-z0-9]+", "_", apart.lower())) is not None
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -216,12 +222,6 @@ def _called(own: Sequence[str], usual: Sequence[str], columns: Sequence[str], ta
     by_name = {plain_name(column): column for column in reversed(columns) if column not in taken}
     named = [*(one for one in own if one in columns), *(by_name[one] for one in usual if one in by_name)]
     return next(iter(named), "")
-
-
-def unit_of(column: str) -> str | None:
-    """Return the unit that a column's name ends with, None where it ends with none."""
-    unit = column.rpartition("_")[2].lower()
-    return unit if unit in UNITS and "_" in column else None
 
 
 def no_column(column: str, columns: Sequence[str], table: str) -> str:

@@ -30,12 +30,16 @@ class Convert:
 
 @dataclass(frozen=True)
 class Photographs:
-    """The folder of a table's pictures; the table itself stands in ``beside``. ``done`` counts what was converted."""
+    """The folder of a table's pictures; the table itself stands in ``beside``.
+
+    ``done`` counts what was converted; ``strip`` is what every path begins with, and is taken away.
+    """
 
     folder: Path
     beside: Path
     convert: Convert | None = None
     done: Counter[str] = field(default_factory=Counter)
+    strip: str = ""
 
     @cached_property
     def _home(self) -> Path:
@@ -52,7 +56,7 @@ class Photographs:
             raise SourceError(f"{what} is '{path[:60]}…', {len(path)} characters, which is no file's name")
         if "\\" in path and "/" not in path:
             path = path.replace("\\", "/")
-        pure = PurePosixPath(path)
+        pure = PurePosixPath(self._stripped(path, what))
         if pure.is_absolute() and pure.is_relative_to(self._home.as_posix()):
             pure = pure.relative_to(self._home.as_posix())
         elif not pure.is_absolute() and not self._is_file(self.folder / pure):
@@ -61,9 +65,26 @@ class Photographs:
             inside(self.folder, str(pure))
         except BankError as error:
             none = error.__cause__  # a NUL, or a loop of links
-            why = f"is no file there: {none}" if none else f"leads outside {self.folder}, where the pictures must lie"
+            outside = f"leads outside {self.folder}, where the pictures must lie{self._advice(pure)}"
+            why = f"is no file there: {none}" if none else outside
             raise SourceError(f"{what} is '{name}', which {why}") from error
         return str(pure)
+
+    def _stripped(self, path: str, what: str) -> str:
+        """Return a path without what it is to begin with; raises SourceError where it begins with something else."""
+        head = self.strip.replace("\\", "/").rstrip("/")
+        if not head:
+            return path
+        if not path.startswith(f"{head}/"):
+            raise SourceError(f"{what} is '{path}', which does not begin with --strip {self.strip}")
+        return path[len(head) + 1 :]
+
+    def _advice(self, pure: PurePosixPath) -> str:
+        """Return which ``--strip`` makes an absolute path one of the folder, "" where none does."""
+        for place in range(1, len(pure.parts)):
+            if self._is_file(self.folder / PurePosixPath(*pure.parts[place:])):
+                return f"; --strip {PurePosixPath(*pure.parts[:place])} takes the place of another machine away"
+        return ""
 
     def _from_table(self, pure: PurePosixPath) -> PurePosixPath | None:
         path = self.beside / pure

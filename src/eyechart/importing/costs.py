@@ -1,0 +1,190 @@
+"""What an import took of a source, and what the columns that are missing or were guessed cost the verdict."""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import cast
+
+from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
+from eyechart.conditions import OVER, by_reason, undrawn_controls
+from eyechart.frames import FrameBank
+from eyechart.importing import columns as reading
+from eyechart.importing.bank import GUESSED, KIND
+from eyechart.importing.notes import notes
+from eyechart.importing.numerals import unit_of
+from eyechart.importing.repeats import REPEATS, in_words
+from eyechart.spaces.motion import PLACES, MotionSpace
+
+_LARGE = 3_000_000
+"""Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
+_SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
+LEAST_BOUNDED = 6
+"""Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
+_PRICES = {
+    "gap": "decisions are held to it as the distance",
+    "episode": "its frames are one draw, and are exchanged whole",
+    "step": "it orders the frames of an episode",
+    "scenario": "other frames are shown within a scenario, and across",
+}
+"""What a place that was guessed means for the verdict."""
+_LEAST_WAYS = 200
+"""Ways to exchange episodes below which the test of distance cannot reach its level of .01 on two sides."""
+_MANY = 12
+
+
+def taken(bank: FrameBank) -> list[str]:
+    """Return what an imported bank took: columns of other names, how pictures changed, what its motions are.
+
+    And which episodes are others again.
+    """
+    settings = bank.manifest.settings
+    lines = [*_columns_taken(bank)]
+    done, how, marks = (settings.get(name) for name in ("converted", "convert", "no_lead"))
+    if isinstance(marks, dict):
+        lines.append(f"nothing ahead: {', '.join(f'{count} rows of {mark}' for mark, count in marks.items())}")
+    if isinstance(done, dict) and isinstance(how, dict):
+        kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
+        lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
+    if again := settings.get(REPEATS):
+        lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
+    told = settings.get(KIND)
+    warned = told.get("said") if isinstance(told, dict) else None
+    return [*lines, *(map(str, warned) if isinstance(warned, list) else ())]
+
+
+def _columns_taken(bank: FrameBank) -> Iterator[str]:
+    """Yield which columns of other names than their places were taken: those that were given, and those guessed."""
+    columns = bank.manifest.settings.get("columns")
+    own = {(place, of) for place, names in reading.ROLES.items() for of in names}
+    found = {} if not isinstance(columns, dict) else {one: columns[one] for one in columns if one in reading.ROLES}
+    unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
+    said = {
+        place: f"{place} from '{of}'{unit if place == 'gap' else ''}"
+        for place, of in found.items()
+        if (place, of) not in own
+    }
+    guessed = [said.pop(place) for place in _guessed(bank) if place in said]
+    if said:
+        yield f"columns: {', '.join(said.values())}"
+    if guessed:
+        yield f"columns, guessed by their names: {', '.join(guessed)}"
+
+
+def _pixels(bank: FrameBank) -> Iterator[int]:
+    """Yield the pixels of some of the bank's pictures."""
+    for frame in bank.frames[:: max(1, len(bank) // 20)]:
+        for high, wide, _ in bank.shapes(frame).values():
+            yield high * wide
+
+
+def costs(bank: FrameBank) -> list[str]:
+    """Return what the bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
+    manifest, lines = bank.manifest, []
+    if manifest.motion is not None:
+        return _costs_of_policies(bank, manifest.motion)
+    if manifest.gap is None:
+        lines.append("no gap: whether decisions follow distance is not tested (depth_observational cannot say)")
+        lines += _like_a_gap(bank)
+    elif "episode" in manifest.absent and not manifest.independent:
+        lines.append("no episodes, and not declared --independent: the gap tests cannot say")
+    if "scenario" in manifest.absent:
+        lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
+    if "step" in manifest.absent and "episode" not in manifest.absent:
+        lines.append("no steps: the rows of an episode count as its steps, in their order")
+    if all(frame.mirror_axis == "none" for frame in bank):
+        lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
+    lines += [
+        f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
+        for name, lacking in undrawn_controls(bank).items()
+    ]
+    lines += [
+        f"no {name}_m for some pictures of {name}: these are in no range of distances that is tested"
+        for name in ("lead_mid_near", "lead_mid_far")
+        if any(name in one.counterfactuals and f"{name}_m" not in one.truth for one in bank)
+    ]
+    lines += _prices(bank)
+    if (wide := max(_pixels(bank))) > _LARGE:
+        lines.append(
+            f"large pictures: they leave as PNG, about {wide * 1.7e-6:.0f} MB each, which many servers refuse; import "
+            "them with --convert --longest 1280"
+        )
+    left_out = manifest.settings.get("left_out")
+    if isinstance(left_out, list) and left_out:
+        lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
+    return lines
+
+
+def _guessed(bank: FrameBank) -> Mapping[str, object]:
+    """Return the columns that were taken for a place by their usual name alone, by place."""
+    found = bank.manifest.settings.get(GUESSED)
+    return found if isinstance(found, dict) else {}
+
+
+def _like_a_gap(bank: FrameBank) -> Iterator[str]:
+    """Yield which columns of numbers look like the distance that nobody named."""
+    for name in bank.frames[0].truth if bank.frames else ():
+        numbers = [one for frame in bank if isinstance(one := frame.truth.get(name), int | float)]
+        if reading.is_distance(name) and len({*numbers}) > 1:
+            unit = "" if unit_of(name) else " --unit m (or its unit)"
+            yield f"'{name}' looks like the distance: --map gap={name} --threshold N{unit} takes it; below N is near"
+
+
+def _prices(bank: FrameBank) -> Iterator[str]:
+    """Yield what each column that was guessed means for the verdict, and how it is left out."""
+    for place, column in _guessed(bank).items():
+        if place == "scenario" and bank.manifest.gap is not None and "episode" not in bank.manifest.absent:
+            yield _price_of_scenarios(bank, str(column))
+        elif place in _PRICES:
+            yield f"guessed: {place} is '{column}': {_PRICES[place]}; --map {place}= leaves it out"
+
+
+def _price_of_scenarios(bank: FrameBank, column: str) -> str:
+    """Return what scenarios that were guessed cost the test of distance, which exchanges episodes within each."""
+    inside = [*Counter(scenario for scenario, _ in {(one.scenario, one.episode) for one in bank}).values()]
+    ways, over = (math.prod(math.factorial(min(one, _MANY)) for one in many) for many in (inside, [sum(inside)]))
+    lost = ways < _LEAST_WAYS <= over
+    each = f"{min(inside)} episodes each" if min(inside) == max(inside) else f"{min(inside)} to {max(inside)} episodes"
+    many = f"{len(inside)} scenarios of {each}"
+    cost = f"that is {ways} ways, too few to test distance" if lost else "distance is tested within each"
+    return (
+        f"guessed: scenario is '{column}': whole episodes are exchanged within a scenario only, {many}: {cost}; "
+        "--map scenario= exchanges them over all, and then a place that is always near is not told from distance"
+    )
+
+
+def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
+    """Return what a bank for policies has of motions, what it cannot show, and what looks wrong in its log."""
+    steps, wide = motion.shape
+    relative = sum(one.state is not None for one in motion.dimensions)
+    rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
+    kind = f"{motion.kind}, {relative} relative to the state" if motion.kind in PLACES else motion.kind
+    lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
+    if lacking := sum(not frame.motion for frame in bank):
+        lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
+    if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:
+        lines.append(f"{episodes} episodes: nothing is bounded below {LEAST_BOUNDED}")
+    if INSTRUCTION not in channels_of(bank):
+        lines.append("no instruction: whether a policy follows it is not asked (no_power)")
+    if STATE not in channels_of(bank):
+        lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
+    unshown = {name: why for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why}
+    return [
+        *lines,
+        *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
+        *_costs_of_reflection(bank, motion),
+        *notes(bank),
+    ]
+
+
+def _costs_of_reflection(bank: FrameBank, motion: MotionSpace) -> Iterator[str]:
+    """Yield why the mirrored moment is not shown, or what its instructions may say wrongly."""
+    if (why := conditions_of(bank)[1].get("mirrored")) is not None:
+        yield f"mirrored: {why}" + ("" if motion.mirrored else "; [reflection] of a --rig says it")
+        return
+    said = {str(one) for frame in bank for one in frame.fields.values()}
+    sided = sorted(one for one in said if _SIDES.search(one) and motion.reflect_text(one) == one)
+    if sided:
+        words = '[reflection.words] says what is exchanged, as left = "right"'
+        named = f"{len(sided)} instructions name a side, such as '{sided[0][:60]}', and stay as they are"
+        yield f"mirrored: {named}; {words}"

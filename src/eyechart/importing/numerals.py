@@ -1,0 +1,189 @@
+"""How a table writes its numbers: marks that mean "none", the decimal sign, thousands, a unit behind a number."""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from eyechart.errors import SourceError, SpecError
+from eyechart.importing.cells import Cell, Row
+
+STYLES: dict[str, tuple[str, str]] = {
+    "1234,5": ("", ","),
+    "1.234,5": (".", ","),
+    "1 234,5": (" ", ","),
+    "1'234.5": ("'", "."),
+    "1,234.5": (",", "."),
+}
+"""How ``--numbers`` writes its example → the sign between thousands and that before the fraction."""
+
+UNITS: dict[str, tuple[str, ...]] = {
+    "mm": ("millimeter", "millimeters", "millimetre", "millimetres"),
+    "cm": ("centimeter", "centimeters", "centimetre", "centimetres"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "km": ("kilometer", "kilometers", "kilometre", "kilometres"),
+    "ft": ("foot", "feet"),
+    "yd": ("yard", "yards"),
+    "mi": ("mile", "miles"),
+    "px": ("pixel", "pixels"),
+    "ms": ("millisecond", "milliseconds"),
+    "s": ("sec", "second", "seconds"),
+}
+"""Units that a column's name may end with, as in ``distance_m``, and their names in words."""
+
+_SPACES = "\u00a0\u202f\u2009 "
+_UNITED = re.compile(r"(?P<number>.*\d\.?)\s*(?P<unit>[^\W\d_]+)")
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
+_LEAST_MARK = 90.0
+"""A mark such as 99 or 999 is at least so large; below it, the same digits are ordinary numbers."""
+_LARGE = 1e6
+_ENDS = frozenset({*(2.0**bits - one for bits in (8, 15, 16, 31, 32, 63, 64) for one in (0, 1))})
+_FAR = 2.0
+
+
+def unit_named(words: str) -> str | None:
+    """Return a unit by its sign or its name in words, None where it is none that is known."""
+    low = words.strip().lower()
+    return next((unit for unit, names in UNITS.items() if low == unit or low in names), None)
+
+
+def unit_of(column: str) -> str | None:
+    """Return the unit that a column's name ends with, as ``distance_cm``, ``gap (m)``, ``rangeFeet``; None without."""
+    parts = [part for part in re.split(r"[^A-Za-z0-9]+", column) if part]
+    last = _WORDS.findall(parts[-1]) if parts else []
+    if len(parts) + len(last) < 3:  # a name of one word is no unit of anything
+        return None
+    return unit_named(last[-1]) if len(last) > 1 else unit_named(parts[-1])
+
+
+@dataclass(frozen=True)
+class Numerals:
+    """What is declared of a table's numbers.
+
+    ``style`` is one of `STYLES`, "" for a point before the fraction and nothing between thousands. ``no_lead`` are the
+    numbers and words that mean "nothing ahead" in the column of the gap; None declares nothing, and then a number that
+    looks like a mark is refused; an empty sequence declares that every number is a distance.
+    """
+
+    style: str = ""
+    no_lead: tuple[str, ...] | None = None
+    counted: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        if self.style and self.style not in STYLES:
+            raise SpecError(f"--numbers {self.style}: how numbers are written is one of {', '.join(STYLES)}")
+
+    def row(self, row: Row, words: Iterable[str], where: str) -> Row:
+        """Return a row whose texts are numbers as Python writes them, but for the columns of ``words``.
+
+        Raises SourceError, which begins with ``where``, for a number that is written in another way than declared.
+        """
+        if not self.style:
+            return row
+        kept = {*words}
+        return {
+            name: self._number(cell, f"{where}: '{name}'") if isinstance(cell, str) and name not in kept else cell
+            for name, cell in row.items()
+        }
+
+    def _number(self, cell: str, what: str) -> str:
+        """Return a text that is a number, also before a unit, as Python writes it; other words stay as they are."""
+        united = _UNITED.fullmatch(cell.strip())
+        number, unit = (united["number"].strip(), f" {united['unit']}") if united else (cell.strip(), "")
+        between, point = STYLES[self.style]
+        if between == " ":
+            number = re.sub(f"(?<=\\d)[{_SPACES}](?=\\d)", " ", number)
+        if re.fullmatch(_written(between, point), number):
+            return (
+                number.replace(between, "").replace(point, ".") + unit if between else number.replace(point, ".") + unit
+            )
+        if _PLAIN.fullmatch(number):
+            raise SourceError(f"{what} is '{cell[:60]}', not a number as --numbers {self.style} writes them")
+        return cell
+
+    def gap(self, cell: Cell, unit: str, what: str) -> Cell:
+        """Return a cell of the gap without its unit, None where it is a mark; ``what`` names row and column.
+
+        Raises SourceError for a unit that is another than the declared one.
+        """
+        if cell is None or (mark := self._mark(cell)) is not None:
+            self.counted.update([] if cell is None else [str(mark)])
+            return None
+        united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
+        if united is None or not _PLAIN.fullmatch(united["number"].strip()):
+            return cell
+        said = united["unit"]
+        if not unit:
+            raise SourceError(f"{what} is '{str(cell)[:60]}'; say the unit: --unit {said}")
+        if said != unit and (unit_named(said) or said) != (unit_named(unit) or unit):
+            raise SourceError(f"{what} is '{str(cell)[:60]}', and the gap is in {unit}; a gap has one unit")
+        return united["number"].strip()
+
+    def _mark(self, cell: Cell) -> str | None:
+        """Return which mark for "nothing ahead" a cell is, None where it is none."""
+        return next((mark for mark in self.no_lead or () if _is_same(cell, mark)), None)
+
+
+def _written(between: str, point: str) -> str:
+    whole = rf"(?:\d{{1,3}}(?:{re.escape(between)}\d{{3}})+|\d+)" if between else r"\d+"
+    return rf"[+-]?(?:{whole})(?:{re.escape(point)}\d*)?(?:[eE][+-]?\d+)?"
+
+
+def _is_same(cell: Cell, mark: str) -> bool:
+    """Return whether a cell is a mark: the same number, or the same word in whatever letters."""
+    try:
+        one, other = float(cell) if isinstance(cell, str | int | float) else math.nan, float(mark)
+    except (ValueError, OverflowError):
+        return str(cell).strip().lower() == mark.lower()
+    return one == other or (math.isnan(one) and math.isnan(other))
+
+
+def odd_gaps(
+    numbers: Sequence[float | None], named: Iterable[str], numerals: Numerals, column: str, *, marks: bool
+) -> list[str]:
+    """Return what is wrong with the gap's numbers: below zero or, where they are looked for, ``marks`` not declared.
+
+    ``named`` says what a message calls each row. No gap is below zero. A number of nines or a type's limit far above
+    all others, and a zero that stands several times far below all others, are taken for marks.
+    """
+    where: dict[float, list[str]] = {}
+    for number, name in zip(numbers, named, strict=True):
+        if number is not None:
+            where.setdefault(number, []).append(name)
+    odd = [*_marks(where)] if marks and numerals.no_lead is None else []
+    return [_odd_words(number, where[number], column) for number in (*(one for one in where if one < 0), *odd)]
+
+
+def _odd_words(number: float, named: Sequence[str], column: str) -> str:
+    """Return what is wrong with a number of the gap, which stands in the rows ``named``, and how it is declared."""
+    rows = f"{named[0]}{f' and {len(named) - 1} more rows' if len(named) > 1 else ''}"
+    what, written = f"{rows}: the gap '{column}' is {number:g}", repr(number).removesuffix(".0")
+    if number < 0:
+        return f"{what}, and no distance is below 0; where it means nothing ahead, say --no-lead {written}"
+    return (
+        f"{what}, far from all other numbers: where it means nothing ahead, say --no-lead {written}; where it is a "
+        "distance, say --no-lead '' (no number is a mark)"
+    )
+
+
+def _marks(where: Mapping[float, Sequence[str]]) -> Iterator[float]:
+    """Yield the numbers that look like marks."""
+    ordered = sorted(number for number in where if number >= 0)
+    for place, number in enumerate(ordered):
+        lower = ordered[place - 1] if place else None
+        if _is_marklike(number) and (lower is None or number > _FAR * lower or number >= _LARGE):
+            yield number
+    if ordered and ordered[0] == 0.0 and len(where[0.0]) > 1 and len(ordered) > 2:
+        middle = ordered[len(ordered) // 2]
+        if ordered[1] > middle / 10:
+            yield 0.0
+
+
+def _is_marklike(number: float) -> bool:
+    """Return whether a number is nines (999, 9999.9), a power of ten from 1e6 on, or the limit of a type."""
+    digits = f"{number:g}".replace(".", "")
+    nines = number > _LEAST_MARK and set(digits) == {"9"}
+    power = number >= _LARGE and set(digits.split("e")[0]) <= {"1", "0"}
+    return nines or power or (number in _ENDS and number > _LEAST_MARK) or number >= 1e9
