@@ -17,7 +17,7 @@ from eyechart.spaces.reader import READER, READERS, Names, read_by, spelled
 from eyechart.spaces.space import READ_AT_MOST, UNPARSED, Answer, Decision, unanswered, without_thinking
 
 _TOML_BYTES = 1_000_000
-_NAME = re.compile(r"[^\W_](.*[^\W_])?")
+_NAME = re.compile(r"[+-]?\d+(\.\d+)?\s?[°%]?|([+-]?\d|[^\W_])(.*[^\W_])?")
 _SHARED: dict[Decision[str], Decision[str]] = {}
 _READINGS_KEPT = 1000
 """Of so many different replies the decision is kept, because controllers repeat themselves."""
@@ -50,6 +50,8 @@ class Discrete:
             raise SpecError(f"action space '{self.name}': {list(self.actions)} differ only in upper and lower case")
         for action in self.actions:
             self._require_readable(action)
+        if len({*map(spelled, self.actions)}) != len(self.actions):
+            raise SpecError(f"action space '{self.name}': two of {list(self.actions)} are one number, or one in words")
         paired = [action for pair in self.mirror_pairs for action in pair]
         meant = [action for _, action in self.aliases]
         for role, names in (("mirror_pairs", paired), ("brake", self.brake), ("proceed", self.proceed)):
@@ -70,7 +72,7 @@ class Discrete:
         if not _NAME.fullmatch(name) or name.upper() == UNPARSED:
             raise SpecError(
                 f"action space '{self.name}': '{name}' cannot be read from a reply; a name is one line, begins "
-                f"and ends with a letter or a digit, and is not {UNPARSED}"
+                f"and ends with a letter or a digit (a number may have its sign), and is not {UNPARSED}"
             )
 
     def _require_actions(self, role: str, names: Sequence[str]) -> None:

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
+from eyechart.spaces.reader import marks
+from eyechart.spaces.reader.marks import Mention
+
 _QUOTES = dict.fromkeys(map(ord, "“”„‟«»‹›「」『』〝〞"), ' " ') | dict.fromkeys(map(ord, "’‘‛´"), "'")
 _SIGNS = {ord("。"): ". ", ord("、"): ", ", ord("…"): "... ", ord("—"): " - ", ord("–"): " - ", ord("−"): "-"}
 _ARROWS = dict.fromkeys(map(ord, "→⇒➔➜➡⟶"), " -> ")
@@ -21,18 +24,9 @@ _IDEOGRAPH = "\u3400-\u9fff"
 _ENDINGS = "ly|wards?|p?p?ing|t?ting"
 """Forms of a name in English that say the same: slowly, leftward, stopping."""
 _NAME_AT_MOST = 1000
-_LETTERS = re.compile(r"\W*(\w(?:[ .-]\w){1,30})\W*")
-
-
-@dataclass(frozen=True, slots=True)
-class Mention:
-    """Where an action is named in a text. ``written`` is how; ``derived`` says that it is "slowing" of "slow"."""
-
-    action: str
-    written: str
-    start: int
-    end: int
-    derived: bool = False
+_LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
+_MINUS = re.compile(r"(?<![\w)\]])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
+"""A dash right before a number, and behind no word, is its sign."""
 
 
 def fold(text: str) -> str:
@@ -40,7 +34,7 @@ def fold(text: str) -> str:
 
     Full-width forms become plain ones. Letters keep their case.
     """
-    return _STRUCK.sub(" ", text.translate(_FOLDED))
+    return _STRUCK.sub(" ", _MINUS.sub("-", text).translate(_FOLDED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +63,17 @@ class Names:
 
     def mentions(self, text: str) -> Iterator[Mention]:
         """Yield where a folded text names an action; of names that begin at one place the longest."""
+        found = [*self._worded(text), *marks.mentions(text, _marks(self))]
+        if len(found) > 1:
+            found.sort(key=lambda one: (one.start, -one.end))
+        done = 0
+        for one in found:
+            if one.start >= done:
+                yield one
+                done = one.end
+
+    def _worded(self, text: str) -> Iterator[Mention]:
+        """Yield where a folded text names an action by a word."""
         for match in _pattern(self).finditer(text):
             # None: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
             action, ending = self.action(match.group()), match.group("ending") or ""
@@ -79,7 +84,17 @@ class Names:
 
 
 def spelled(text: str) -> str:
-    """Return what two ways of writing one name have in common: no separators, no signs around, upper case."""
+    """Return what two ways of writing one name have in common: no separators, no signs around, upper case.
+
+    A number at its head keeps its sign and its fraction, and is as short as it can be: "+1.0" is "1".
+    """
+    if (split := marks.split_number(text)) is not None:
+        number, rest = split
+        return number + _words_of(rest)
+    return _words_of(text)
+
+
+def _words_of(text: str) -> str:
     plain = re.sub(r"[\s_-]+", "", re.sub(r"(?<=[\s_-])(?:(?:to|on|onto|into)\s+)?the\s|(?<=[\s_-])to\s", "", text))
     return plain.strip(".,;:!*`\"'()[]<>{}").upper()
 
@@ -90,11 +105,17 @@ def _table(names: Names) -> dict[str, str]:
 
 
 @lru_cache(maxsize=256)
+def _marks(names: Names) -> marks.Marks:
+    return marks.Marks.of(names.spelled)
+
+
+@lru_cache(maxsize=256)
 def _pattern(names: Names) -> re.Pattern[str]:
     between = r"(?:[\s-]{1,3}(?:to\s(?:the\s)?|on\sthe\s)?|)"
+    worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
     each = [
         between.join(re.escape(part) for part in re.split(r"[\s_-]+", written) if part)
-        for written, _ in sorted(names.spelled, key=lambda pair: len(pair[0]), reverse=True)
+        for written in sorted(worded, key=len, reverse=True)
     ]
     # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is a part of a word.
     before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"

@@ -27,6 +27,7 @@ _ANSWER_TAG = pattern(
     re.DOTALL | re.IGNORECASE,
 )
 _BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
+_HASHED = pattern(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
 _TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
 
 _LABELS = (
@@ -43,7 +44,12 @@ _OWN = (
     r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
 )
 """What may stand before the name of an answer; ``previous_action`` or ``forbidden_action`` is another thing."""
-_KEY = pattern(rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
+_CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
+_KEY = pattern(
+    rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}", re.IGNORECASE
+)
+_COUNTS = pattern(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
+"""A key whose number counts something."""
 _ONLY_KEY = pattern(
     r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
     r"|class|value|text"
@@ -55,7 +61,7 @@ _ONLY_KEY = pattern(
 _PLAINEST = ("action", "action", "decision", "answer")
 _LOOSE = pattern(
     rf"[{{,]\s{{0,40}}[\"']?({_OWN}(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
-    rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=[,}}\n]))",
+    rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=,(?!\d)|[}}\n]))",
     re.IGNORECASE,
 )
 _FAULT = pattern(r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning", re.IGNORECASE)
@@ -73,7 +79,7 @@ _CUT_OFF = pattern(r"\{[^{}]*\Z")
 _MARKER = pattern(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
-    rf"(?:{_LABELS})[ \t\"']{{0,4}}(?:[:=>-]|->|\bis\b)+[ \t]*",
+    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?!\.?\d)|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
 _HEADING = pattern(
@@ -155,7 +161,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
 def _find(text: str, names: Names) -> Decision[str]:
     if (bare := names.whole(fold(text))) is not None:
         return Decision(bare)
-    for form in (_objects, _tags, _boxes):
+    for form in (_objects, _tags, _boxes, _hashes):
         if stated := list(form(text, names)):
             return _agreed(text, stated, names)
     text = _FENCE.sub(" ", _without_objects(text))
@@ -243,7 +249,7 @@ def _stated_in(value: object, names: Names) -> Iterator[tuple[str | None, str | 
     elif (key := _answer_key(value)) is not None:
         for name, inner in value:
             if name == key or _is_another(name, inner, names):
-                yield from _values(inner, names)
+                yield from _values(None if _is_count(name, inner) else inner, names)
     else:
         for inner in (_given(name, inner) for name, inner in value if not _OTHERS.search(name)):
             yield from _stated_in(inner, names)
@@ -300,11 +306,26 @@ def _values(value: object, names: Names) -> Iterator[tuple[str | None, str | Non
     """Yield what the value of an answer's key states; a list states each of its texts."""
     if isinstance(value, _Pairs):
         value = [inner for _, inner in value]
-    if not isinstance(value, list):
+    elif not isinstance(value, list):
         value = [value]
     for inner in value or [None]:
-        found = _phrase(inner, names) if isinstance(inner, str) else unparsed("unknown_action")
+        if isinstance(inner, _Pairs):
+            yield from _stated_in(inner, names)
+            continue
+        found = _phrase(inner, names) if isinstance(inner, str) else _counted(inner, names)
         yield found.action, found.why
+
+
+def _is_count(key: str, value: object) -> bool:
+    """Return whether a number counts something, as that of ``count``."""
+    return _COUNTS.fullmatch(key) is not None and not isinstance(value, str)
+
+
+def _counted(value: object, names: Names) -> Decision[str]:
+    """Return the decision of a JSON value that is no text: a number is the name that it spells."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    action = names.action(f"{value}") if number else None
+    return Decision(action) if action is not None else unparsed("unknown_action")
 
 
 def _flagged(value: _Pairs, names: Names) -> str | None:
@@ -347,6 +368,13 @@ def _boxes(text: str, names: Names) -> Iterator[_Stated]:
         yield _Stated(match.start(), match.end(), found.action, found.why)
 
 
+def _hashes(text: str, names: Names) -> Iterator[_Stated]:
+    """Yield what stands behind four hashes, which end a worked answer."""
+    for match in _HASHED.finditer(text):
+        if (action := names.whole(fold(match.group(1)))) is not None:
+            yield _Stated(match.start(), match.end(), action)
+
+
 def _marked(text: str, names: Names) -> Decision[str] | None:
     """Return the decision of the last line that begins with ``action:``; None where no such line says one.
 
@@ -355,7 +383,7 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
     read = [(mark.group(), mark.start(), *_value(text, mark.end(), names)) for mark in marks]
-    said = [one for one in read if one[3].why not in {"no_action", "not_chosen"}]
+    said = [one for one in read if one[3].why not in {"no_action", "not_chosen"} and not _is_no_input(*one[:3], text)]
     if not said:
         return None
     label, start, end, last = said[-1]
@@ -369,6 +397,13 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     return last
 
 
+def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
+    """Return whether a line says that the action takes no input."""
+    return _INPUT.match(label) is not None and _NOTHING.fullmatch(text[start + len(label) : end]) is not None
+
+
+_INPUT = pattern(r"\W*action input\b", re.IGNORECASE)
+_NOTHING = pattern(r"[\s\"'{(\[]*(?:none|null|n/a|nothing|empty)?[\s\"'.})\]]*", re.IGNORECASE)
 _MARKERS_AT_MOST = 20
 _LINE_AT_MOST = 2000
 _ITEMS = pattern(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")

@@ -1,0 +1,185 @@
+"""Names that are numbers or single letters, and where they stand as an option and not as a count or an article."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import lru_cache
+from itertools import islice
+
+_NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
+_HEAD = re.compile(r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)", re.DOTALL)
+_NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
+_TOKEN = re.compile(
+    r"(?<![\w.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])"
+    rf"(?P<number>{_NUMBER})(?![.,:/x×]?\d|\s?[-–]\s?\d|\s?[x×/]\s?\d)"
+)
+_LETTER = re.compile(r"(?<![\w.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'-]|\.\w)")
+_OPTION = (
+    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
+    r"|arrows?|bins?|case|opción|opção|opzione|optie|aktion|antwort|选项|選択肢|选)"
+)
+_WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
+_BEFORE = re.compile(
+    r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
+    r"or|nor|not|than|but|is|be|are|was|would|should|will|i'd|i'll|it's|that's|with|for|to|"
+    r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
+    r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
+    r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
+    r"final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
+    r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e"
+)
+_AFTER = re.compile(
+    r"because|since|as|is|was|would|seems|looks|appears|remains|due|so|and|or|but|given|then|"
+    r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|which|for|"
+    r"therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
+    r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
+)
+_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*$")
+_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
+_ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
+_STARTS = re.compile(r"[ \t>#*+-]*\(?")
+_CLOSES = re.compile(r"[.):][ \t]+\S")
+_TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
+
+
+@dataclass(frozen=True, slots=True)
+class Mention:
+    """Where an action is named in a text. ``written`` is how; ``derived`` says that it is "slowing" of "slow"."""
+
+    action: str
+    written: str
+    start: int
+    end: int
+    derived: bool = False
+
+
+def short_number(sign: str, digits: str) -> str | None:
+    """Return a number as short as it can be written, "1" of "+1.0"; None for one of padded zeros, which is a name."""
+    if len(digits) > 1 and digits[0] == "0" and digits[1] != ".":
+        return None
+    value = Decimal(f"{sign}{digits}").normalize()
+    return "0" if value == 0 else f"{value:f}"
+
+
+def split_number(text: str) -> tuple[str, str] | None:
+    """Return the number that a text begins with, as short as it can be, and what follows; None without such a one.
+
+    Raises nothing; a text of two numbers, as "1-2" or "1,5", begins with none.
+    """
+    match = _HEAD.fullmatch(text)
+    if match is None or len(match["digits"]) > _MOST_DIGITS or _GOES_ON.match(match["rest"]):
+        return None
+    number = short_number(match["sign"], match["digits"])
+    return None if number is None else (number, match["rest"])
+
+
+_MOST_DIGITS = 30
+_GOES_ON = re.compile(r"\s*[-–.,:/x×]?\s*\d")
+
+
+def is_mark(name: str) -> bool:
+    """Return whether a name is a single letter, a number, or a number with its unit."""
+    return (len(name) == 1 and name.isalpha() and name.isascii()) or _NAMED.fullmatch(name) is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """The names of a space that are marks: letters, and numbers, each with the units that may stand behind it."""
+
+    letters: Mapping[str, str]
+    numbers: Mapping[str, tuple[tuple[str, str], ...]]
+
+    @classmethod
+    def of(cls, spelled: Sequence[tuple[str, str]]) -> "Marks":
+        """Return the marks among written names and their actions; units are the longest first."""
+        letters = {name: action for name, action in spelled if len(name) == 1 and is_mark(name) and name.isalpha()}
+        numbers: dict[str, list[tuple[str, str]]] = {}
+        for name, action in spelled:
+            if (split := split_number(name)) is not None and _NAMED.fullmatch(name):
+                numbers.setdefault(split[0], []).append((split[1].strip(), action))
+        return cls(letters, {number: tuple(sorted(found, key=_longest)) for number, found in numbers.items()})
+
+
+def _longest(named: tuple[str, str]) -> int:
+    return -len(named[0])
+
+
+def mentions(text: str, marks: Marks) -> Iterator[Mention]:
+    """Yield where a folded text has a mark that stands as an option."""
+    if marks.numbers:
+        yield from _numbers(text, marks.numbers)
+    if marks.letters:
+        yield from _letters(text, marks.letters)
+
+
+def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]]) -> Iterator[Mention]:
+    for match in _TOKEN.finditer(text):
+        split = split_number(match["number"])
+        for unit, action in numbers.get(split[0], ()) if split is not None else ():
+            end = _unit_end(text, match.end(), unit)
+            if end is not None and _is_option(text, match.start(), end, united=bool(unit)):
+                yield Mention(action, match["number"], _begin(text, match.start()), end)
+                break
+
+
+def _unit_end(text: str, start: int, unit: str) -> int | None:
+    """Return where a unit ends that stands here, None where another does; without a unit none may."""
+    if not unit:
+        return None if re.match(r"[\w°%²³]", text[start : start + 1]) else start
+    found = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?!\w)", re.IGNORECASE).match(text, start)
+    return None if found is None else found.end()
+
+
+def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
+    of_any_case = {letter.upper(): action for letter, action in letters.items()}
+    for match in _LETTER.finditer(text):
+        letter, start, end = match["letter"], match.start(), match.end()
+        action = letters.get(letter)
+        named = _WITH_OPTION.search(text[max(0, start - 40) : start]) is not None
+        closed = text[end : end + 1] == ")" and text[max(0, start - 1) : start] in {"", "(", " ", "\n"}
+        if action is None and (named or closed):
+            action = of_any_case.get(letter.upper())
+        if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end):
+            yield Mention(action, letter, _begin(text, start), end)
+
+
+def _begin(text: str, start: int) -> int:
+    """Return where a mark begins with the word before it that says that it is one: "option 3", "#3"."""
+    left = text[max(0, start - 40) : start]
+    found = _WITH_OPTION.search(left)
+    return (
+        start
+        if found is None or ":" in found.group() or "is" in found.group().split()
+        else start - (len(left) - found.start())
+    )
+
+
+def _is_option(text: str, start: int, end: int, *, united: bool = False) -> bool:
+    """Return whether a mark stands as an option: it counts nothing, names no other thing and numbers no line."""
+    left, right = text[max(0, start - 40) : start], text[end : end + 40]
+    named = _WITH_OPTION.search(left) is not None
+    if not named and (before := _WORD_BEFORE.search(left)) is not None and not _BEFORE.fullmatch(before[1].lower()):
+        return False
+    after = _WORD_AFTER.match(right)
+    if after is not None and not _AFTER.fullmatch(after[1].lower()) and not (named and after[1].lower() == "to"):
+        return united and after[1].lower() == "to"
+    if _TO_NUMBER.match(right):
+        return False
+    return not _numbers_a_line(text, start, end)
+
+
+def _numbers_a_line(text: str, start: int, end: int) -> bool:
+    """Return whether a mark is the number of a line, as in a list."""
+    line = text.rfind("\n", 0, start) + 1
+    if not _STARTS.fullmatch(text, line, start) or not _CLOSES.match(text, end):
+        return False
+    several, first = _items(text)
+    return several or first < line
+
+
+@lru_cache(maxsize=4)
+def _items(text: str) -> tuple[bool, int]:
+    """Return whether several lines of a text are numbered, and where its first word begins."""
+    numbered = _ITEM.finditer(text)
+    return len([*islice(numbered, 2)]) > 1, len(text) - len(text.lstrip())
