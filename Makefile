@@ -23,7 +23,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -45,6 +45,7 @@ help:
 	@echo "make long-calibration  200 simulated banks of each setting, judged: docs/calibration.md anew"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
+	@echo "make long-falls   the tests of what fell in 0.2.0.dev0, on its source and on today's: each fails there, and passes now"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
@@ -124,11 +125,16 @@ bench: $(BENCH) $(INSPECT)/.done
 
 # The version before, beside this one; OLD_PYTHON=/its/python takes one that is installed already.
 OLD_COMMIT := 201be47
+TRIED_COMMIT := 066353c3
 OLD := build/0.1.0
 OLD_PYTHON ?= $(OLD)/.venv/bin/python
 
 long-demo: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/demo_versions.py --old $(OLD_PYTHON)
+
+long-falls: $(MODELS)
+	test -d build/0.2.0.dev0 || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) src | tar -x -C build/0.2.0.dev0; }
+	$(BIN)/python benchmarks/falls.py --old build/0.2.0.dev0/src
 
 long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from eyechart import cli
+from eyechart import cli, importing
 from eyechart.errors import SourceError, SpecError
 from eyechart.frames import FrameBank, open_bank
-from eyechart.importing import Choices, Numerals, costs, import_table, taken
-from eyechart.importing.columns import is_distance
-from eyechart.importing.numerals import unit_of
+from eyechart.importing import Choices, costs, import_table, taken
+from eyechart.importing import columns as reading
 
 PICTURES = 12
 Table = Callable[..., FrameBank]
@@ -98,7 +97,7 @@ def test_an_ordinary_far_gap_is_taken(table: Table, gap: str) -> None:
 )
 def test_a_declared_mark_is_nothing_ahead_and_is_counted(table: Table, mark: str, declared: str) -> None:
     """The gap of these frames is unknown as if the cell were empty, and the bank says how many there were."""
-    bank = table(marked(mark, 1, 3), numerals=Numerals(no_lead=("none", declared)))
+    bank = table(marked(mark, 1, 3), numerals=importing.Numerals(no_lead=("none", declared)))
     assert [frame.truth["gap"] for frame in bank][:4] == [5.0, None, 12.5, None]
     assert bank.manifest.settings["no_lead"] == {"none": 0, declared: 2}
     assert f"2 rows of {declared}" in " ".join(taken(bank))
@@ -106,14 +105,14 @@ def test_a_declared_mark_is_nothing_ahead_and_is_counted(table: Table, mark: str
 
 def test_where_every_number_is_declared_a_distance_none_is_taken_for_a_mark(table: Table) -> None:
     """An empty declaration; below zero there is still no distance."""
-    every = Numerals(no_lead=())
+    every = importing.Numerals(no_lead=())
     assert table(marked("999", 1), numerals=every).frames[1].truth["gap"] == 999.0
 
 
 def test_below_zero_is_refused_also_where_other_marks_are_declared(table: Table) -> None:
     """A mark that was forgotten is no distance."""
     with pytest.raises(SourceError, match="below 0"):
-        table(marked("-2", 1), numerals=Numerals(no_lead=("-1",)))
+        table(marked("-2", 1), numerals=importing.Numerals(no_lead=("-1",)))
 
 
 def test_a_picture_at_a_distance_below_zero_is_refused(table: Table) -> None:
@@ -153,7 +152,9 @@ def test_a_unit_of_two_names_is_no_contradiction(table: Table, column: str, unit
 
 def test_a_name_of_one_word_is_no_unit() -> None:
     """Nor is the end of a word."""
-    assert [unit_of(name) for name in ("m", "gap", "km", "team", "gap_team", "gap_m2", "distance")] == [None] * 7
+    assert [
+        importing.numerals.unit_of(name) for name in ("m", "gap", "km", "team", "gap_team", "gap_m2", "distance")
+    ] == [None] * 7
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,10 @@ def test_numbers_are_read_as_they_are_declared_to_be_written(table: Table, style
     speeds = [cells[0]] * PICTURES
     gaps = (*cells, *(str(gap).replace(".", style[-2]) for gap in GAPS[2:]))
     bank = table(
-        gaps, delimiter=";", numerals=Numerals(style), extra={"speed": speeds, "note": ["1.2.3, 4"] * PICTURES}
+        gaps,
+        delimiter=";",
+        numerals=importing.Numerals(style),
+        extra={"speed": speeds, "note": ["1.2.3, 4"] * PICTURES},
     )
     assert [frame.truth["gap"] for frame in bank][:3] == [5.25, 1234.5, 12.5]
     assert bank.frames[0].truth["speed"] == 5.25
@@ -186,13 +190,13 @@ def test_a_number_that_is_written_otherwise_than_declared_is_refused(table: Tabl
     """12.4 is not 124, whatever the sign between thousands is."""
     gaps = (cell, *(str(gap).replace(".", style[-2]) for gap in GAPS[1:]))
     with pytest.raises(SourceError, match=r"row 1.*gap.*not a number"):
-        table(gaps, delimiter=";", numerals=Numerals(style))
+        table(gaps, delimiter=";", numerals=importing.Numerals(style))
 
 
 def test_a_way_to_write_numbers_that_is_unknown_is_refused() -> None:
     """With those that are known."""
     with pytest.raises(SpecError, match=r"1\.234,5"):
-        Numerals("1_234")
+        importing.Numerals("1_234")
 
 
 def test_a_number_with_its_unit_is_read_where_the_unit_is_declared(table: Table) -> None:
@@ -240,7 +244,7 @@ def test_a_column_that_looks_like_the_distance_is_not_dropped_without_a_word(tab
 @pytest.mark.parametrize("column", ["arrange", "distant", "orange", "speed", "gapless_mode", "place"])
 def test_other_columns_do_not_look_like_a_distance(column: str) -> None:
     """A part of a word is no word."""
-    assert not is_distance(column)
+    assert not reading.is_distance(column)
 
 
 def test_paths_of_another_machine_are_taken_without_what_they_begin_with(photos: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from eyechart.errors import SpecError
 from eyechart.spaces.discrete import Discrete
 
 IDS = Discrete("ids", ("0", "1", "2", "3", "4"), (("0", "2"),), ("4",), ("1", "3"))
-BINS = Discrete("bins", ("-2", "-1", "0", "1", "2"), (("-2", "2"), ("-1", "1")), (), ("0",))
+
 HALF = Discrete(
     "half",
     ("HARD_LEFT", "LEFT", "CENTRE", "RIGHT", "HARD_RIGHT"),
@@ -19,9 +19,6 @@ HALF = Discrete(
     (("0", "CENTRE"), ("1", "RIGHT"), ("2", "HARD_RIGHT")),
 )
 SPEEDS = Discrete("speeds", ("0.5", "1", "1.5", "2"), (), ("0.5",), (), (("1.5 m/s", "1.5"), ("2 m/s", "2")))
-DEGREES = Discrete(
-    "degrees", ("-30", "-15", "0", "15", "30"), (), (), (), (("-15°", "-15"), ("15°", "15"), ("15 deg", "15"))
-)
 LETTERS = Discrete("letters", ("A", "B", "C", "D", "E"), (), (), ())
 
 FORMS = (
@@ -40,6 +37,17 @@ FORMS = (
     "Final answer: ({})",
     "The road is clear.\n#### {}",
 )
+
+
+def bins() -> Discrete:
+    """Return a space whose names are numbers with signs."""
+    return Discrete("bins", ("-2", "-1", "0", "1", "2"), (("-2", "2"), ("-1", "1")), (), ("0",))
+
+
+def degrees() -> Discrete:
+    """Return a space of angles, some of which may have their unit."""
+    aliases = (("-15°", "-15"), ("15°", "15"), ("15 deg", "15"))
+    return Discrete("degrees", ("-30", "-15", "0", "15", "30"), (), (), (), aliases)
 
 
 def read(space: Discrete, text: str) -> str | None:
@@ -61,11 +69,11 @@ def test_a_number_with_another_sign_or_fraction_is_no_action(form: str, number: 
 @pytest.mark.parametrize("number", ["-2", "-1", "0", "1", "2"])
 def test_a_number_is_read_with_its_sign(form: str, number: str) -> None:
     """Names with signs are names; a minus of typography is one, and a plus or a fraction of zeros changes nothing."""
-    assert read(BINS, form.format(number)) == number
-    assert read(BINS, form.format(number.replace("-", "\u2212"))) == number
+    assert read(bins(), form.format(number)) == number
+    assert read(bins(), form.format(number.replace("-", "\u2212"))) == number
     if number in {"1", "2"}:
-        assert read(BINS, form.format(f"+{number}")) == number
-        assert read(BINS, form.format(f"{number}.0")) == number
+        assert read(bins(), form.format(f"+{number}")) == number
+        assert read(bins(), form.format(f"{number}.0")) == number
 
 
 @pytest.mark.parametrize("value", [3, 3.0, "3", " 3 ", "3.0"])
@@ -193,11 +201,11 @@ def test_a_number_with_a_unit_is_read_where_an_alias_has_the_unit() -> None:
     assert read(SPEEDS, "Speed: 1.5") is None
     assert read(SPEEDS, "1.5 m/s") == "1.5"
     assert read(SPEEDS, "Action: 2 m/s") == "2"
-    assert read(DEGREES, "15°") == "15"
-    assert read(DEGREES, "-15°") == "-15"
-    assert read(DEGREES, "-15 deg") is None
-    assert read(DEGREES, "Answer: 1.5") is None
-    assert read(DEGREES, "1.5 deg") is None
+    assert read(degrees(), "15°") == "15"
+    assert read(degrees(), "-15°") == "-15"
+    assert read(degrees(), "-15 deg") is None
+    assert read(degrees(), "Answer: 1.5") is None
+    assert read(degrees(), "1.5 deg") is None
 
 
 @pytest.mark.parametrize("names", [("-30", "0", "+30"), ("-1.5", "0.5"), ("+5 deg", "-5 deg"), ("-30°", "30°")])
