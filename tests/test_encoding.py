@@ -171,3 +171,27 @@ def test_a_digest_is_that_of_what_left(mixed: FrameBank, tmp_path: Path) -> None
         for sent in ledger.attempts("kind:of"):
             seen = stimuli.show(sent.key.condition, sent.key.frame)
             assert sent.request_sha256 == planned.plan.query(sent.key, seen).sha256()
+
+
+def test_noise_is_stored_and_a_run_that_was_begun_before_goes_on_in_the_old_way(tmp_path: Path) -> None:
+    """The same pixels in both, an eighth of the work; which of them a run sends stands in its manifest."""
+    bank = Rover().build(tmp_path / "bank", seeds=(0,), steps=4)
+    made = {}
+    for encoding in ("png", "png-2"):
+        out = tmp_path / encoding
+        planned = battery.plan(bank.root, ["scripted:constant"], out, conditions=("real", "noise"))
+        assert planned.manifest.encoding == "png-2"
+        plain = replace(planned.plan.bank, stores_noise=encoding == "png-2")
+        asked = replace(planned.plan, bank=plain)
+        battery.run(replace(planned, plan=asked, manifest=replace(planned.manifest, encoding=encoding)))
+        more = battery.plan(bank.root, ["scripted:constant"], out, conditions=("real", "noise", "blank"))
+        assert more.manifest.encoding == encoding
+        shown = Stimuli(more.plan.bank, more.plan.seed).show("noise", bank.frames[0].id)
+        (made[encoding],) = shown.images.values()
+        battery.run(more)
+        write_bundle(out, tmp_path / f"{encoding}.zip", resamples=100)
+        assert bundle.validate(tmp_path / f"{encoding}.zip").holds
+    old, new = made["png"], made["png-2"]
+    assert np.array_equal(decode(old, "old"), decode(new, "new"))
+    assert old == encode(decode(new, "new")) != new == as_png(new, "new")
+    assert {*chunks(new)} == {b"IHDR", b"IDAT", b"IEND"}

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from eyechart.errors import BankError, SpecError, meant, require_known
-from eyechart.frames import RGB, Camera, Frame, Stimulus, decode, encode
+from eyechart.frames import RGB, Camera, Frame, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
 
 MID_GREY = 128
@@ -32,6 +32,10 @@ class Source(Protocol):
     @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt says of a frame."""
+
+    @property
+    def stores_noise(self) -> bool:
+        """Whether noise is made as a PNG that is not compressed: no compression makes it smaller."""
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
@@ -79,7 +83,8 @@ def _grey(shape: tuple[int, int, int]) -> bytes:
 
 def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
     rng, shapes = np.random.default_rng(seed), source.shapes(frame).items()
-    return _shown(frame, {name: encode(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
+    written = stored if source.stores_noise else encode
+    return _shown(frame, {name: written(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
 
 
 def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:

@@ -40,8 +40,11 @@ BESIDE = ("vetting.json", "seen.json")
 """What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
 
 
-STORED, PNG = ENCODINGS = ("stored", "png")
-"""How pictures leave: as the bank holds them, or all as 8-bit PNGs of pixels alone, which look alike as files."""
+STORED, PNG, PNG_2 = ENCODINGS = ("stored", "png", "png-2")
+"""How pictures leave: as the bank holds them, or all as 8-bit PNGs of pixels alone, which look alike as files.
+
+In the second of these encodings noise is not compressed: that took half of a call's time, and made no file smaller.
+"""
 
 MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
 """How many conditions a run may have, and how often a policy that draws its answers may be asked for each."""

@@ -1,6 +1,7 @@
 """Pictures as a run shows them: each read and made once for all models and conditions, within a bound of memory."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cached_property
 
 from eyechart.conditions import show
@@ -37,7 +38,7 @@ class Stimuli:
 
     def __init__(self, bank: FrameBank, seed: int, view: View | None = None, *, shows: Show = show) -> None:
         self._show = shows
-        self._bank = _Remembering(bank.root, bank.frames, bank.manifest, bank.said, bank.plain)
+        self._bank = _Remembering(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
         self._seed = seed
         self._view = view
         self._made: Kept[tuple[str, str], Stimulus] = Kept(

@@ -222,6 +222,7 @@ class _Moment:
     key: EpisodeKey
     frames: tuple[Frame, ...] = ()
     said: tuple[str, ...] = ()
+    stores_noise: bool = False
 
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:

@@ -46,6 +46,7 @@ from eyechart.frames.pictures import (
     pixels_of,
     read_bounded,
     size_of,
+    stored,
 )
 from eyechart.frames.plain import made_plain, read_colour, require_plain
 
@@ -95,5 +96,6 @@ __all__ = [
     "same_moments",
     "shared",
     "size_of",
+    "stored",
     "whole_folder",
 ]

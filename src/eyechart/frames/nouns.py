@@ -280,7 +280,8 @@ class FrameBank:
     """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for.
 
     ``said`` are the prompt columns that the prompt of a run says of its frames. With ``plain`` all pictures are read as
-    8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's kind tells them apart.
+    8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's kind tells them apart. ``stores_noise``
+    says that noise is made as a PNG that is not compressed.
     """
 
     root: Path
@@ -288,6 +289,7 @@ class FrameBank:
     manifest: BankManifest
     said: tuple[str, ...] = ()
     plain: bool = False
+    stores_noise: bool = False
 
     def __repr__(self) -> str:
         episodes = len({frame.episode for frame in self.frames})

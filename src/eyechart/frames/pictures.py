@@ -5,6 +5,7 @@ import io
 import os
 import struct
 import warnings
+import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -250,3 +251,15 @@ def encode(rgb: RGB) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(rgb, mode=None).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
+
+
+def stored(rgb: RGB) -> bytes:
+    """Encode an RGB picture, shape (h, w, 3), uint8, as PNG without compression and filters (RFC 2083)."""
+    high, wide, _ = rgb.shape
+    rows = np.zeros((high, 1 + 3 * wide), dtype=np.uint8)
+    rows[:, 1:] = rgb.reshape(high, 3 * wide)
+    head = struct.pack(">II", wide, high) + _BARE
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b""))
+    return _PNG + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
+    )

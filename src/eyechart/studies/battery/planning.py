@@ -26,7 +26,8 @@ from eyechart.limits import Outcome, Spent
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
-    PNG,
+    PNG_2,
+    STORED,
     RunManifest,
     alone_in,
     asked_of,
@@ -250,7 +251,7 @@ def planned(
         stop_early=extent.stop_early,
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
-        encoding=PNG,
+        encoding=PNG_2,
     )
     manifest = manifest if out is None else resumed(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
@@ -365,7 +366,7 @@ def plan_of(
     chosen = tuple(bank.frame(name) for name in manifest.frames)
     found = Plan(
         study=manifest.study,
-        bank=replace(bank, plain=manifest.encoding == PNG),
+        bank=replace(bank, plain=manifest.encoding != STORED, stores_noise=manifest.encoding == PNG_2),
         prompt=manifest.prompt,
         models=tuple(manifest.models if models is None else models),
         conditions=tuple(conditions or manifest.conditions),

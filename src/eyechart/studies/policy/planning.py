@@ -25,7 +25,7 @@ from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
 from eyechart.loops import Progress, make_calls
-from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, versions
+from eyechart.manifest import LEDGER, PNG_2, RunManifest, asked_of, today, versions
 from eyechart.models import Model, Opened, open_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
@@ -143,7 +143,7 @@ def plan(
         facts={spec: dict(model.facts) for spec, model in models.items()},
         reader=MOTION_READER,
         answers=extent.answers,
-        encoding=PNG,
+        encoding=PNG_2,
     )
     manifest = resumed(out, manifest, bank)
     calls = replace(

@@ -8,7 +8,7 @@ import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
-from eyechart.manifest import PNG, RunManifest, today, versions
+from eyechart.manifest import PNG_2, RunManifest, today, versions
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import worlds_distances
 from eyechart.perception.view import NONE, view_for
@@ -67,7 +67,7 @@ def plan(
         reader=SCENE_READER,
         view=NONE if shown is None else shown.key,
         frames=tuple(frame.id for frame in chosen),
-        encoding=PNG,
+        encoding=PNG_2,
     )
     manifest = resumed(out, manifest, bank)
     calls = plan_of(manifest, bank, models=tuple(models), conditions=CONDITIONS, limit=limit, view=shown)
