@@ -21,7 +21,14 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import pixels_of
-from eyechart.models.python_callable import identity_of, import_callable, in_thread, made_of_class, name_of
+from eyechart.models.python_callable import (
+    NotCalledError,
+    identity_of,
+    import_callable,
+    in_thread,
+    made_of_class,
+    name_of,
+)
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
 
@@ -68,6 +75,8 @@ class PolicyCallable:
             async with asyncio.timeout(self.timeout_s) as limit:
                 call = partial(self._call, query)
                 motion = call() if not self.guest else await in_thread(call, self.left)
+        except NotCalledError as error:
+            return Reply(error="not_called", error_detail=str(error))
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")

@@ -67,6 +67,8 @@ class PythonCallable:
         try:
             async with asyncio.timeout(self.mode.timeout_s) as limit:
                 said = await self._ask(prompt, *self._seen(query))
+        except NotCalledError as error:
+            return Reply(error="not_called", error_detail=str(error))
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
@@ -80,9 +82,12 @@ class PythonCallable:
         return Reply(error="exception", error_detail=words)
 
     def _seen(self, query: Query) -> tuple[object, ...]:
-        """Return what the callable takes beside the prompt; raises TypeError where that would hide a camera."""
+        """Return what the callable takes beside the prompt, its own to change.
+
+        Raises TypeError where that would hide a camera.
+        """
         if self.whole:
-            return query.stimulus.images, query.stimulus.state
+            return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
             cameras = ", ".join(query.stimulus.images)
             raise TypeError(f"it takes one image and the frame has {cameras}; let it take (prompt, images, state)")
@@ -97,14 +102,18 @@ class PythonCallable:
         """Hold nothing, so let go of nothing."""
 
 
+class NotCalledError(Exception):
+    """A call was not begun, because too many that were given up have not returned."""
+
+
 async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
     """Call in a thread that nobody waits for at the end of the program, should it never return.
 
-    Of a call that is given up the thread is among those ``left``; RuntimeError while too many of these have not ended.
+    A given-up call leaves its thread among ``left``; NotCalledError while too many of these have not ended.
     """
     left -= {thread for thread in left if not thread.is_alive()}
     if len(left) >= LEFT_AT_MOST:
-        raise RuntimeError(f"not called: {len(left)} earlier calls have not returned")
+        raise NotCalledError(f"not called: {len(left)} earlier calls have not returned")
     loop = asyncio.get_running_loop()
     done: asyncio.Future[T] = loop.create_future()
 
