@@ -19,6 +19,7 @@ from eyechart.errors import LedgerError, SpecError, raising, why
 from eyechart.frames import BankManifest, FrameBank, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
+from eyechart.models.sources import changed, is_formerly
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
@@ -114,10 +115,13 @@ class Manifest:
                 )
         grown = self._wider(other)
         before, now = getattr(self, self.WHO), getattr(other, self.WHO)
+        older = {spec for spec in before.keys() & now.keys() if self._is_newer(spec, other)}
         for spec in before.keys() & now.keys():
-            if before[spec] != now[spec]:
+            if before[spec] != now[spec] and spec not in older and not other._is_newer(spec, self):
+                which = changed(self.facts.get(spec, {}), other.facts.get(spec, {}))
                 raise LedgerError(
-                    f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}; "
+                    f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}"
+                    f"{which and f' ({which})'}; "
                     "give another --out, or bring back the files or the program that answered before: two versions in "
                     "one run cannot be told apart"
                 )
@@ -139,10 +143,17 @@ class Manifest:
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         for name in self.GROWS:
             grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
-        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in other.facts.items()}
-        for name, more in ((self.WHO, now), ("modes", modes), ("facts", facts), ("probes", other.probes)):
+        told = {spec: more for spec, more in other.facts.items() if spec not in older}
+        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in told.items()}
+        who = {spec: version for spec, version in now.items() if spec not in older}
+        for name, more in ((self.WHO, who), ("modes", modes), ("facts", facts), ("probes", other.probes)):
             grown[name] = {**getattr(self, name), **more}
         return replace(self, **grown)  # type: ignore[type-var]
+
+    def _is_newer(self, spec: str, other: Self) -> bool:
+        """Return whether the other manifest has of a callable the version that it had before its imports counted."""
+        version = getattr(other, self.WHO)[spec]
+        return is_formerly(version, other.facts.get(spec, {}), self.facts.get(spec, {}))
 
     def moved(self, modes: Iterable[RequestMode]) -> Self:
         """Return this manifest with its models asked at the addresses of these modes; ``facts`` say what moved when."""

@@ -26,6 +26,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError, raising
 from eyechart.models import require_options
 from eyechart.models.energy import metered
+from eyechart.models.sources import facts_of, version_of
 from eyechart.modes import RequestMode, without_secrets
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
@@ -47,7 +48,7 @@ LEFT_AT_MOST = 16
 
 @dataclass(slots=True)
 class PythonCallable:
-    """A callable behind the door of a model; ``version`` is the head of its file's digest."""
+    """A callable behind the door of a model; ``version`` is the head of a digest of its files."""
 
     ask: Ask
     mode: RequestMode
@@ -149,9 +150,8 @@ def under_way() -> frozenset[threading.Thread]:
 def open_model(name: str, mode: RequestMode) -> PythonCallable:
     """Import the callable; raises SpecError that says what is missing. Modules of the current folder are found."""
     require_options(mode, OPTIONS)
-    ask, digest = import_callable(name)
-    whole = _takes_all(ask, name)
-    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
+    ask, version, facts = import_callable(name)
+    return PythonCallable(ask, mode, version, facts, _takes_all(ask, name))
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
@@ -168,24 +168,30 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
 def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:
     """Return the version of a callable that is at hand, with the digests that it is the head of.
 
-    It is that of its module's file, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
+    It is that of its module's files, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
     of its own code, in which what it takes from elsewhere has no part. What a partial, a closure or an object holds is
     part of it as far as it is text, numbers, arrays and collections of these; of what else it holds, a network say, the
     type alone: give such models folders of their own.
     """
-    written = _written(ask)
-    try:
-        file = Path(inspect.getfile(written))
-    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
-        file = Path()
-    name, content = ("file_sha256", file.read_bytes()) if file.is_file() else ("code_sha256", _source(written))
-    facts = {name: hashlib.sha256(content).hexdigest()}
-    version = facts[name]
+    written, more = _written(ask), list[str]()
+    digests = facts_of(sys.modules.get(written.__module__)) if _is_in_a_file(written) else {}
+    facts = digests or {"code_sha256": hashlib.sha256(_source(written)).hexdigest()}
     if held := _held(ask).strip():
-        code = "" if name == "code_sha256" else "\n".join(_code(written))
-        facts["state_sha256"] = hashlib.sha256(f"{held}\n{code}".encode()).hexdigest()
-        version = hashlib.sha256("".join(facts.values()).encode()).hexdigest()
+        code = "\n".join(_code(written)) if digests else ""
+        more.append(hashlib.sha256(f"{held}\n{code}".encode()).hexdigest())
+        facts["state_sha256"] = more[0]
+    if digests:
+        facts |= version_of(digests, *more)
+        return facts.pop("version"), facts
+    version = hashlib.sha256("".join(facts.values()).encode()).hexdigest() if more else facts["code_sha256"]
     return version[:12], facts
+
+
+def _is_in_a_file(written: FunctionType | type) -> bool:
+    try:
+        return Path(inspect.getfile(written)).is_file()
+    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
+        return False
 
 
 def name_of(ask: Ask) -> str:
@@ -280,8 +286,8 @@ def _code(written: object) -> Iterator[str]:
                 yield repr(constant)
 
 
-def import_callable(name: str) -> tuple[Ask, str]:
-    """Import ``MODULE:FUNCTION``; return it with the SHA-256 of its module's file, empty where that has none.
+def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
+    """Import ``MODULE:FUNCTION``; return it with its version and the digests of the files that it is made of.
 
     Raises SpecError that says what is missing. Modules of the current folder are found.
     """
@@ -309,9 +315,10 @@ def import_callable(name: str) -> tuple[Ask, str]:
     ask: Ask | None = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
-    file = getattr(module, "__file__", None)
-    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file and Path(file).is_file() else ""
-    return ask, digest
+    if not (facts := facts_of(module)):
+        return ask, "no file", {}
+    facts |= version_of(facts)
+    return ask, facts.pop("version"), facts
 
 
 def _perhaps(name: str) -> str:
