@@ -1,6 +1,7 @@
 """A callable is a guest: nothing that it does to what it is given changes what another is shown, or what is counted."""
 
 import asyncio
+import os
 import pickle
 import sqlite3
 import threading
@@ -212,3 +213,22 @@ def test_a_policy_that_was_never_called_has_not_failed(hanging: str, tmp_path: P
         return (await policy.answer(query)).error
 
     assert asyncio.run(one_more()) == "not_called"
+
+
+def test_a_callable_that_changes_the_folder_changes_no_path_in_python(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither that of the bank nor that of the run; a report is named as it was asked for while that leads there."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "away").mkdir()
+    (tmp_path / "bank").symlink_to(bank.root)
+
+    def leaves(prompt: str, image: bytes | None) -> str:
+        del prompt, image
+        os.chdir(tmp_path / "away")
+        return "SLOW"
+
+    report = run_battery("bank", {"leaves": leaves}, "run", limit=3)
+    assert report.score.models["python:leaves"].answered
+    assert (Path("run").exists(), (tmp_path / "run" / LEDGER).is_file()) == (False, True)
+    assert list((tmp_path / "away").iterdir()) == []
