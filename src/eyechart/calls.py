@@ -15,7 +15,6 @@ from eyechart.spaces.space import ending
 
 ErrorKind = Literal[
     "exception",
-    "not_called",
     "timeout",
     "rate_limited",
     "server_error",
@@ -29,6 +28,7 @@ ErrorKind = Literal[
     "auth",
     "quota",
     "missing_model",
+    "not_called",
 ]
 """What went wrong when no answer came. An empty reply, a refusal and a truncation are replies, and no errors."""
 

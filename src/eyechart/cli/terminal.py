@@ -78,10 +78,10 @@ def from_here(path: Path) -> Path:
 
     What is printed has it as it was typed.
     """
-    if path.is_absolute():
-        return path
-    _typed[str(path.absolute())] = str(path)
-    return path.absolute()
+    place = path.absolute()
+    if not path.is_absolute() and place.name:  # the root of all has none, and stands in every path
+        _typed[str(place)] = str(path)
+    return place
 
 
 def as_typed(text: str) -> str:
@@ -90,7 +90,7 @@ def as_typed(text: str) -> str:
         if place in text:
             typed = _typed[place]
             text = text.replace(f"{place}{os.sep}", "" if typed == "." else f"{typed}{os.sep}")
-            text = re.sub(rf"{re.escape(place)}(?![\w-]|\.\w)", lambda _, typed=typed: typed, text)
+            text = re.sub(rf"{re.escape(place)}(?![\w-]|\.\w)", typed.replace("\\", r"\\"), text)
     return text
 
 
