@@ -109,13 +109,13 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
     inside = (
         "import signal, sys, time\nfor one in (signal.SIGHUP, signal.SIGINT): signal.signal(one, signal.SIG_IGN)\n"
         "import eyechart.models\n"
-        "def slow(*_):\n  print('ready', flush=True, file=sys.__stdout__)\n  for _ in range(600): time.sleep(0.05)\n"
+        "def slow(*_):\n  print('ready', flush=True)\n  for _ in range(600): time.sleep(0.05)\n"
         "eyechart.models.known_models = slow\nfrom eyechart.cli import main\nmain()"
     )
     line = [sys.executable, "-c", inside, "list", "models"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
-        assert running.stdout is not None
-        assert running.stdout.readline() == b"ready\n"
+        assert running.stderr is not None
+        assert running.stderr.readline() == b"ready\n"
         for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
             running.send_signal(number)
             time.sleep(0.1)
