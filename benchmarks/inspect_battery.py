@@ -191,7 +191,7 @@ def answered(row: Mapping[str, str], folder: Path, name: str, url: str) -> dict[
         reply = json.load(came)
     choice = reply["choices"][0]
     return {
-        **{key: row[key] for key in ("call", "frame", "condition", "repeat")},
+        **{key: row[key] for key in ("call", "repeat")},
         "text": choice["message"]["content"],
         "finish_reason": choice["finish_reason"],
     }

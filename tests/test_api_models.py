@@ -1,6 +1,5 @@
 """Callables and the options of a request mode go into a battery from Python as they are."""
 
-import hashlib
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -15,11 +14,10 @@ from eyechart.calls import Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, SpecError
 from eyechart.frames import FrameBank, decode
 from eyechart.manifest import LEDGER
+from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.studies import battery
 from seeing import served
-
-HERE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:12]
 
 
 def decide(prompt: str, image: bytes | None) -> str:
@@ -63,7 +61,7 @@ def test_a_callable_is_asked_as_its_spec_would_be(bank: FrameBank, tmp_path: Pat
     (spec,) = report
     assert spec == f"python:{__name__}:decide"
     manifest = report.score.manifest
-    assert manifest.models[spec] == HERE
+    assert manifest.models[spec] == open_model(spec).version
     assert manifest.mode(spec) == RequestMode(spec)
     planned = battery.plan(bank.root, [spec], tmp_path / "run", extent=battery.Extent(limit=4))
     assert planned.left() == 0

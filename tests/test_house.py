@@ -36,7 +36,7 @@ OTHERS = {
     "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",
     "models/ollama.py: getattr(error, 'reason', error)",
-    "models/python_callable.py: getattr(module, '__file__', None)",
+    "models/sources.py: getattr(module, '__file__', None)",
     "studies/closed_loop/film.py: getattr(av, 'codecs_available', set())",
     "simulators/gym/drive.py: getattr(self._env.unwrapped, 'np_random', None)",
     "simulators/gym/drive.py: hasattr(self._env.unwrapped, 'enable_auto_render')",

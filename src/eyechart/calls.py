@@ -28,6 +28,7 @@ ErrorKind = Literal[
     "auth",
     "quota",
     "missing_model",
+    "not_called",
 ]
 """What went wrong when no answer came. An empty reply, a refusal and a truncation are replies, and no errors."""
 
@@ -43,6 +44,7 @@ KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
         "cut_short": ("again", "the body ended before it was whole"),
         "timeout": ("again", "no whole reply within the mode's time, or 408"),
         "unreadable": ("again", "no HTTP, no JSON, not of the API's shape, or more than 8 MB"),
+        "not_called": ("again", "no call was made: too many earlier calls of the callable have not returned"),
         "gateway": ("again", "a redirect, or another 4xx that does not show that the request is wrong"),
         "auth": ("aside", "401 or 403, or a 400 or 422 that says so: the key is missing, wrong or not allowed"),
         "quota": ("aside", "402, or a 400, 403, 422 or 429 that says that nothing is left to spend"),
@@ -67,7 +69,10 @@ HOPELESS: frozenset[str] = frozenset(kind for kind, (then, _) in KINDS.items() i
 UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
 """The kinds that leave a call unfinished: a resumed run makes it again."""
 
-SILENT: frozenset[str] = TRANSIENT - {"rate_limited"}
+UNASKED: frozenset[str] = frozenset({"not_called"})
+"""The kinds of calls that were never made: they cost nothing, and say nothing of the model."""
+
+SILENT: frozenset[str] = TRANSIENT - UNASKED - {"rate_limited"}
 """The kinds in which a model says nothing, for a run that counts silence (docs/decisions/0027). A 429 is none: it says
 that the run asks too fast."""
 
@@ -116,7 +121,7 @@ class Query:
 
     def sha256(self) -> str:
         """Return the digest of the content (not of the seed), an audit column and never a cache key."""
-        digest, state = hashlib.sha256(), self.stimulus.state
+        digest, state = hashlib.sha256(), dict(self.stimulus.state)
         for part in (
             self.system.encode(),
             self.user.encode(),

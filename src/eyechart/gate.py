@@ -6,6 +6,7 @@ from typing import Protocol, TypedDict, Unpack
 
 from eyechart.errors import SpecError, meant
 from eyechart.integrity import Guard, ServedGuard
+from eyechart.modes import made_elsewhere
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import (
@@ -48,11 +49,13 @@ ADMISSION: dict[str, str] = {
 class Terms(TypedDict, total=False):
     """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
 
-    With ``allow_fingerprints`` one model may have answered under several configurations of its server.
+    With ``allow_fingerprints`` one model may have answered under several configurations of its server; with
+    ``made_elsewhere`` answers count of which nobody but whoever made them knows what was asked.
     """
 
     max_unparsed: float | None
     allow_fingerprints: bool
+    made_elsewhere: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +187,8 @@ def _gate(
 ) -> Gate:
     """Return every model's checks, and that of its ``unparsed`` rate where one is bounded; guards mark all of them.
 
+    Of answers that were made elsewhere nothing can be said, unless the ``terms`` allow them.
+
     Each is told why there is no evidence at all, nothing where there is. Raises SpecError for a rate outside [0, 1].
     """
     most, found = terms.get("max_unparsed"), list[Check]()
@@ -191,9 +196,18 @@ def _gate(
         raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {most}")
     for one in score.evidence().values():
         reason = _no_evidence(one)
+        if made_elsewhere(one.model) and not terms.get("made_elsewhere"):
+            reason = reason or _ELSEWHERE
         mine = [*checks(one, reason), *([] if most is None else [unparsed(one, most, reason)])]
         found += [_marked(check, one.failed, terms) for check in mine]
     return Gate(tuple(found))
+
+
+_ELSEWHERE = (
+    "eyechart did not make these calls: what was asked, and of which model, is the word of whoever did, which a gate "
+    "takes with --made-elsewhere"
+)
+"""Why answers that were made elsewhere are no evidence to a gate."""
 
 
 def _without_estimate(one: Evidence, most: float, reason: str) -> Check:

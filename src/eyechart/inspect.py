@@ -76,9 +76,8 @@ def _sample(row: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a Sampl
     pictures = [row[name] for name in row if name.partition("@")[0] == "picture" and row[name]]
     content = [*(ContentImage(image=str(folder / name)) for name in pictures), ContentText(text=row["user"])]
     user = ChatMessageUser(content=content if pictures else row["user"])
-    told = {name: row[name] for name in ("call", "frame", "condition")}
     return Sample(
         id=row["call"],
         input=[*([ChatMessageSystem(content=row["system"])] if row["system"] else []), user],
-        metadata=told,
+        metadata={"call": row["call"]},
     )

@@ -137,6 +137,38 @@ class ServedChecks:
         return (ServedGuard("served", False, "; ".join(parts), answered, differs),)
 
 
+class ShownChecks:
+    """Holds what was asked in each call against every other attempt at it, of whichever model of a run.
+
+    Of one frame, condition and prompt every model is shown the same, in every attempt. It looks at all of a run.
+    """
+
+    def __init__(self) -> None:
+        self._first: dict[tuple[str, ...], tuple[str, str]] = {}
+        self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
+
+    def add(self, one: Sent) -> None:
+        """Look at an attempt; a row without a digest says nothing."""
+        if not one.request_sha256:
+            return
+        study, model, *asked = map(str, one.key)
+        key = (study, *asked)
+        before, whose = self._first.setdefault(key, (one.request_sha256, model))
+        if before != one.request_sha256:
+            for either in (model, whose):
+                self._unlike.setdefault(either, {})[key] = None
+
+    def guards(self, model: str) -> tuple[Guard, ...]:
+        """Return the guard of a model, or none where it was asked in every call what all others were."""
+        if model not in self._unlike:
+            return ()
+        found = self._unlike[model]
+        _, _, frame, condition, _ = next(iter(found))
+        where = f"first of frame '{printable(frame)}' under {printable(condition)}"
+        says = f"{len(found)} calls have two digests of what was shown, {where}: another picture, or other words"
+        return (Guard("shown", False, f"{says}, for another model or in another attempt"),)
+
+
 def _shown(name: str) -> str:
     half = _NAME_SHOWN // 2
     return name if len(name) <= _NAME_SHOWN else f"{name[:half]}…{name[-half:]}"

@@ -5,7 +5,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from eyechart.calls import HOPELESS, TRANSIENT, Reply
+from eyechart.calls import HOPELESS, TRANSIENT, UNASKED, Reply
 from eyechart.loops import asyncio
 from eyechart.records import Amount, Count, Plain
 
@@ -139,6 +139,8 @@ class Budget:
 
     def made_before(self, model: str, reply: Reply | None) -> None:
         """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
+        if reply is not None and reply.error in UNASKED:
+            return
         self._sent += 1
         if self.limits.cost_usd is None:
             return
@@ -180,7 +182,9 @@ class Budget:
         self._asking[model] -= 1
         self._came.set()
         self._came = asyncio.Event()
-        if self.limits.cost_usd is not None:
+        if reply.error in UNASKED:
+            self._sent -= 1
+        elif self.limits.cost_usd is not None:
             self._add(model, reply)
         if asks_too_much(reply):
             asked = f"its server asks to be left alone for {reply.retry_after_s:.0f} s (Retry-After)"

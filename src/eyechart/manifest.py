@@ -19,6 +19,7 @@ from eyechart.errors import LedgerError, SpecError, raising, why
 from eyechart.frames import BankManifest, FrameBank, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
+from eyechart.models.sources import changed, is_formerly
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
@@ -117,35 +118,55 @@ class Manifest:
                 )
         grown = self._wider(other)
         before, now = getattr(self, self.WHO), getattr(other, self.WHO)
+        older = {spec for spec in before.keys() & now.keys() if self._is_newer(spec, other)}
         for spec in before.keys() & now.keys():
-            if before[spec] != now[spec]:
-                raise LedgerError(
-                    f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}; "
-                    "give another --out, or bring back the files or the program that answered before: two versions in "
-                    "one run cannot be told apart"
-                )
-            mine, theirs = self.mode(spec), other.mode(spec)
-            if not mine.same_request(theirs):
-                if mine.differs_in_address_only(theirs):
-                    raise LedgerError(
-                        f"this run asked {spec} at {mine.base_url or 'the usual address'}, and now its address, key, "
-                        f"headers or patience are others ({theirs.base_url or 'the usual address'}): give the same, "
-                        "or --moved to go on there and record it"
-                    )
-                mine, theirs = mine.request(), theirs.request()
-                name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
-                difference = f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
-                raise LedgerError(
-                    f"this run asked {spec} in another mode: {difference}; "
-                    "give the same options or --mode file to resume it, or another --out"
-                )
+            if spec not in older:
+                self._require_version(spec, other)
+            self._require_mode(spec, other)
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         for name in self.GROWS:
             grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
-        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in other.facts.items()}
-        for name, more in ((self.WHO, now), ("modes", modes), ("facts", facts), ("probes", other.probes)):
+        told = {spec: more for spec, more in other.facts.items() if spec not in older}
+        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in told.items()}
+        who = {spec: version for spec, version in now.items() if spec not in older}
+        for name, more in ((self.WHO, who), ("modes", modes), ("facts", facts), ("probes", other.probes)):
             grown[name] = {**getattr(self, name), **more}
         return replace(self, **grown)  # type: ignore[type-var]
+
+    def _require_version(self, spec: str, other: Self) -> None:
+        """Raise LedgerError where another manifest has another version of one who is in both, naming what changed."""
+        before, now = getattr(self, self.WHO)[spec], getattr(other, self.WHO)[spec]
+        if before != now and not other._is_newer(spec, self):
+            which = changed(self.facts.get(spec, {}), other.facts.get(spec, {}))
+            raise LedgerError(
+                f"this run {self.ASKED.format(spec)} at version {before}, which is now {now}{which and f' ({which})'}; "
+                "give another --out, or bring back the files or the program that answered before: two versions in "
+                "one run cannot be told apart"
+            )
+
+    def _require_mode(self, spec: str, other: Self) -> None:
+        """Raise LedgerError where a model would be asked otherwise than it was."""
+        mine, theirs = self.mode(spec), other.mode(spec)
+        if mine.same_request(theirs):
+            return
+        if mine.differs_in_address_only(theirs):
+            raise LedgerError(
+                f"this run asked {spec} at {mine.base_url or 'the usual address'}, and now its address, key, "
+                f"headers or patience are others ({theirs.base_url or 'the usual address'}): give the same, "
+                "or --moved to go on there and record it"
+            )
+        mine, theirs = mine.request(), theirs.request()
+        name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
+        difference = f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
+        raise LedgerError(
+            f"this run asked {spec} in another mode: {difference}; "
+            "give the same options or --mode file to resume it, or another --out"
+        )
+
+    def _is_newer(self, spec: str, other: Self) -> bool:
+        """Return whether the other manifest has of a callable the version that it had before its imports counted."""
+        version = getattr(other, self.WHO)[spec]
+        return is_formerly(version, other.facts.get(spec, {}), self.facts.get(spec, {}))
 
     def moved(self, modes: Iterable[RequestMode]) -> Self:
         """Return this manifest with its models asked at the addresses of these modes; ``facts`` say what moved when."""

@@ -24,16 +24,17 @@ def assert_grounded(
     independent: bool = False,
     reread: bool = False,
     allow_fingerprints: bool = False,
+    made_elsewhere: bool = False,
 ) -> None:
     """Raise AssertionError unless every model, or policy, of a run meets every requirement.
 
     ``require`` are those of ``eyechart gate``: of a battery names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is
     given; of policies an axis and a label, ``camera:camera_content`` if none is given. "Cannot say" is not enough:
     an empty or unfinished run fails too, and one that several models answered, or several fingerprints of one unless
-    they are allowed. What is raised fits on one screen: what fails comes first, and what has no room is counted;
-    `eyechart.gate.hold` gives every check whole. ``independent`` and ``reread`` are those of
-    `eyechart.api.read_report`. Raises LedgerError or BankError where the folder is no run, or needs ``reread``, and
-    SpecError where its kind has no gate.
+    they are allowed, and one of answers that were ``made_elsewhere``, unless it says so. What is raised fits on one
+    screen: what fails comes first, and what has no room is counted; `eyechart.gate.hold` gives every check whole.
+    ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises LedgerError or BankError where the
+    folder is no run, or needs ``reread``, and SpecError where its kind has no gate.
     """
     whole_number("resamples", resamples, 1)
     if max_unparsed is not None:
@@ -41,7 +42,13 @@ def assert_grounded(
     study = study_of(Path(run), "gate")
     wanted = read_requirements(",".join(require) or study.required, study.requirements)
     scored = study.score(Path(run), Reading(independent, reread, resamples=resamples))
-    gate = study.gate(scored, wanted, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    gate = study.gate(
+        scored,
+        wanted,
+        max_unparsed=max_unparsed,
+        allow_fingerprints=allow_fingerprints,
+        made_elsewhere=made_elsewhere,
+    )
     if gate.exit_code:
         raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
 

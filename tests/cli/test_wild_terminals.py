@@ -77,7 +77,7 @@ ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHU
 @pytest.mark.parametrize("where", ["import", "options", "command"])
 def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: signal.Signals, again: int) -> None:
     """During imports, while options are read or in a command, once or several times at once: no traceback."""
-    waits = "import sys, time, types; print('ready', flush=True, file=sys.__stdout__); time.sleep(30)"
+    waits = "import sys, time, types; print('ready', flush=True, file=sys.__stderr__); time.sleep(30)"
     inside = {
         "import": f"class Slow:\n  def find_spec(self, name, *_):\n    if name == 'eyechart.cli.app':\n      {waits}\n"
         "import sys; sys.meta_path.insert(0, Slow())\nfrom eyechart.cli import main\nmain()",
@@ -89,8 +89,8 @@ def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: s
     heard = "import signal\nsignal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # below nohup it would be ignored
     line = [sys.executable, "-c", f"{heard}{inside[where]}", "list", "models"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
-        assert running.stdout is not None
-        assert running.stdout.readline() == b"ready\n"
+        assert running.stderr is not None
+        assert running.stderr.readline() == b"ready\n"
         for _ in range(again):
             running.send_signal(number)
             time.sleep(0.002)
@@ -109,13 +109,13 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
     inside = (
         "import signal, sys, time\nfor one in (signal.SIGHUP, signal.SIGINT): signal.signal(one, signal.SIG_IGN)\n"
         "import eyechart.models\n"
-        "def slow(*_):\n  print('ready', flush=True, file=sys.__stdout__)\n  for _ in range(600): time.sleep(0.05)\n"
+        "def slow(*_):\n  print('ready', flush=True)\n  for _ in range(600): time.sleep(0.05)\n"
         "eyechart.models.known_models = slow\nfrom eyechart.cli import main\nmain()"
     )
     line = [sys.executable, "-c", inside, "list", "models"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
-        assert running.stdout is not None
-        assert running.stdout.readline() == b"ready\n"
+        assert running.stderr is not None
+        assert running.stderr.readline() == b"ready\n"
         for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
             running.send_signal(number)
             time.sleep(0.1)

@@ -305,3 +305,22 @@ def test_an_action_map_that_differs_differs_in_its_versions(tmp_path: Path) -> N
     assert opened(tmp_path).versions()["action map"] == one
     assert opened(tmp_path, CORRIDOR.replace("LEFT = 6", "LEFT = 7")).versions()["action map"] != one
     assert read_map(tmp_path / "map.toml").numbers["LEFT"] == 7
+
+
+def test_an_environment_that_draws_into_one_array_changes_no_earlier_picture(tmp_path: Path) -> None:
+    """As many do: the picture of a moment stays what it was when the next one is drawn."""
+
+    class Redrawing(Corridor):
+        buffer = np.zeros((4, 6, 3), dtype=np.uint8)
+
+        def render(self) -> Any:  # noqa: ANN401
+            self.buffer[:] = super().render()
+            return self.buffer
+
+    gymnasium.register("Redrawing-v0", entry_point=Redrawing)
+    drive = opened(tmp_path, name="gym:Redrawing-v0").drive("short", 5)
+    first = drive.picture()
+    kept = first.copy()
+    drive.step("STRAIGHT")
+    assert (drive.picture() != kept).any()
+    assert (first == kept).all()

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from eyechart.records import plain
 from eyechart.studies import battery as study
 from eyechart.studies.battery import Asking, Extent, elsewhere
 from eyechart.studies.battery.elsewhere import Brought
+from eyechart.testing import assert_grounded
 from eyechart.verdicts import judge
 from known import Demo
 
@@ -51,9 +53,16 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 
 
 def exported(bank: Path, out: Path, asking: Asking | None = None, model: str | None = None) -> list[Row]:
-    """Export a battery's calls, and return the rows of its table."""
-    study.write_questions(study.questions_of(bank, asking or Asking(), model), out)
-    return rows_of(out)
+    """Export a battery's calls, and return the rows of its table, with what only the exporter knows of them."""
+    asked = study.questions_of(bank, asking or Asking(), model)
+    study.write_questions(asked, out)
+    return known(asked, rows_of(out))
+
+
+def known(asked: study.Questions, rows: Iterable[Row]) -> list[Row]:
+    """Return rows with the frame and the condition of their calls, as exports of the first format had them."""
+    about = {asked.keys.call(key.condition, key.frame): key for key in asked.left}
+    return [row | {"frame": about[row["call"]].frame, "condition": about[row["call"]].condition} for row in rows]
 
 
 def rows_of(folder: Path) -> list[Row]:
@@ -75,7 +84,7 @@ def answered(rows: Iterable[Row], folder: Path, answer: Callable[[Query], Reply]
 def answer_row(row: Row, reply: Reply) -> Row:
     """Return what comes back for a row."""
     told = {"finish_reason": reply.finish_reason, "prompt_tokens": reply.prompt_tokens}
-    return {**{name: row[name] for name in KEYS}, "text": reply.text, **told}
+    return {**{name: row[name] for name in KEYS if name in row}, "text": reply.text, **told}
 
 
 def by_model(spec: str) -> Callable[[Query], Reply]:
@@ -117,7 +126,7 @@ def as_log(path: Path, rows: list[Row]) -> Path:
             **whole,
             "id": row["call"],
             "epoch": row["repeat"] + 1,
-            "metadata": {name: row[name] for name in ("call", "frame", "condition")},
+            "metadata": {name: row[name] for name in ("call", "frame", "condition") if name in row},
             "output": {
                 **whole["output"],
                 "choices": [{"message": {"role": "assistant", "content": row["text"]}, "stop_reason": "stop"}],
@@ -157,6 +166,12 @@ def test_a_demo_controller_asked_elsewhere_has_the_statistics_of_its_own_run(dem
         imported(demo.bank, write(tmp_path / name, given), out)
         asked = study.questions_left(demo.bank, out)
     assert rounds > 1
+    for words, ended in ((("--max-unparsed", "0.5"), 2), (("--max-unparsed", "0.5", "--made-elsewhere"), 0)):
+        held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth", *words])
+        assert held.exit_code == ended, held.output
+    with pytest.raises(AssertionError, match="is the word of whoever did"):
+        assert_grounded(out, "depth", resamples=120)
+    assert_grounded(out, "depth", resamples=999, made_elsewhere=True)
     assert statistics_of(out) == statistics_of(native)
     assert statistics_of(out)[-1] == ("depth_lateral", "turns_clear", "depth_lateral")
     assert digests_of(out) == digests_of(native)
@@ -175,9 +190,10 @@ def noisy(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 
 def test_what_is_exported_is_what_a_run_asks(noisy: tuple[Path, Path, list[Row]]) -> None:
     """Call by call: the words, the seed, and the picture, whose file is named by its content alone."""
-    native, folder, _ = noisy
+    native, folder, answers = noisy
+    about = {row["call"]: key_of(row) for row in answers}
     rows, asked = rows_of(folder), digests_of(native)
-    assert {(row["frame"], row["condition"]): row["request_sha256"] for row in rows} == asked
+    assert {about[row["call"]]: row["request_sha256"] for row in rows} == asked
     assert all(query_of(row, folder).stimulus.images.keys() <= {MAIN} for row in rows)
     pictures = {row["picture"] for row in rows} - {""}
     assert sorted(f"pictures/{one.name}" for one in (folder / "pictures").iterdir()) == sorted(pictures)
@@ -187,7 +203,59 @@ def test_what_is_exported_is_what_a_run_asks(noisy: tuple[Path, Path, list[Row]]
     with (folder / "asked.csv").open(encoding="utf-8", newline="") as file:
         assert [{**row, "seed": int(row["seed"]), "repeat": int(row["repeat"])} for row in csv.DictReader(file)] == rows
     order = [key.frame + key.condition for key, *_ in attempts_of(native)]
-    assert [row["frame"] + row["condition"] for row in rows] == order, "the order in which a run asks"
+    assert ["".join(about[row["call"]]) for row in rows] == order, "the order in which a run asks"
+
+
+@pytest.mark.parametrize("model", [None, "elsewhere:vlm", NOISY])
+def test_an_export_names_no_condition_and_no_frame(bank: FrameBank, tmp_path: Path, model: str | None) -> None:
+    """In no file of it, nor by a key that can be found by trying; whoever has the bank finds it again."""
+    asked = study.questions_of(bank.root, ALL, model)
+    study.write_questions(asked, tmp_path / "asked")
+    names = {*(frame.id for frame in bank), *asked.conditions} - {"real", "blank", "noise"}
+    for file in (tmp_path / "asked").iterdir():
+        text = file.read_text(encoding="utf-8") if file.is_file() else ""
+        assert not [name for name in names if name in text], file
+        assert not re.search(r'["=,](real|blank|noise)[",]', text), file
+    rows, about = rows_of(tmp_path / "asked"), json.loads((tmp_path / "asked" / "asked.json").read_text("utf-8"))
+    assert set(rows[0]) == {"call", "repeat", "seed", "system", "user", "picture", "request_sha256"}
+    public = set(re.findall(r"[0-9a-f]{64}", json.dumps([rows[:1], about])))
+    tried = (json.dumps((digest, *pair)) for digest in public for pair in product(asked.conditions, bank_ids(bank)))
+    guessed = {hashlib.sha256(one.encode()).hexdigest()[:20] for one in tried}
+    assert guessed.isdisjoint(row["call"][9:] for row in rows)
+    assert {row["call"] for row in known(asked, rows)} == {row["call"] for row in rows}
+    if model != NOISY:
+        seeds = {key.seed(asked.manifest.seed) for key in asked.left}
+        assert seeds.isdisjoint(row["seed"] for row in rows)
+
+
+def bank_ids(bank: FrameBank) -> list[str]:
+    """Return the ids of a bank's frames."""
+    return [frame.id for frame in bank]
+
+
+def older(rows: Iterable[Row], asked: study.Questions) -> list[Row]:
+    """Return rows as an export of the first format had them: keyed by what stands in it, with frame and condition."""
+    return [row | {"call": asked.keys.older(row["condition"], row["frame"])} for row in rows]
+
+
+@pytest.mark.parametrize("form", ["now", "first", "both"])
+def test_answers_to_older_exports_are_imported_too(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, form: str
+) -> None:
+    """By the keys of the first format, with their frames and conditions; one call has one answer, by whichever key."""
+    native, _, answers = noisy
+    asked = study.questions_of(bank.root, ALL, NOISY)
+    bare = [{name: row[name] for name in row if name not in {"frame", "condition"}} for row in answers]
+    before = older(answers, asked)
+    rows = {"now": bare, "first": before, "both": bare[:50] + before[50:]}[form]
+    imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL)
+    assert statistics_of(tmp_path / "run") == statistics_of(native)
+    assert digests_of(tmp_path / "run") == digests_of(native)
+    with pytest.raises(SourceError, match="is answered twice"):
+        imported(bank.root, json_lines(tmp_path / "b.jsonl", [bare[0], before[0]]), tmp_path / "other", ALL)
+    few = replace(ALL, extent=Extent(limit=2, controls="all"))
+    with pytest.raises(SourceError, match="is not among the --limit 2 frames of this run"):
+        imported(bank.root, json_lines(tmp_path / "c.jsonl", bare), tmp_path / "other", few)
 
 
 @pytest.mark.parametrize(
@@ -361,6 +429,7 @@ def test_commands_that_read_runs_read_an_imported_one(
         assert CliRunner().invoke(app, [str(word) for word in words]).exit_code == 0, words
     held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth"])
     assert held.exit_code in {1, 2}
+    assert "is the word of whoever did, which a gate takes with --made-elsewhere" in held.output
     made = CliRunner().invoke(app, ["report", str(out), "--out", str(tmp_path / "report.html")])
     assert made.exit_code == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

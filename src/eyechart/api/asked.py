@@ -1,8 +1,20 @@
-"""Who is asked: by a SPEC, or as a callable that is at hand and may be given a name."""
+"""Who is asked: by a SPEC, or as a callable that is at hand and may be given a name; and where, whatever it does."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
+
+
+def placed(bank: FrameBank | Path | str) -> Path:
+    """Return where a bank lies, from whatever folder a callable changes to."""
+    return (bank.root if isinstance(bank, FrameBank) else Path(bank)).absolute()
+
+
+def still(out: Path | str, place: Path) -> Path:
+    """Return a path as it was given while it still leads to its place, or else that place."""
+    return Path(out) if Path(out).absolute() == place else place
 
 
 def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type]) -> list[tuple[str, object]]:

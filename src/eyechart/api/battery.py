@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, require_new
+from eyechart.api.asked import each_named, placed, require_new, still
 from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
@@ -165,6 +165,7 @@ def run_battery(
     on calls that failed says so in its notes.
     """
     named: dict[str, Any] = {**asking}
+    root, place = placed(bank), Path(out).absolute()
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
     held, modes, by_option = _asked_models(models, how)
     concurrency = whole_number("concurrency", concurrency, 1)
@@ -177,20 +178,19 @@ def run_battery(
     if sequential not in (True, False, None):
         raise SpecError(f"sequential is True, False or None, not {sequential!r}")
     if named.pop("accept_loss", False):
-        list(accept_losses(Path(out)))
+        list(accept_losses(place))
 
     def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> Battery:
-        root = bank.root if isinstance(bank, FrameBank) else Path(bank)
         given = [held.get(mode.spec, mode) for mode in modes]
-        return battery.plan(root, given, Path(out), extent=extent, **named).counting(probes)
+        return battery.plan(root, given, place, extent=extent, **named).counting(probes)
 
-    probing = Probing(plan, lambda one: battery.sample_of([one]), battery.keep_probes, [Path(out)])
+    probing = Probing(plan, lambda one: battery.sample_of([one]), battery.keep_probes, [place])
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
     planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
     how_to = {"concurrency": concurrency, "again": again, "sequential": sequential}
     make_calls(partial(battery.run, planned, **how_to), progress)
-    return _read_report(out)
+    return _read_report(still(out, place))
 
 
 def _asked_models(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, require_new
+from eyechart.api.asked import each_named, placed, require_new, still
 from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
@@ -110,6 +110,7 @@ def run_policies(
 
     Raises BankError, SpecError or LedgerError as ``plan`` does.
     """
+    root, place = placed(bank), Path(out).absolute()
     if unknown := asking.keys() - _Asking.__annotations__.keys():
         raise TypeError(f"run_policies() got an unexpected keyword argument '{min(unknown)}'")
     limit, most = (asking.get(name) for name in ("limit", "max_calls"))
@@ -121,11 +122,11 @@ def run_policies(
         shapley=shapley,
     )
     if asking.get("accept_loss", False):
-        list(accept_losses(Path(out)))
+        list(accept_losses(place))
     planned = policy.plan(
-        bank.root if isinstance(bank, FrameBank) else Path(bank),
+        root,
         _opened(policies, timeout_s := asking.get("timeout_s")),
-        Path(out),
+        place,
         seed=whole_number("seed", asking.get("seed", 0), 0),
         extent=extent,
         conditions=asking.get("conditions"),
@@ -135,7 +136,7 @@ def run_policies(
     outcome = policy.run(planned, again=asking.get("again", False), limits=limits, progress=progress)
     for spec, why in outcome.set_aside.items():
         warnings.warn(f"{spec} was set aside, and is judged by what it answered before: {why}", stacklevel=3)
-    return _read(out)
+    return _read(still(out, place))
 
 
 @speaks_of_arguments

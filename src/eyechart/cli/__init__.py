@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-from eyechart.cli.terminal import end_as_interrupted, how_it_ends, was_told_to_end
+from eyechart.cli.terminal import as_typed, end_as_interrupted, how_it_ends, was_told_to_end
 from eyechart.errors import EyechartError, MissingCallsWarning, is_full, printable
 
 _ASCII = str.maketrans(
@@ -82,7 +82,7 @@ def _command() -> None:
         where = (error.filename2 or error.filename) if isinstance(error, OSError) else None
         full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
         said = full if isinstance(error, OSError) and is_full(error) else str(error)
-        _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
+        _end(2, "eyechart: " + "\n".join(map(printable, as_typed(said).split("\n"))))
 
 
 def _calls() -> frozenset[object]:

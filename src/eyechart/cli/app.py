@@ -7,7 +7,7 @@ from typer.core import TyperGroup
 
 from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
-from eyechart.cli.options import Json
+from eyechart.cli.options import Json, from_one_folder
 from eyechart.cli.terminal import output_kept, print_json, print_line, resumable
 from eyechart.errors import SpecError, meant
 
@@ -148,7 +148,7 @@ app.add_typer(guardian.app, name="guardian")
 for group in (app, listing, run.app, frames.app, guardian.app):
     for one in group.registered_commands:
         assert one.callback is not None
-        one.callback = output_kept()(one.callback)
+        one.callback = output_kept()(from_one_folder(one.callback))
 
 
 def _version(value: bool) -> None:

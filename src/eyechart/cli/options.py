@@ -225,6 +225,36 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+_GUESTS = frozenset({"mode", "model", "policy", "simulator", "spec"})
+"""Parameters that may have a command import or open what somebody else wrote."""
+_NAMES = frozenset({"mode"})
+"""Parameters that may be a name as well as a path; they are read before anything is imported."""
+
+
+def from_one_folder(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command all of whose paths lead where they led when it began; a callable may change the folder.
+
+    A file of a prompt is a path too, where its option also takes a name. A command that asks nobody stays as it is.
+    """
+    from eyechart.cli.terminal import from_here
+
+    if not _GUESTS & inspect.signature(command).parameters.keys():
+        return command
+
+    def placed(name: str, given: Any) -> Any:  # noqa: ANN401 - whatever an option may be
+        if isinstance(given, list | tuple):
+            return type(given)(placed(name, one) for one in given)
+        if name == "prompt" and isinstance(given, str) and given.endswith(".toml"):
+            return str(from_here(Path(given)))
+        return from_here(given) if isinstance(given, Path) and name not in _NAMES else given
+
+    @wraps(command)
+    def run(**given: Any) -> None:  # noqa: ANN401
+        command(**{name: placed(name, one) for name, one in given.items()})
+
+    return run
+
+
 def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
     if not is_dataclass(parameter.annotation):
         return [parameter]

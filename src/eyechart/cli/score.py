@@ -95,6 +95,9 @@ def gate(
     allow_fingerprints: Annotated[
         bool, typer.Option("--allow-fingerprints", help="Hold a run in which one model named several fingerprints.")
     ] = False,
+    made_elsewhere: Annotated[
+        bool, typer.Option("--made-elsewhere", help="Hold a run of answers that eyechart did not ask for itself.")
+    ] = False,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
     independent: Independent = False,
@@ -102,8 +105,8 @@ def gate(
 ) -> None:
     """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
 
-    An empty or unfinished run never passes, nor one that several models or providers answered. Of an admission or a
-    structured run every clause of admission is a check.
+    An empty or unfinished run never passes, nor one that several models or providers answered, nor, without
+    --made-elsewhere, one of imported answers. Of an admission or a structured run every clause of admission is a check.
     Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
     from eyechart.destination import require_free, whole
@@ -116,7 +119,13 @@ def gate(
     if junit is not None:
         require_free(junit, "JUnit file")
     score = study.score(run, Reading(independent, reread))
-    held = study.gate(score, wanted, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    held = study.gate(
+        score,
+        wanted,
+        max_unparsed=max_unparsed,
+        allow_fingerprints=allow_fingerprints,
+        made_elsewhere=made_elsewhere,
+    )
     if json:
         print_json(held.as_dict())
     else:

@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -22,14 +24,74 @@ _kept: list[TextIO] = []
 def output_kept() -> Iterator[None]:
     """Keep standard output for what this module prints; what anybody else prints there goes to standard error.
 
-    A callable of a user, its module and its ``reset`` print where they like, from any thread; JSON stays JSON.
+    A callable of a user, its module and its ``reset`` print where they like, from any thread, and from below Python: a
+    library in C or another process writes to the descriptor 1. JSON stays JSON.
     """
-    _kept.append(sys.stdout)
+    with _own_descriptor() as stream:
+        _kept.append(stream)
+        try:
+            with redirect_stdout(sys.stderr):
+                yield
+        finally:
+            _kept.pop()
+
+
+@contextmanager
+def _own_descriptor() -> Iterator[TextIO]:
+    """Yield standard output by a descriptor of its own, while its usual one leads to standard error.
+
+    Where the streams are not those of the process, as in a test, it is left as it is.
+    """
+    usual = sys.stdout
+    if (_number_of(usual), _number_of(sys.stderr)) != (1, 2):
+        yield usual
+        return
+    usual.flush()
+    number = os.dup(1)
+    lines = 1 if usual.isatty() else -1
+    own = os.fdopen(number, "w", encoding=usual.encoding, errors=usual.errors, buffering=lines)
+    os.dup2(2, 1)
     try:
-        with redirect_stdout(sys.stderr):
-            yield
+        yield own
+        own.flush()
+    except BrokenPipeError:
+        raise BrokenPipeError from None  # without a number, by which click would end the command in its own way
     finally:
-        _kept.pop()
+        os.dup2(number, 1)
+        with suppress(OSError):  # nobody reads on, which was said already
+            own.close()
+
+
+def _number_of(stream: TextIO) -> int | None:
+    try:
+        return stream.fileno()
+    except (OSError, ValueError, AttributeError):  # of a stream in memory, or a closed one
+        return None
+
+
+_typed: dict[str, str] = {}
+"""How the paths of this command were typed, by where they lead."""
+
+
+def from_here(path: Path) -> Path:
+    """Return where a path leads from the folder of the command, whatever folder a callable changes to later.
+
+    What is printed has it as it was typed.
+    """
+    place = path.absolute()
+    if not path.is_absolute() and place.name:  # the root of all has none, and stands in every path
+        _typed[str(place)] = str(path)
+    return place
+
+
+def as_typed(text: str) -> str:
+    """Return a text with paths as they were typed, so that the commands in it are what their reader would type."""
+    for place in sorted(_typed, key=len, reverse=True):
+        if place in text:
+            typed = _typed[place]
+            text = text.replace(f"{place}{os.sep}", "" if typed == "." else f"{typed}{os.sep}")
+            text = re.sub(rf"{re.escape(place)}(?![\w-]|\.\w)", typed.replace("\\", r"\\"), text)
+    return text
 
 
 def _output() -> TextIO:
@@ -39,13 +101,13 @@ def _output() -> TextIO:
 
 def print_json(values: object) -> None:
     """Print plain values as JSON on standard output; NaN and infinity cannot pass, and nothing steers a terminal."""
-    text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
+    text = as_typed(json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False))
     if not text.replace("\n", "").isprintable():
         text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     try:
         text.encode(_output().encoding or "utf-8")
     except UnicodeEncodeError:
-        text = json.dumps(values, indent=1, allow_nan=False)  # in escapes, which every stream can take
+        text = as_typed(json.dumps(values, indent=1, allow_nan=False))  # in escapes, which every stream can take
     _output().write(text + "\n")
 
 
@@ -62,6 +124,10 @@ def say(*lines: str) -> None:
 
 def _harmless(text: str) -> str:
     """Return lines without what steers a terminal or turns its direction; names in them may be anybody's."""
+    return _plain(as_typed(text))
+
+
+def _plain(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(one if one.isprintable() or one in "\n\t\u00a0\u202f\u2009" else "\ufffd" for one in text)
@@ -214,7 +280,7 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *
             console.print(one.renamed(lambda text: _harmless(short(text))), markup=False)
         elif isinstance(one, Text):
             shown = one.copy()
-            shown.plain = _harmless(short(one.plain))  # a sign for a sign, so that its styles stay where they are
+            shown.plain = _plain(short(one.plain))  # a sign for a sign, so that its styles stay where they are
             console.print(shown, markup=False)
         else:
             console.print(_harmless(short(one)), markup=False)

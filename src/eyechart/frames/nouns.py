@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -157,11 +158,22 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """All that a condition may change of a query: encoded pictures by camera, what a prompt may say, and the state."""
+    """All that a condition may change of a query: encoded pictures by camera, what a prompt may say, and the state.
+
+    Nobody can change it: one stimulus is shown to every model of a run, and again where a call is made again.
+    """
 
     images: Mapping[str, bytes] = field(default_factory=dict)
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("images", "fields", "state"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how a copy is made, also in another process: a read-only view cannot be pickled."""
+        return Stimulus, (dict(self.images), dict(self.fields), dict(self.state))
 
     @classmethod
     def of(cls, image: bytes | None) -> "Stimulus":

@@ -23,6 +23,7 @@ from eyechart.frames import encode, require_plain
 from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
 from eyechart.integrity import names_of
 from eyechart.models import Model, open_model
+from eyechart.models.sources import FORMERLY
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.seeds import key_seed
 from eyechart.stats.committee import CLEAR, HAZARD, answers
@@ -95,7 +96,7 @@ class Guardian:
                 )
             models[spec] = open_model(spec, other or mode)
             chosen, here = frozen.about.versions.get(spec), models[spec].version
-            if chosen != here:
+            if chosen != here and chosen != models[spec].facts.get(FORMERLY):
                 raise GuardianError(
                     f"{path}: the model '{spec}' differs: it was chosen with version '{chosen}', here is '{here}'; "
                     "choose a guardian for this version with 'eyechart guardian fit'"

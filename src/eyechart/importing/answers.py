@@ -87,7 +87,7 @@ def _named(path: Path, table: Table) -> dict[str, str]:
     for needed in ("call", "text"):
         if needed not in named.values():
             raise SourceError(
-                f"{path} has no column '{needed}'; answers come back with the columns {', '.join(_KEYS)} of the export "
+                f"{path} has no column '{needed}'; answers come back with the columns call and repeat of the export "
                 f"and text, and it has {printable(', '.join(table.columns) + unread)}"
             )
     return named

@@ -3,8 +3,8 @@
 The callable takes ``(images, state, instruction)``: a dict of uint8 arrays (h, w, 3) by camera, a float array of all
 numbers of the state, and a text or None. It returns an array (horizon, dimensions). Every call stands alone: it is to
 answer as at the beginning of an episode, with what it keeps of earlier moments emptied. What it declares of itself are
-attributes: ``seedable`` (False): it takes ``seed=`` too and answers alike to the same one; ``version`` (the head of its
-file's digest); ``channels`` (all): the names of those that it reads; ``reset`` (none): called before every call;
+attributes: ``seedable`` (False): it takes ``seed=`` too and answers alike to the same one; ``version`` (the head of a
+digest of its files); ``channels`` (all): the names of those that it reads; ``reset`` (none): called before every call;
 ``step`` (none): how far its training had come, by which checkpoints are put in order.
 """
 
@@ -21,7 +21,14 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import pixels_of
-from eyechart.models.python_callable import identity_of, import_callable, in_thread, made_of_class, name_of
+from eyechart.models.python_callable import (
+    NotCalledError,
+    identity_of,
+    import_callable,
+    in_thread,
+    made_of_class,
+    name_of,
+)
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
 
@@ -68,6 +75,8 @@ class PolicyCallable:
             async with asyncio.timeout(self.timeout_s) as limit:
                 call = partial(self._call, query)
                 motion = call() if not self.guest else await in_thread(call, self.left)
+        except NotCalledError as error:
+            return Reply(error="not_called", error_detail=str(error))
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")
@@ -91,8 +100,8 @@ class PolicyCallable:
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     """Import the callable; raises SpecError that says what is missing, or what it declares wrongly of itself."""
-    act, digest = import_callable(name)
-    opened = _opened(act, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {})
+    act, version, facts = import_callable(name)
+    opened = _opened(act, mode, version, facts)
     opened.alone = _ALONE[name.rpartition(":")[0]]
     return opened
 

@@ -26,6 +26,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError, raising
 from eyechart.models import require_options
 from eyechart.models.energy import metered
+from eyechart.models.sources import facts_of, version_of
 from eyechart.modes import RequestMode, without_secrets
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
@@ -47,7 +48,7 @@ LEFT_AT_MOST = 16
 
 @dataclass(slots=True)
 class PythonCallable:
-    """A callable behind the door of a model; ``version`` is the head of its file's digest."""
+    """A callable behind the door of a model; ``version`` is the head of a digest of its files."""
 
     ask: Ask
     mode: RequestMode
@@ -67,6 +68,8 @@ class PythonCallable:
         try:
             async with asyncio.timeout(self.mode.timeout_s) as limit:
                 said = await self._ask(prompt, *self._seen(query))
+        except NotCalledError as error:
+            return Reply(error="not_called", error_detail=str(error))
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
@@ -80,9 +83,12 @@ class PythonCallable:
         return Reply(error="exception", error_detail=words)
 
     def _seen(self, query: Query) -> tuple[object, ...]:
-        """Return what the callable takes beside the prompt; raises TypeError where that would hide a camera."""
+        """Return what the callable takes beside the prompt, its own to change.
+
+        Raises TypeError where that would hide a camera.
+        """
         if self.whole:
-            return query.stimulus.images, query.stimulus.state
+            return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
             cameras = ", ".join(query.stimulus.images)
             raise TypeError(f"it takes one image and the frame has {cameras}; let it take (prompt, images, state)")
@@ -97,14 +103,18 @@ class PythonCallable:
         """Hold nothing, so let go of nothing."""
 
 
+class NotCalledError(Exception):
+    """A call was not begun, because too many that were given up have not returned."""
+
+
 async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
     """Call in a thread that nobody waits for at the end of the program, should it never return.
 
-    Of a call that is given up the thread is among those ``left``; RuntimeError while too many of these have not ended.
+    A given-up call leaves its thread among ``left``; NotCalledError while too many of these have not ended.
     """
     left -= {thread for thread in left if not thread.is_alive()}
     if len(left) >= LEFT_AT_MOST:
-        raise RuntimeError(f"not called: {len(left)} earlier calls have not returned")
+        raise NotCalledError(f"not called: {len(left)} earlier calls have not returned")
     loop = asyncio.get_running_loop()
     done: asyncio.Future[T] = loop.create_future()
 
@@ -140,9 +150,8 @@ def under_way() -> frozenset[threading.Thread]:
 def open_model(name: str, mode: RequestMode) -> PythonCallable:
     """Import the callable; raises SpecError that says what is missing. Modules of the current folder are found."""
     require_options(mode, OPTIONS)
-    ask, digest = import_callable(name)
-    whole = _takes_all(ask, name)
-    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
+    ask, version, facts = import_callable(name)
+    return PythonCallable(ask, mode, version, facts, _takes_all(ask, name))
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
@@ -159,24 +168,30 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
 def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:
     """Return the version of a callable that is at hand, with the digests that it is the head of.
 
-    It is that of its module's file, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
+    It is that of its module's files, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
     of its own code, in which what it takes from elsewhere has no part. What a partial, a closure or an object holds is
     part of it as far as it is text, numbers, arrays and collections of these; of what else it holds, a network say, the
     type alone: give such models folders of their own.
     """
-    written = _written(ask)
-    try:
-        file = Path(inspect.getfile(written))
-    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
-        file = Path()
-    name, content = ("file_sha256", file.read_bytes()) if file.is_file() else ("code_sha256", _source(written))
-    facts = {name: hashlib.sha256(content).hexdigest()}
-    version = facts[name]
+    written, more = _written(ask), list[str]()
+    digests = facts_of(sys.modules.get(written.__module__)) if _is_in_a_file(written) else {}
+    facts = digests or {"code_sha256": hashlib.sha256(_source(written)).hexdigest()}
     if held := _held(ask).strip():
-        code = "" if name == "code_sha256" else "\n".join(_code(written))
-        facts["state_sha256"] = hashlib.sha256(f"{held}\n{code}".encode()).hexdigest()
-        version = hashlib.sha256("".join(facts.values()).encode()).hexdigest()
+        code = "\n".join(_code(written)) if digests else ""
+        more.append(hashlib.sha256(f"{held}\n{code}".encode()).hexdigest())
+        facts["state_sha256"] = more[0]
+    if digests:
+        facts |= version_of(digests, *more)
+        return facts.pop("version"), facts
+    version = hashlib.sha256("".join(facts.values()).encode()).hexdigest() if more else facts["code_sha256"]
     return version[:12], facts
+
+
+def _is_in_a_file(written: FunctionType | type) -> bool:
+    try:
+        return Path(inspect.getfile(written)).is_file()
+    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
+        return False
 
 
 def name_of(ask: Ask) -> str:
@@ -271,8 +286,8 @@ def _code(written: object) -> Iterator[str]:
                 yield repr(constant)
 
 
-def import_callable(name: str) -> tuple[Ask, str]:
-    """Import ``MODULE:FUNCTION``; return it with the SHA-256 of its module's file, empty where that has none.
+def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
+    """Import ``MODULE:FUNCTION``; return it with its version and the digests of the files that it is made of.
 
     Raises SpecError that says what is missing. Modules of the current folder are found.
     """
@@ -300,9 +315,10 @@ def import_callable(name: str) -> tuple[Ask, str]:
     ask: Ask | None = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
-    file = getattr(module, "__file__", None)
-    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file and Path(file).is_file() else ""
-    return ask, digest
+    if not (facts := facts_of(module)):
+        return ask, "no file", {}
+    facts |= version_of(facts)
+    return ask, facts.pop("version"), facts
 
 
 def _perhaps(name: str) -> str:

@@ -22,6 +22,7 @@ _ERRORS: dict[ErrorKind, str] = {
     "too_large": "what answers is no chat completion: is --base-url right?",
     "bad_request": "the server refuses the request",
     "exception": "the adapter failed",
+    "not_called": "earlier calls of the callable have not returned: it hangs, or needs a longer --timeout",
 }
 
 

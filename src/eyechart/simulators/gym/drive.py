@@ -155,7 +155,7 @@ class GymnasiumDrive:
             return ask()
 
     def _render(self) -> RGB:
-        drawn = np.asarray(self._ask(f"render after step {self._steps}", self._env.render))
+        drawn = np.array(self._ask(f"render after step {self._steps}", self._env.render))  # it may draw into it again
         if hasattr(self._env.unwrapped, "enable_auto_render"):
             # highway-env draws fourteen more pictures in every step once it has been asked for one
             self._env.unwrapped.enable_auto_render = False

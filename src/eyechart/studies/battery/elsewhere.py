@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply, bounded
+from eyechart.conditions import OF_BANKS
 from eyechart.errors import SourceError, SpecError, printable, raising
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
@@ -195,12 +196,12 @@ class _Check:
     battery: Battery
     requests: _Requests
     brought: Brought = field(default_factory=Brought)
-    seen: set[tuple[str, int]] = field(default_factory=set)
+    seen: set[tuple[CallKey, int]] = field(default_factory=set)
 
     def counted(self) -> Brought:
         """Return the counts, when all is taken: of calls too that have further answers and nowhere a first one."""
-        calls = {call for call, repeat in self.seen if repeat and (call, 0) not in self.seen}
-        self.brought.firstless = sum(self._calls[call] not in self._held for call in calls)
+        calls = {key for key, repeat in self.seen if repeat and (key, 0) not in self.seen}
+        self.brought.firstless = len(calls - self._held.keys())
         return self.brought
 
     @cached_property
@@ -227,10 +228,10 @@ class _Check:
         Raises SourceError, beginning with the row, for one that is no answer to a call of the run.
         """
         key = self._call(one)
-        if (one.call, one.repeat) in self.seen:
+        if (key, one.repeat) in self.seen:
             times = f" as repeat {one.repeat}" if one.repeat else ""
             raise SourceError(f"{one.where}: frame '{key.frame}' under {key.condition} is answered twice{times}")
-        self.seen.add((one.call, one.repeat))
+        self.seen.add((key, one.repeat))
         if one.reply is None:
             self.brought.blank += 1
         elif one.repeat:
@@ -263,8 +264,13 @@ class _Check:
                 f"call '{one.call[:40]}' is of another export: give the bank, --prompt and --seed that it was made with"
             )
         if one.frame is None or one.condition is None:
+            found = self._keys.find(one.call, OF_BANKS, (frame.id for frame in bank.frames))
             options = "--conditions, --controls and --limit"
-            return f"call '{one.call[:40]}' is none of this run: give the {options} of the export"
+            return (
+                f"call '{one.call[:40]}' is none of this run: give the {options} of the export"
+                if found is None
+                else unasked(self.battery, *found)
+            )
         if self._keys.call(one.condition, one.frame) in self._calls:
             return f"call '{one.call[:40]}' is not that of frame '{one.frame}' under {one.condition}: keep that column"
         return unasked(self.battery, one.condition, one.frame)

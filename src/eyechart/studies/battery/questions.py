@@ -1,6 +1,7 @@
 """What a battery asks, for whoever asks it elsewhere: each call with its key, its words and its pictures as files.
 
 A key holds for one bank, prompt and seed: an answer to another question has another key, and is no answer to this one.
+It says nothing of the frame and the condition to whoever has the export alone; by the bank they are found again.
 """
 
 import csv
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 
 from eyechart import __version__
@@ -20,32 +22,33 @@ from eyechart.frames import MAIN, media_type, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.models.faults import is_of_the_road
-from eyechart.modes import ELSEWHERE
+from eyechart.modes import ELSEWHERE, made_elsewhere
 from eyechart.records import picked
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
+from eyechart.seeds import key_seed
 from eyechart.studies.battery.planning import STUDY, Asking, Battery, open_whole, plan_of, planned
 from eyechart.studies.battery.stages import staged, stages_of, widest
 
-FORMAT = "eyechart-asked/1"
+FORMAT = "eyechart-asked/2"
 TABLE, EXACT, ABOUT, README = "asked.csv", "asked.jsonl", "asked.json", "README.txt"
 PICTURES = "pictures"
 ANYBODY = f"{ELSEWHERE}:anybody"
 """Whose seeds the calls have where nobody is named."""
-KEYS = ("call", "frame", "condition", "repeat")
+KEYS = ("call", "repeat")
 """The columns that an answer comes back with."""
 _ENDINGS = {"image/png": "png", "image/jpeg": "jpg", "image/webp": "webp", "image/bmp": "bmp"}
 _HOW = """These are the calls of a battery of eyechart, to be made elsewhere.
 
 asked.jsonl   a line a call, in the order in which a run would make them: keep it, so that drift is no condition
 asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it
-asked.json    what was asked of which bank, and the schema of an answer
+asked.json    the prompt, and the schema of an answer
 pictures/     the pictures, named by their content; what a file is called says nothing of what it shows
 
 Ask each call alone: the system words, the user's words, and the picture, or none where that is empty. Answers come
-back as a table (CSV, JSON lines or Parquet) with the columns call, frame, condition and repeat as they are here, text
-with the model's words verbatim, and, where they are known: finish_reason, error, served, prompt_tokens,
-completion_tokens, seconds, cost_usd.
+back as a table (CSV, JSON lines or Parquet) with the columns call and repeat as they are here, text with the model's
+words verbatim, and, where they are known: finish_reason, error, served, prompt_tokens, completion_tokens, seconds,
+cost_usd. What a call is about, its key does not say; whoever has the bank finds it again.
 
   eyechart run import ANSWERS.jsonl --frames BANK --out RUN
 """
@@ -53,10 +56,15 @@ completion_tokens, seconds, cost_usd.
 
 @dataclass(frozen=True)
 class Keys:
-    """The keys of the calls of a run about a bank, prompt and seed; the same on every machine."""
+    """The keys of the calls of a run about a bank, prompt and seed; the same on every machine.
+
+    ``batch`` is the digest of the bank, the prompt, the seed and how pictures leave, and stands in an export. ``own``
+    is another one of the same, which only who has the bank can make: by it a call is named, so that nobody finds out
+    by trying which frame and condition a key is of.
+    """
 
     batch: str
-    """The digest of the bank, the prompt, the seed and how pictures leave."""
+    own: str
 
     @classmethod
     def of(cls, manifest: RunManifest, plan: Plan) -> "Keys":
@@ -64,12 +72,24 @@ class Keys:
         bank = plan.bank.manifest
         pictures = hashlib.sha256(json.dumps(sorted(bank.images.items())).encode()).hexdigest()
         said = (manifest.study, bank.fingerprint, pictures, plan.prompt.key, manifest.seed, manifest.encoding)
-        return cls(hashlib.sha256(json.dumps(said).encode()).hexdigest())
+        return cls(*(hashlib.sha256(json.dumps(one).encode()).hexdigest() for one in (said, ("own", *said))))
 
     def call(self, condition: str, frame: str) -> str:
         """Return the key of a call about a frame under a condition."""
-        found = hashlib.sha256(json.dumps((self.batch, condition, frame)).encode()).hexdigest()
+        return self._key(self.own, condition, frame)
+
+    def older(self, condition: str, frame: str) -> str:
+        """Return the key that the same call had in an export of the first format."""
+        return self._key(self.batch, condition, frame)
+
+    def _key(self, digest: str, condition: str, frame: str) -> str:
+        found = hashlib.sha256(json.dumps((digest, condition, frame)).encode()).hexdigest()
         return f"{self.batch[:8]}-{found[:20]}"
+
+    def find(self, call: str, conditions: Iterable[str], frames: Iterable[str]) -> tuple[str, str] | None:
+        """Return the condition and the frame of these that a key is of, None where it is of none."""
+        asked = product(conditions, frames)
+        return next((one for one in asked if call in {self.call(*one), self.older(*one)}), None)
 
     def holds(self, call: str) -> bool:
         """Return whether a key is of this bank, prompt and seed, whichever its call."""
@@ -89,6 +109,11 @@ class Questions:
     def keys(self) -> Keys:
         """Return the keys of the calls."""
         return Keys.of(self.manifest, self.plan)
+
+    @property
+    def is_unnamed(self) -> bool:
+        """Return whether no run of eyechart's own would ask these calls, so that their seeds may be any."""
+        return made_elsewhere(self.plan.models[0])
 
     @property
     def conditions(self) -> dict[str, int]:
@@ -143,11 +168,12 @@ def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions
 
 
 def showable(battery: Battery) -> Iterator[tuple[str, CallKey]]:
-    """Yield every call that a run may come to make of its one model, controls among them, by its key."""
+    """Yield every call that a run may come to make of its one model, controls among them, by its key, new and older."""
     (spec,) = battery.plan.models
     keys, wide = Keys.of(battery.manifest, battery.plan), widest(battery.manifest, battery.plan)
     for key in wide.keys_of(spec):
         yield keys.call(key.condition, key.frame), key
+        yield keys.older(key.condition, key.frame), key
 
 
 def unasked(battery: Battery, condition: str, frame: str) -> str:
@@ -189,8 +215,10 @@ def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -
         sheet.writerow(columns)
         for done, (key, query) in enumerate(asked.asked()):
             row: dict[str, object] = dict.fromkeys(columns, "")
-            row |= dict(zip(KEYS, (asked.keys.call(key.condition, key.frame), *key[3:]), strict=True))
-            row |= {"seed": query.seed, "system": query.system, "user": query.user, "request_sha256": query.sha256()}
+            call = asked.keys.call(key.condition, key.frame)
+            row |= dict(zip(KEYS, (call, key.repeat), strict=True))
+            row |= {"seed": key_seed(0, call) if asked.is_unnamed else query.seed, "request_sha256": query.sha256()}
+            row |= {"system": query.system, "user": query.user}
             row |= {names[camera]: _stored(image, work, files) for camera, image in query.stimulus.images.items()}
             exact.write(json.dumps(row, ensure_ascii=False) + "\n")
             sheet.writerow([no_formula(cell) if isinstance(cell, str) else cell for cell in row.values()])
@@ -213,9 +241,8 @@ def _about(asked: Questions) -> dict[str, object]:
     return {
         "format": FORMAT,
         "eyechart": __version__,
-        **picked(asked, "bank=plan.bank.name manifest.fingerprint keys.batch manifest.prompt manifest.seed"),
-        "seeds_of": asked.plan.models[0],
-        **picked(asked, "manifest.limit manifest.controls conditions"),
+        **picked(asked, "bank=plan.bank.name keys.batch manifest.prompt"),
+        "seeds_of": "" if asked.is_unnamed else asked.plan.models[0],
         "calls": len(asked.left),
         "actions": list(asked.plan.space.actions),
         "schema": asked.plan.space.schema(),

@@ -11,7 +11,7 @@ from eyechart.conditions import CONTROLS, OF_BANKS, available
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard, GuardChecks
+from eyechart.integrity import Guard, GuardChecks, ShownChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
@@ -294,12 +294,14 @@ def taken(
     """Return what `took` does, of what a plan asks; ``courses`` say of a run that stops early what it wanted."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
+    shown = ShownChecks()
     for spec in manifest.models:
         mode, space = manifest.mode(spec), plan.space
         book, checks = Book(mode, space, prices), GuardChecks(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
             checks.add(one)
+            shown.add(one)
         course = (courses or {}).get(spec)
         controls = plan.controls.get(spec, ())
         asked = (
@@ -309,7 +311,7 @@ def taken(
         )
         spent[spec] = book.accounts()
         kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
-    return spent, kept
+    return spent, {spec: (*guards, *shown.guards(spec)) for spec, guards in kept.items()}
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
