@@ -7,11 +7,12 @@ import argparse
 import json
 import random
 import resource
-import sqlite3
 import tempfile
 import time
+from itertools import islice
 from pathlib import Path
 
+from eyechart.calls import CallKey, Reply
 from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alone, encode, open_bank
 from eyechart.ledger import Ledger
@@ -20,6 +21,9 @@ from eyechart.prompts import find_prompt
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies.battery import score
 from eyechart.verdicts import judge
+
+AT_ONCE = 5_000
+"""Calls written in one transaction."""
 
 
 def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
@@ -69,23 +73,25 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
 
 
 def fill(path: Path, specs: list[str], prompt: str, gaps: dict[str, float], rng: random.Random) -> int:
-    """Insert every call, its attempt and its reply in one transaction."""
+    """Write every call, its attempt and its reply as a run does, many in one transaction; return how many."""
 
     def answer(gap: float) -> str:
         return rng.choice(DRIVING.actions) if rng.random() < 0.2 else "SLOW" if gap < 30 else "STRAIGHT"
 
-    keys = ((spec, frame, condition) for spec in specs for frame in gaps for condition in BATTERY)
-    sql = sqlite3.connect(path)
-    number = 0
-    for number, (spec, frame, condition) in enumerate(keys, 1):
-        sql.execute("INSERT INTO calls VALUES (?, 'battery', ?, ?, ?, ?, 0)", (number, spec, prompt, frame, condition))
-        sql.execute("INSERT INTO attempts VALUES (?, ?, 1, '0', '0')", (number, number))
-        text = answer(gaps[frame]) if condition in {"real", "real_repeat", "mirrored"} else "SLOW"
-        row = (number, number, text)
-        sql.execute("INSERT INTO replies VALUES (?, ?, 1, '0', ?, 'stop', NULL, '', 90, 2, 0.1)", row)
-    sql.commit()
-    sql.close()
-    return number
+    keys = (
+        CallKey("battery", spec, prompt, frame, condition) for spec in specs for frame in gaps for condition in BATTERY
+    )
+    written = 0
+    with Ledger(path) as ledger:
+        while several := [*islice(keys, AT_ONCE)]:
+            with ledger.together():
+                for key in several:
+                    seen = key.condition in {"real", "real_repeat", "mirrored"}
+                    text = answer(gaps[key.frame]) if seen else "SLOW"
+                    reply = Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1)
+                    ledger.close(ledger.begin(key, "0"), reply)
+            written += len(several)
+    return written
 
 
 def measure(*, models: int, episodes: int, steps: int) -> dict[str, float]:
