@@ -82,7 +82,7 @@ def fill(path: Path, specs: list[str], prompt: str, gaps: dict[str, float], rng:
         CallKey("battery", spec, prompt, frame, condition) for spec in specs for frame in gaps for condition in BATTERY
     )
     written = 0
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         while several := [*islice(keys, AT_ONCE)]:
             with ledger.together():
                 for key in several:
