@@ -16,7 +16,6 @@ stopped; another version of the interval or another number of data sets begins a
 import argparse
 import datetime as dt
 import hashlib
-import inspect
 import json
 import sys
 from pathlib import Path

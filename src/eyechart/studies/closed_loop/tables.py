@@ -149,7 +149,7 @@ def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Tabl
 
 def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
     """Return one row a driver, the best by reward first; the reference is marked."""
-    note = "[ ] 95 % interval: episodes resampled, of a rate exact (Clopper-Pearson). * the others are held against it"
+    note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the others are held against it"
     rows = []
     for one in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
         star = "*" if references.get(one.driver.simulator) == one.driver else ""

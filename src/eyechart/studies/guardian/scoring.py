@@ -30,8 +30,6 @@ Metrics = Mapping[str, Statistic]
 METRICS = ("coverage", "acc", "bal", "sens", "spec")
 """Coverage, accuracy, balanced accuracy, sensitivity and specificity, these over the frames that were answered."""
 
-NO_SPREAD = "the episodes do not differ"
-
 
 def measure(table: VoteTable, said: Mapping[str, Ints]) -> dict[str, Metrics]:
     """Return the `METRICS` of each set of answers to the frames of a table, shape (frames,) each.
