@@ -59,7 +59,7 @@ help:
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
 	@echo "make long-diffusion LeRobot's DiffusionPolicy, asked with one seed and without: are the verdicts equal?"
-	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
+	@echo "make long-coverage how often each printed interval holds a known truth, and how wide it is"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
@@ -150,6 +150,7 @@ long-page: $(BROWSER)
 
 long-coverage: $(CORE)
 	$(BIN)/python benchmarks/long_coverage.py
+	$(BIN)/python benchmarks/coverage_kinds.py
 
 long-adversaries: $(CORE)
 	$(BIN)/python benchmarks/adversarial_runs.py

@@ -91,7 +91,7 @@ def test_one_picture_by_two_names_is_known_by_its_bytes(votes: study.VoteTable, 
         with pytest.raises(GuardianError, match=message):
             refused(frozen, twice)
     assert frozen.unseen(twice).frames == rest.frames[1:]
-    assert len(study.score(frozen, rest, enumerate_up_to=0).answers) == len(rest.frames)
+    assert len(study.score(frozen, rest).answers) == len(rest.frames)
 
 
 @pytest.mark.parametrize("name", ["{}.png", "{}.JPG", "./{}.jpeg", "MERGE"])
@@ -129,6 +129,6 @@ def test_what_a_table_does_not_record_is_said_and_cannot_be_found(tmp_path: Path
     table = study.read_votes(csv)
     frozen = study.fit(table.part("calibration"))
     renamed = replace(table.part("calibration"), frames=tuple(f"new{number}" for number in range(16)))
-    warned = " ".join(study.score(frozen, renamed, enumerate_up_to=0).warnings)
+    warned = " ".join(study.score(frozen, renamed).warnings)
     assert "not recorded, so that a change of it would not be found: bank, prompt, view" in warned
     assert "scored episodes also gave frames that chose the guardian" in warned

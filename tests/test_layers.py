@@ -14,7 +14,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle", "inspect", "paper"),
     ("serve",),
-    ("calibrate", "compare", "transfer", "guardian", "overview"),
+    ("calibrate", "compare", "transfer", "guardian", "overview", "corpus"),
     ("studies",),
     ("report",),
     ("gate", "destination"),
@@ -38,7 +38,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """
 
 FLOORS = {
-    "stats": ("eyechart.stats.statistic", "eyechart.stats.association", "eyechart.stats.agreement"),
+    "stats": (
+        "eyechart.stats.statistic",
+        "eyechart.stats.association",
+        "eyechart.stats.agreement",
+        "eyechart.stats.jackknife",
+    ),
     "models": (
         "eyechart.models.faults",
         "eyechart.models.http",

@@ -58,7 +58,7 @@ def test_what_is_missing_is_named_with_the_run_that_it_needs(tmp_path: Path) -> 
     done = CliRunner().invoke(app, ["paper", str(MADE / "prompts"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0
     assert "missing  t:frontier: needs a run of eyechart run battery\n" in done.stdout
-    assert {one.stem for one in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs"}
+    assert {one.stem for one in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs", "corpus"}
 
 
 def test_what_an_earlier_call_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
@@ -252,3 +252,48 @@ def test_a_folder_of_runs_is_taken_for_the_runs_in_it(tmp_path: Path) -> None:
     assert {"t-prompts.tex", "t-controller-local.tex"} <= {one.name for one in (tmp_path / "out").iterdir()}
     says = "missing  t:positive-guardian: needs the run of eyechart run structured with --guardian, a file of eyechart"
     assert says in done.stdout
+
+
+def test_the_corpus_is_counted_by_study_with_its_sum(out: Path) -> None:
+    """Queries and episodes of every run, probes and replies without a decision apart; the sum is that of its rows."""
+    with (out / "t-corpus.csv" if (out / "t-corpus.csv").exists() else out / "corpus.csv").open(newline="") as file:
+        *rows, last = csv.DictReader(file)
+    assert last["run"] == "sum"
+    for name in ("scored", "unparsed", "failed", "open", "probe"):
+        assert sum(int(row[name]) for row in rows) == int(last[name])
+    assert {row["study"] for row in rows} >= {"battery", "structured", "drives"}
+    assert int(last["episodes"]) <= sum(int(row["episodes"]) for row in rows)
+    lines = (MADE / "battery" / "run.json").read_text(encoding="utf-8")
+    (mine,) = (row for row in rows if row["run"] == "battery")
+    assert int(mine["scored"]) + int(mine["failed"]) > 0
+    assert json.loads(lines)["study"] == mine["study"]
+
+
+def test_results_without_a_label_stand_beside_the_others(out: Path, tmp_path: Path) -> None:
+    """Tests and nested choice of a guardian, modular replay, a run asked again, and transfer of external scores."""
+    assert {"guardian-tests.tex", "nested.tex", "modular.tex"} <= {one.name for one in out.iterdir()}
+    again = tmp_path / "again"
+    shutil.copytree(MADE / "battery", again)
+    models = list(json.loads((again / "run.json").read_text(encoding="utf-8"))["models"])
+    scores = tmp_path / "scores.csv"
+    scores.write_text("model,score\n" + "".join(f"{one},{place}\n" for place, one in enumerate(models)))
+    runs = [str(MADE / "battery"), str(again), "--frames", str(MADE / "highway")]
+    done = CliRunner().invoke(app, ["paper", *runs, "--scores", str(scores), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    with (tmp_path / "out" / "replication.csv").open(newline="") as file:
+        found = {row["statistic"]: row for row in csv.DictReader(file)}
+    assert float(found["idi"]["first"]) == float(found["idi"]["second"])
+    with (tmp_path / "out" / "transfer.csv").open(newline="") as file:
+        assert [row["correlation"] for row in csv.DictReader(file)] == ["Pearson", "Spearman"]
+
+
+def test_admission_says_who_is_admitted_and_which_clauses_fail() -> None:
+    """Beside the seven figures."""
+    scored = structured.score(MADE / "structured")
+    (table,) = paper_tables({"run": replace(scored, manifest=replace(scored.manifest, study="admission"))})
+    rows = {row[0]: row[-2:] if table.columns[-1].name == "clauses" else row[-3:-1] for row in table.rows}
+    assert {"admitted", "clauses"} <= set(table.names)
+    for spec, one in scored.models.items():
+        assert rows[spec][0] == ("yes" if one.admitted else "no")
+        fails = [each.name for each in one.clauses if each.passes is False]
+        assert all(f"{name} fails" in str(rows[spec][1]) for name in fails)

@@ -205,3 +205,32 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
             rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
     named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
     return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
+
+
+def replications(scores: Mapping[str, BatteryScore]) -> Iterator[tuple[str, Comparison]]:
+    """Yield each run, with the first of the runs before it that it replicates, compared: its names, and what was found.
+
+    A run replicates another one on the same bank, with the same prompt and a model in common; runs that stopped early
+    are compared with none.
+    """
+    named = [(name, one) for name, one in scores.items() if not any(mine.stopped for mine in one.models.values())]
+    for place, (name, later) in enumerate(named):
+        for before, first in named[:place]:
+            alike = [(one.manifest.fingerprint, one.manifest.prompt.key) for one in (first, later)]
+            if alike[0] == alike[1] and first.models.keys() & later.models.keys():
+                yield f"{before}, then {name}", compare(first, later)
+                break
+
+
+def replications_table(scores: Mapping[str, BatteryScore]) -> Table | None:
+    """Return the statistics of each model that a second run asked again, of both runs; None where none did."""
+    rows, named = [], None
+    for name, found in replications(scores):
+        for one in found.models.values():
+            made = replication_table(one)
+            named = named or made.columns
+            rows += [(f"{one.model} ({name})", *row) for row in made.rows]
+    if named is None:
+        return None
+    caption = "Replication: the statistics of models asked twice, the second run less the first"
+    return Table("replication", caption, (Column("model"), *named), tuple(rows))

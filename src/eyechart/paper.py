@@ -6,13 +6,16 @@ Each study says which it yields (`Study.paper`); here halves of one table that a
 import hashlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eyechart.costs import ALL
 from eyechart.destination import write_files
-from eyechart.errors import SpecError
+from eyechart.errors import BankError, GuardianError, SpecError
+from eyechart.frames import FrameBank, open_bank
+from eyechart.manifest import BANK
 from eyechart.models.prices import Prices, read_prices
 from eyechart.studies import Reading, Study, Tell, each_once, names_of, run_json, study_of
 
@@ -65,12 +68,14 @@ def artefacts(
     *,
     guardian: Path | None = None,
     prices: Path | None = None,
+    scores: Path | None = None,
 ) -> Artefacts:
     """Return all of the paper that runs of any kinds determine; those of one kind stand in one table.
 
     A ``guardian`` is scored on frames that did not choose it, of runs of scene estimates or of tables of votes among
     what is ``given``; what a table's votes are stands in a TOML file of its name beside it. ``prices`` is a file of
-    one's own. Raises what scoring them raises.
+    one's own, and ``scores`` a table of external scores that grounding is correlated with. Raises what scoring
+    them raises.
     """
     from eyechart.report.table import Table  # noqa: PLC0415 - the list of labels needs no figures
 
@@ -83,9 +88,8 @@ def artefacts(
     made = [one for study, mine in by_kind.values() for one in study.paper(mine, banks, reading or Reading(), tell)]
     if guardian is not None:
         tell(f"scoring {guardian.name}")
-        made.append(_guardian(guardian, paths, reading or Reading()))
-    if (taken := _costs(runs, read_prices(prices))).rows:
-        made.append(taken)
+        made += _guardian(guardian, paths, banks, reading or Reading())
+    made += _beside(runs, read_prices(prices), reading or Reading(), scores)
     tables = tuple(_joined([one for one in made if isinstance(one, Table)]))
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
@@ -110,9 +114,13 @@ def _commands(kinds: Mapping[str, Sequence[Path]]) -> set[str]:
     return found | ({"eyechart run structured"} if whole else set())
 
 
-def _guardian(path: Path, given: Iterable[Path], reading: Reading) -> "Table":
-    """Return Table t:positive-guardian: a guardian on the frames of all votes given that did not choose it."""
-    from eyechart.guardian.page import paper_table  # noqa: PLC0415 - draws
+def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading: Reading) -> "Iterator[Table]":
+    """Yield Table t:positive-guardian, of the frames of all votes given that did not choose the guardian, and its like.
+
+    Beside it stand the tests against the best single model, nested choice over all votes where every episode can be
+    left out, and modular replay where the bank's pictures are there and can be read.
+    """
+    from eyechart.guardian.page import nested_table, paper_table, replay_table, tests_table  # noqa: PLC0415 - draws
     from eyechart.studies import guardian as study  # noqa: PLC0415 - as above
 
     frozen, votes = study.read_frozen(path), []
@@ -130,7 +138,46 @@ def _guardian(path: Path, given: Iterable[Path], reading: Reading) -> "Table":
             "estimates, or a table of votes, beside --guardian"
         )
     table = study.join(unseen)
-    return paper_table(study.score(frozen, table if table.split is None else table.part("score")))
+    table = table if table.split is None else table.part("score")
+    found = study.score(frozen, table)
+    yield paper_table(found)
+    yield tests_table(found)
+    whole = study.join(mine)
+    with suppress(GuardianError):  # one episode, or an unfinished run: nothing can be chosen without each
+        yield nested_table(study.nested(whole if whole.split is None else whole.part("calibration", "score")))
+    for bank in _pictured(frozen.about.bank, given, banks):
+        with suppress(GuardianError, BankError):  # pictures that the deterministic reader cannot read, or that are gone
+            yield replay_table(study.replay(frozen, table, study.reader_of(bank)))
+            return
+
+
+def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Path]) -> "Iterator[FrameBank]":
+    """Yield the banks of a fingerprint among those that are named and those of the runs."""
+    for folder in (*banks, *(one / BANK for one in given if (one / BANK).is_dir())):
+        with suppress(BankError):
+            bank = open_bank(folder)
+            if fingerprint in {None, bank.manifest.fingerprint}:
+                yield bank
+
+
+def _beside(runs: Sequence[Path], prices: Prices, reading: Reading, scores: Path | None) -> "Iterator[Table]":
+    """Yield what runs determine beside the paper's labels: costs, corpus, replications, and transfer of ``scores``."""
+    from eyechart.compare import replications_table  # noqa: PLC0415 - draws
+    from eyechart.corpus import corpus_table  # noqa: PLC0415 - as above
+    from eyechart.studies.battery import score as score_battery  # noqa: PLC0415 - as above
+    from eyechart.transfer import read_scores, transfer, transfer_table  # noqa: PLC0415 - as above
+
+    for table in (_costs(runs, prices), corpus_table(runs, prices)):
+        if table.rows:
+            yield table
+    batteries = [run for run in runs if run_json(run).get("study") == "battery"]
+    if len(batteries) > 1:
+        options = {"independent": reading.independent, "reread": reading.reread, "resamples": reading.resamples}
+        found = {name: score_battery(run, **options) for run, name in zip(batteries, names_of(batteries), strict=True)}
+        if (told := replications_table(found)) is not None:
+            yield told
+    if scores is not None:
+        yield transfer_table(transfer([study_of(run).score(run, reading) for run in runs], read_scores(scores)))
 
 
 def _costs(runs: Sequence[Path], prices: Prices) -> "Table":

@@ -11,6 +11,7 @@ from typing import Protocol
 
 from eyechart.errors import SpecError, meant, raising, read_at_most
 from eyechart.records import Plain
+from eyechart.report.table import Column, Table, columns
 from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Measured, Statistic
 
@@ -111,3 +112,12 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
     columns = [one.score for one in cells], [one.measured for one in cells]
     waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]
     return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out), tuple(waiting))
+
+
+def transfer_table(found: Transfer) -> Table:
+    """Return both correlations with their interval, p and number of cells."""
+    both = (("Pearson", found.pearson), ("Spearman", found.spearman))
+    rows = tuple((name, one, one.p, len(found.cells), one.note or None) for name, one in both)
+    named = (Column("correlation"), *columns("estimate", "r", beside=""), Column("p", "p"), Column("cells", "count"))
+    caption = f"Transfer: external scores against {found.measure} over models"
+    return Table("transfer", caption, (*named, Column("note")), rows, "; ".join(found.left_out))

@@ -62,7 +62,7 @@ def test_csv_json_lines_and_parquet_give_one_guardian_and_one_score(tmp_path: Pa
     read = [study.read_votes(path, about=about) for path in tables]
     frozen = [study.fit(one.part("calibration")) for one in read]
     assert len({one.digest for one in frozen}) == 1
-    scores = [study.score(one, two.part("score"), enumerate_up_to=0) for one, two in zip(frozen, read, strict=True)]
+    scores = [study.score(one, two.part("score")) for one, two in zip(frozen, read, strict=True)]
     assert all(one.as_dict() == scores[0].as_dict() for one in scores)
     assert scores[0].incomplete > 0
     broken = write_parquet(tmp_path / "b.parquet", [{**row, "Gemma4-12B/original": "perhaps"} for row in rows])

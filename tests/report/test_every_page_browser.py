@@ -94,7 +94,7 @@ def a_guardian(root: Path) -> Page:
         bank = banks.build_bank(root / "bank", episodes=3, steps=4, drawn=False)
         table = voters.ask_all(bank.root, ("never",), root / "run")
         frozen = guardian.fit(table.keep(table.frames[:12]), size=1)
-        return guardian_page(guardian.score(frozen, table.keep(table.frames[12:]), enumerate_up_to=0), bank)
+        return guardian_page(guardian.score(frozen, table.keep(table.frames[12:])), bank)
 
 
 def cells(root: Path) -> Page:

@@ -27,7 +27,7 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
     table = voters.ask_all(bank.root, ("never",), tmp_path / "run")
     chosen, rest = table.frames[:12], table.frames[12:]
     frozen = study.fit(table.keep(chosen), size=1)
-    found = study.score(frozen, table.keep(rest), enumerate_up_to=0)
+    found = study.score(frozen, table.keep(rest))
     html = guardian_page(found, bank).html.decode()
     assert guardian_page(found, bank).html.decode() == html
     assert len(found.missed) == int(table.keep(rest).hazard.sum()) > 0
@@ -48,7 +48,7 @@ def test_the_curve_has_the_pages_colours_and_an_interval_that_there_is_not_has_a
     """Black axes would not be seen on a dark page; where nobody errs, it says why there is no interval."""
     table = voters.ask_all(bank.root, ("sees",), tmp_path / "run")
     frozen = study.fit(table.keep(table.frames[:12]), size=1)
-    found = study.score(frozen, table.keep(table.frames[12:]), enumerate_up_to=0)
+    found = study.score(frozen, table.keep(table.frames[12:]))
     drawn = curve(found).svg(inline=True)
     assert "#000000" not in drawn
     assert "currentColor" in drawn
@@ -80,7 +80,7 @@ def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> No
     evil = "m<script>alert(1)</script>"
     named = replace(table, models=(evil,), about=study.About())
     frozen = study.fit(named.keep(named.frames[:12]), size=1)
-    found = study.score(frozen, named.keep(named.frames[12:]), enumerate_up_to=0)
+    found = study.score(frozen, named.keep(named.frames[12:]))
     html = guardian_page(found, bank).html.decode()
     assert "<script" not in without_own_script(html)
     assert "m&lt;script&gt;" in html

@@ -1,12 +1,16 @@
 """The door that every simulator keeps: contract tests over the registry."""
 
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from eyechart.cli.app import app
 from eyechart.conditions import BATTERY, available, require_partners, show
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import FrameBank, check, decode, open_bank
+from eyechart.frames import FrameBank, check, decode, open_bank, shared
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
 
@@ -64,6 +68,31 @@ def test_the_same_seeds_give_the_same_frames_and_others_give_others(bank: FrameB
     assert others.manifest.fingerprint != bank.manifest.fingerprint
     assert len({frame.episode for frame in bank}) == 2 * len(bank.scenarios)
     assert len(bank) == 8 * len(bank.scenarios)
+
+
+STAGED = [(name, preset) for name in PHOTOGRAPHED for preset in find_simulator(name).declared.presets]
+
+
+@pytest.mark.parametrize(("name", "preset"), STAGED)
+def test_a_longer_bank_begins_with_the_shorter_one(name: str, preset: str, tmp_path: Path) -> None:
+    """The paper's 288 frames begin with the 144, so that its arms can be compared; a third dozen follows."""
+    simulator = open_bank_simulator(name)
+    whole = simulator.open_preset(preset)
+    first = dict(list(whole.scenarios.items())[:1])
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(type(simulator), "open_preset", lambda _self, _name: replace(whole, scenarios=first))
+        banks = [
+            simulator.build(tmp_path / str(steps), preset=preset, seeds=(0,), steps=steps) for steps in (12, 24, 27)
+        ]
+    for one, other in pairwise(banks):
+        both = shared(one, other)
+        assert (len(both.frames), both.unlike) == (len(one), {})
+        assert one.manifest.images.items() <= other.manifest.images.items()
+        checked = CliRunner().invoke(app, ["frames", "check", str(one.root), str(other.root)])
+        assert f"{len(one)} are the same moments" in checked.output
+        assert checked.exit_code == 0
+        assert len({tuple(sorted(frame.truth.items())) for frame in other}) == len(other)
+    assert banks[1].manifest.settings["staging"] == 2
 
 
 def test_its_gap_is_a_number_or_no_lead_and_lies_on_both_sides_of_near(bank: FrameBank) -> None:

@@ -18,6 +18,7 @@ from eyechart.studies.closed_loop.audit import GAP_ALONE, GAP_AND_SIDE
 from eyechart.studies.closed_loop.browser import drives_data
 from eyechart.studies.closed_loop.film import lines
 from eyechart.studies.closed_loop.page import drives_figures
+from eyechart.studies.closed_loop.tables import degeneracy_table, paper_tables
 
 
 def test_a_depth_reader_follows_the_scene_and_a_coin_does_not(tmp_path: Path) -> None:
@@ -66,8 +67,8 @@ def _at(step: Step, *, gap: float) -> Step:
     )
 
 
-def test_a_constant_is_called_so_and_holm_counts_it(tmp_path: Path) -> None:
-    """From a modal share of .98 on; its p is 1 in the family, and a third of no decisions is told apart."""
+def test_a_constant_is_called_so_and_holm_leaves_it_out(tmp_path: Path) -> None:
+    """From a modal share of .98 on; it has no test in the family, and a third of no decisions is told apart."""
 
     def nearly(_truth: Mapping[str, Scalar], step: int, _seed: int) -> str | None:
         return None if step % 3 == 0 else "SLOW"
@@ -79,7 +80,29 @@ def test_a_constant_is_called_so_and_holm_counts_it(tmp_path: Path) -> None:
     assert rows[1].statistics["unparsed_rate"].value == pytest.approx(7 / 20)
     assert rows[1].reasons == {"unparsed": 224}
     assert rows[1].statistics["information_share"].value is None
-    assert rows[0].holm == pytest.approx(2 * (alone.holm or 0))
+    assert rows[1].holm is None
+    assert rows[0].holm == pytest.approx(alone.holm)
+
+
+def test_the_audit_and_the_papers_table_tell_one_p(tmp_path: Path) -> None:
+    """Beside constants and models that saw no pictures: no cells of Table t:degeneracy."""
+    blind = drive("blind", tossing("b"))
+    blind = [replace(one, key=replace(one.key, condition="blank")) for one in blind]
+    models = {"reader": by_depth, "coin": tossing("c"), "slow": always("SLOW"), "left": always("LEFT")}
+    drives = [*(one for name, how in models.items() for one in drive(name, how)), *blind]
+    run = make_run(tmp_path, drives, models=[*models, "blind"])
+    found = score(run)
+    (told,) = (one for one in paper_tables(found) if one.label == "t:degeneracy")
+    mine = {row[1]: row[-2:] for row in told.rows}
+    alone = {row.driver.policy: row for row in found.audit}
+    place = [one.name for one in degeneracy_table(found.audit).columns].index("p (paper)")
+    rows = zip(found.audit, degeneracy_table(found.audit).rows, strict=True)
+    printed = {row.driver.policy: cells[place : place + 2] for row, cells in rows}
+    assert set(mine) == set(models)
+    assert {name: printed[name] for name in models} == mine
+    assert mine["slow"] == (None, None)
+    ps = sorted(alone[name].statistics["information_bits"].p or 0 for name in ("reader", "coin"))
+    assert min(one for one, _ in mine.values() if one is not None) == pytest.approx(2 * ps[0])
 
 
 def test_a_forward_camera_is_audited_by_gap_and_side(tmp_path: Path) -> None:

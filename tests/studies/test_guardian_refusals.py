@@ -271,7 +271,7 @@ def test_what_is_chosen_and_what_nested_says_is_plain_json(table: study.VoteTabl
     assert said["prompt"] == {"key": "prompt-digest", "wording": None}
     assert (said["view"], said["mirror_axis"], said["reader"]) == ("view-digest", None, None)
     assert said["bank"] == {"name": "paper", "fingerprint": "f" * 64}
-    found = study.nested(table, enumerate_up_to=0)
+    found = study.nested(table)
     told = found.as_dict()
     assert list(told) == ["frames", "folds", "folds_that_chose_alike", "pooled"]
     assert (told["frames"], told["folds_that_chose_alike"]) == (288, 12)

@@ -43,7 +43,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 def ran(study: str, bank: FrameBank, out: Path, specs: list[str], **options: object) -> StructuredScore:
     """Plan, run and score."""
     battery.run(structured.plan(study, bank.root, specs, out, **options))  # type: ignore[arg-type]
-    return structured.score(out, resamples=200)
+    return structured.score(out)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_a_score_is_the_same_every_time_and_a_finished_run_asks_no_more(
     before = (folder / LEDGER).read_bytes()
     battery.run(structured.plan("admission", bank.root, SPECS, folder))
     assert (folder / LEDGER).read_bytes() == before
-    assert json.dumps(structured.score(folder, resamples=200).as_dict()) == json.dumps(admission.as_dict())
+    assert json.dumps(structured.score(folder).as_dict()) == json.dumps(admission.as_dict())
 
 
 def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(bank: FrameBank, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(b
     planned = structured.plan("admission", bank.root, [CONTROL], out)
     assert planned.counts() == (32, 0, 0)
     battery.run(planned, limits=planned.manifest.within(_prices(), calls=20))
-    scored = structured.score(out, resamples=100).models[CONTROL]
+    scored = structured.score(out).models[CONTROL]
     assert (scored.answered, scored.admitted) == (20, False)
     manifest, _ = read_run(out)
     assert (manifest.view, manifest.prompt.name, manifest.prompt.space) == (VIEWS["highway"].key, "scene", SCENES)
@@ -246,7 +246,7 @@ def _reply(one: Estimate | None) -> SceneDecision:
 def figures(of: structured.Told) -> Mapping[str, object]:
     """Return the figures over all frames."""
     episodes = np.array([frame.episode for frame in of.frames])
-    return Figures(of, DRIVING, np.ones(8, dtype=np.bool_), How(episodes, 0, 200)).statistics()
+    return Figures(of, DRIVING, np.ones(8, dtype=np.bool_), How(episodes)).statistics()
 
 
 def test_a_reply_without_an_estimate_is_never_right() -> None:

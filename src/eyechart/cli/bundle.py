@@ -77,6 +77,9 @@ def paper(
     guardian: Annotated[
         Path | None, typer.Option(help="A guardian, scored on the votes given that did not choose it.")
     ] = None,
+    scores: Annotated[
+        Path | None, typer.Option(help="CSV file with the columns model and score, to correlate with grounding.")
+    ] = None,
     prices: PriceFile = None,
     independent: Independent = False,
     reread: Reread = False,
@@ -87,7 +90,8 @@ def paper(
 
     Files are named by the paper's labels, as t-frontier.tex: tables in CSV, Markdown and LaTeX (with label and caption,
     no wider than a column), figures in SVG and PDF. What an earlier call wrote there, and this one does not, is
-    removed where nobody changed it. Costs, latency and energy of all models stand in costs.tex.
+    removed where nobody changed it. Costs, latency and energy of all models stand in costs.tex, calls and
+    episodes by study in corpus.tex, and what was asked twice in replication.tex.
     Example: eyechart paper run-hosted run-drives --out artefacts
     """
     from eyechart.overview import find_runs, holds_runs
@@ -99,7 +103,7 @@ def paper(
     runs = [run for one in runs for run in (find_runs(one) if one in several else [one])]
     with patience("paper") as tell:
         reading = Reading(independent, reread, against)
-        found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices)
+        found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices, scores=scores)
         written = write(found, out)
     if json:
         names = {what: [path.name for path in getattr(written, what)] for what in ("files", "removed", "kept")}

@@ -9,7 +9,6 @@ from eyechart.studies import structured, study_of
 from eyechart.studies.guardian import VIEWS, VoteTable
 from eyechart.studies.structured.study import Structured
 
-_FEW = 10
 """Resamples of a score of which no interval is read."""
 
 
@@ -56,7 +55,7 @@ def members_of(
     scores: dict[str, structured.StructuredScore] = {}
     for run in runs:
         if isinstance(study_of(run), Structured):
-            found = structured.score(run, resamples=_FEW, reread=reread)
+            found = structured.score(run, reread=reread)
             scores.update(dict.fromkeys(found.models, found))
     reasons = {model: table.reasons(model) for model in committee if model in scores}
     return tuple(

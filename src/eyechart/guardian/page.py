@@ -68,8 +68,6 @@ def opening(found: GuardianScore) -> Opening:
     low, high = balanced.ci or (0.0, 1.0)
     tone = "sees" if low > 0.5 else "blind" if high < 0.5 else "open"
     words = {"sees": "better than chance", "blind": "worse than chance", "open": "not shown to be better than chance"}
-    if balanced.value == 1.0 and balanced.ci is None:
-        tone, words["sees"] = "sees", "no wrong answer"
     reasons = (
         f"Balanced accuracy {shown(balanced)} over the {balanced.n} frames that it answers; the best single model of "
         f"the calibration has {shown(single)} over its own {single.n}."
@@ -201,9 +199,34 @@ def paper_table(found: GuardianScore) -> Table:
     return Table("", "", named, rows).labelled("t:positive-guardian", caption)
 
 
+def tests_table(found: GuardianScore) -> Table:
+    """Return the two tests of the two-way point against the best single model."""
+    exact, whole = found.mcnemar, found.over_episodes
+    corrected, made = (exact.b, exact.c) if isinstance(exact, Discordant) else (0, 0)
+    rows = (("exact McNemar", corrected, made, exact.p), ("signs of episodes flipped", None, None, whole.p))
+    named = (Column("test"), *columns("count", "corrected", "made"), Column("p", "p"))
+    return Table("guardian-tests", "The two-way guardian against the best single model", named, rows)
+
+
+def replay_table(found: Replay) -> Table:
+    """Return the shares of modular replay."""
+    shares = {
+        "agreement with the renderer policy": found.agreement,
+        "agreement where answered": found.agreement_answered,
+        "agreement of a perfect guardian": found.ceiling,
+        "agreement of a perfect guardian where answered": found.ceiling_answered,
+        "answered": found.answered,
+        "equivariance": found.equivariance,
+    }
+    rows = tuple((name, one) for name, one in shares.items())
+    caption = "Modular replay: the guardian brakes, a deterministic reader keeps the sides"
+    return Table("modular", caption, (Column("share"), Column("value", "estimate")), rows)
+
+
 def nested_table(found: Nested) -> Table:
     """Return the pooled row of nested leave-one-episode-out."""
-    return Table("nested", "", _COLUMNS, (("nested leave-one-episode-out", *_cells(found.pooled)),))
+    row = ("nested leave-one-episode-out", *_cells(found.pooled), f"{found.agreed} of {len(found.folds)}")
+    return Table("nested", "Committees chosen without each episode", (*_COLUMNS, Column("folds alike")), (row,))
 
 
 METRICS = {"coverage": "coverage", "acc": "acc.", "bal": "bal. acc.", "sens": "sens.", "spec": "spec."}

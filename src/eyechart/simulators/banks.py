@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +105,29 @@ class Preset:
     motion: MotionSpace | None = None
 
 
+DOZEN = 12
+"""An episode is staged by so many moments at a time."""
+
+STAGING = 2
+"""The version of the staging that a manifest tells. In the first, without a number, moments of an episode of more than
+`DOZEN` steps were other ones than those of a shorter one."""
+
+
+def by_dozens(stage: Callable[[str, int, int], Iterator[Moment]]) -> Callable[[str, int, int], Iterator[Moment]]:
+    """Return the moments of ``stage(scenario, seed, steps)``, where more than `DOZEN` begin with those of `DOZEN`.
+
+    Each further dozen is staged whole by a seed of its own and cut to what is asked for, so that no moment depends on
+    how many follow it. An episode below a dozen is one plan: cut, it would not hold every kind of moment.
+    """
+
+    def moments(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
+        yield from stage(scenario, seed, min(steps, DOZEN))
+        for turn, left in enumerate(range(steps - DOZEN, 0, -DOZEN), 1):
+            yield from islice(stage(scenario, key_seed("dozen", seed, turn), DOZEN), min(left, DOZEN))
+
+    return moments
+
+
 class BankMaker(ABC):
     """The part of a simulator that makes banks of its presets."""
 
@@ -147,7 +170,13 @@ class BankMaker(ABC):
             picture=declared.picture,
             action_space=declared.action_space,
             gap=made.gap,
-            settings={"seeds": seeds, "steps": steps, "scenarios": dict(made.scenarios), **made.settings},
+            settings={
+                "seeds": seeds,
+                "steps": steps,
+                "staging": STAGING,
+                "scenarios": dict(made.scenarios),
+                **made.settings,
+            },
             versions=self.versions(),
             controls=Controls(controls_seed),
             cameras=made.cameras,
@@ -191,6 +220,12 @@ def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, i
     anew = simulator.build(
         out, preset=made.preset, seeds=how.seeds, steps=how.steps, controls_seed=controls_seed, progress=progress
     )
+    if made.settings.get("staging") != STAGING and how.steps > DOZEN:
+        shutil.rmtree(out)
+        raise BankError(
+            f"{why}an older eyechart staged its episodes of {how.steps} steps in another way; build it anew, or leave "
+            "out --fresh-controls"
+        )
     if _pictured(anew) != _pictured(bank) or made.fingerprint != anew.manifest.fingerprint:
         shutil.rmtree(out)
         now = ", ".join(f"{name} {one}" for name, one in anew.manifest.versions.items())

@@ -147,14 +147,28 @@ def quantile_bins(
     return Bins(codes, tuple(inner.tolist()), tuple(sizes.tolist()), last)
 
 
-def cramers_v_of_tables(tables: Floats) -> Floats:
-    """Return Cramér's V of each table, shape (m, rows, columns), uncorrected; NaN where one is empty."""
+def cramers_v_of_tables(tables: Floats, *, correction: bool = True) -> Floats:
+    """Return Cramér's V of each table, shape (m, rows, columns), as `cramers_v` does; NaN where one is empty.
+
+    Tables of 2 × 2 carry Yates' ``correction``.
+    """
+    if correction and tables.shape[1:] == (2, 2):
+        return _phi(tables)
     rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
     expected = rows[:, :, None] * columns[:, None, :]
     share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
     shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
     v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
     return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
+
+
+def _phi(tables: Floats) -> Floats:
+    """Return V of each table of 2 × 2, with Yates' correction."""
+    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
+    apart = np.abs(tables[:, 0, 0] * tables[:, 1, 1] - tables[:, 0, 1] * tables[:, 1, 0])
+    margins = rows.prod(axis=1) * columns.prod(axis=1)
+    v = np.maximum(apart - n / 2, 0) / np.sqrt(np.where(margins > 0, margins, 1.0))
+    return np.where(n > 0, np.where(margins > 0, v, 0.0), np.nan)
 
 
 def information_of_tables(tables: Floats) -> Floats:

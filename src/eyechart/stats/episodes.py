@@ -1,14 +1,19 @@
-"""A share over frames that come in episodes: its interval where the frames of an episode resemble one another."""
+"""Shares and medians over frames in episodes: their intervals where the frames of an episode resemble one another."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.agreement import rate
+from eyechart.stats.jackknife import FEW, LEAST_EPISODES
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
+Counted = tuple[npt.ArrayLike, npt.ArrayLike]
+Ends = tuple[float, float]
+Ended = tuple[float, Ends]
 
 _NODES = 32
 _ANGLE = np.pi / 2 * (np.arange(_NODES) + 0.5) / _NODES
@@ -114,3 +119,94 @@ def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
     return lambda start: np.asarray(
         special.gammaln(start[..., None] + each) @ weights - special.gammaln(start) * weights.sum()
     )
+
+
+def difference_over_episodes(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
+    """Return how much larger one share is than another one of the same episodes, with its interval.
+
+    Each is the hits and the frames of every episode, as in `share_over_episodes`, whose ends are combined as if the two
+    were independent: shares of the same frames rise together, so that the interval is rather wide. A second share of 0
+    takes nothing away, and the interval is the first one's. ``n`` counts the frames of the first. No interval below
+    `LEAST_EPISODES` episodes. Source: Zou and Donner 2008.
+    """
+    one, other = (share_over_episodes(*share, level=level) for share in (first, second))
+    method = f"difference of shares, {100 * level:g}% interval over episodes (ends combined)"
+    if one.value is None or other.value is None:
+        return cannot_say("no frame has both answers", one.n, method)
+    value = one.value - other.value
+    if one.ci is None or other.ci is None or np.count_nonzero(first[1]) < LEAST_EPISODES:
+        return Statistic(value, one.n, method=method, note=one.note or other.note or FEW, level=level)
+    ci = one.ci if other.value == 0 else apart((one.value, one.ci), (other.value, other.ci))
+    return Statistic(value, one.n, ci, method=method, level=level)
+
+
+def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
+    """Return the mean of two shares, as balanced accuracy is, with an interval no surer than theirs.
+
+    Each is the hits and the frames of every episode. Who does well in an episode may do so in both, so the ends are the
+    means of the ends. ``n`` counts the frames of both.
+    """
+    one, other = (share_over_episodes(*share, level=level) for share in (first, second))
+    method = f"mean of two shares, {100 * level:g}% interval over episodes (means of their ends)"
+    if one.value is None or other.value is None:
+        return cannot_say("one of the two classes is empty", one.n + other.n, method)
+    ci = None
+    if one.ci is not None and other.ci is not None:
+        ci = (one.ci[0] + other.ci[0]) / 2, (one.ci[1] + other.ci[1]) / 2
+    note = "" if ci else one.note or other.note
+    return Statistic((one.value + other.value) / 2, one.n + other.n, ci, method=method, note=note, level=level)
+
+
+def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return a median with its interval: the values of which a half may lie at or below, as shares over episodes.
+
+    ``values`` and ``episodes``, shape (n,), are a number a frame and what its episode is called. ``n`` counts the
+    frames. No interval below `LEAST_EPISODES` episodes. Source: Woodruff 1952.
+    """
+    given = np.asarray(values, dtype=np.float64)
+    method = f"median, {100 * level:g}% interval over episodes (shares inverted)"
+    if not len(given):
+        return cannot_say("no frames", method=method)
+    _, codes = np.unique(episodes, return_inverse=True)
+    value, frames = float(np.median(given)), np.bincount(codes)
+    if len(frames) < LEAST_EPISODES:
+        return Statistic(value, len(given), method=method, note=FEW, level=level)
+
+    def ends(below: npt.NDArray[np.bool_]) -> tuple[float, float]:
+        found = share_over_episodes(np.bincount(codes, weights=below), frames, level=level).ci
+        assert found is not None  # there are episodes enough
+        return found
+
+    known = np.unique(given)
+    lowest = _first(len(known), lambda place: ends(given <= known[place])[1] >= 0.5)
+    beyond = _first(len(known), lambda place: ends(given < known[place])[0] > 0.5)
+    low, high = known[min(lowest, len(known) - 1)], known[max(beyond - 1, 0)]
+    return Statistic(value, len(given), (min(float(low), value), max(float(high), value)), method=method, level=level)
+
+
+def median_difference(first: Statistic, second: Statistic) -> Statistic:
+    """Return how much larger one median is than another one, their ends combined as in `difference_over_episodes`."""
+    method = f"{first.method}, ends combined"
+    if first.value is None or second.value is None:
+        return cannot_say("one of the two medians is of no frames", 0, method)
+    value, n = first.value - second.value, first.n + second.n
+    if first.ci is None or second.ci is None:
+        return Statistic(value, n, method=method, note=first.note or second.note, level=first.level)
+    ci = apart((first.value, first.ci), (second.value, second.ci))
+    return Statistic(value, n, ci, method=method, level=first.level)
+
+
+def apart(first: Ended, second: Ended) -> Ends:
+    """Return the ends of a difference of two values with their ends, taken as independent."""
+    (one, (low, high)), (other, (least, most)) = first, second
+    value = one - other
+    return value - math.hypot(one - low, most - other), value + math.hypot(high - one, other - least)
+
+
+def _first(count: int, holds: Callable[[int], bool]) -> int:
+    """Return the first of so many places at which a condition holds that goes on holding, ``count`` where at none."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low

@@ -15,7 +15,7 @@ import numpy as np
 from eyechart.errors import BankError
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment, Preset
+from eyechart.simulators.banks import Moment, Preset, by_dozens
 from eyechart.simulators.highway.counterfactuals import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.stock import IDMVehicle, MDPVehicle, MergeEnv, Vehicle
@@ -243,4 +243,4 @@ def _show(world: World, layout: _Layout, *, still: bool) -> None:
     world.controlled_vehicles = [driver]
 
 
-BALANCED = Preset({name: one.as_dict() for name, one in STAGES.items()}, stage, LEAD_GAP)
+BALANCED = Preset({name: one.as_dict() for name, one in STAGES.items()}, by_dozens(stage), LEAD_GAP)

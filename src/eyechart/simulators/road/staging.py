@@ -14,7 +14,7 @@ from eyechart.cameras import FORWARD
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Gap
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import BankMaker, Drawn, Moment, Preset, versions_of
+from eyechart.simulators.banks import BankMaker, Drawn, Moment, Preset, by_dozens, versions_of
 from eyechart.simulators.plan import Bands, Lanes, Wish, log_uniform, make_plan, other_gap
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
 from eyechart.simulators.road.truth import ahead, blocks, find_lead, gap_to, read_scene, read_truth
@@ -271,7 +271,7 @@ class RoadBanks(BankMaker):
         distances = FORWARD[self.vehicle.view].distances
         return Preset(
             scenarios={family: {"beside": SCENERY[family]} for family in FAMILIES},
-            moments=partial(stage, self.vehicle),
+            moments=by_dozens(partial(stage, self.vehicle)),
             gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
             settings={
                 "stop_m": distances.stop_m,

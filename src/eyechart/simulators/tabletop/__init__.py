@@ -8,7 +8,7 @@ import numpy as np
 from eyechart.frames import Camera, Scalar
 from eyechart.seeds import key_seed
 from eyechart.simulators import Declaration
-from eyechart.simulators.banks import BankMaker, Moment, Preset, Seen, versions_of
+from eyechart.simulators.banks import BankMaker, Moment, Preset, Seen, by_dozens, versions_of
 from eyechart.simulators.tabletop.drawing import BLOCKS, CAMERAS, HALF, OTHER_TABLE, Look, cameras
 from eyechart.simulators.tabletop.world import (
     COLOURS,
@@ -66,7 +66,7 @@ class Tabletop(BankMaker):
         told = (*_TOOL, *_TARGET) if name == "privileged" else _TOOL
         return Preset(
             _SCENARIOS,
-            partial(_moments, name),
+            by_dozens(partial(_moments, name)),
             None,
             cameras=tuple(Camera(one, "horizontal") for one in CAMERAS),
             prompt_columns=(INSTRUCTION,),

@@ -6,9 +6,9 @@ docs/decisions/0006-two-sets-of-rules.md.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,25 +21,22 @@ from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import (
     contingency,
     cramers_v,
-    cramers_v_of_tables,
     entropy_bits,
     entropy_of_counts,
     information_of_tables,
     modal_share,
     quantile_bins,
 )
-from eyechart.stats.episodes import share_over_episodes
-from eyechart.stats.paired import paired_difference
-from eyechart.stats.resampling import (
-    cluster_bootstrap,
-    episode_bootstrap,
-    median_by_counts,
-    permute_mutual_information,
-    ratio_of_sums,
+from eyechart.stats.episodes import (
+    difference_over_episodes,
+    median_difference,
+    median_over_episodes,
+    share_over_episodes,
 )
+from eyechart.stats.jackknife import association_interval, over_tables
+from eyechart.stats.resampling import permute_mutual_information
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
-from eyechart.verdicts import DECIDED
 
 Statistics = dict[str, Statistic]
 Floats = NDArray[np.float64]
@@ -50,15 +47,12 @@ ALPHA = 0.05
 
 ONE_EPISODE = "one episode shows no spread: the interval takes its frames as independent"
 
-ENUMERATE = 30_000
-"""Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
-
 
 @dataclass(frozen=True, slots=True)
 class Resampling:
     """How many resamples are drawn, and the seed from which each test derives its own by its name.
 
-    ``intervals=False`` leaves out the bootstrap intervals, which no rule reads and which take most of the time.
+    ``intervals=False`` leaves out the intervals that no rule reads.
     """
 
     resamples: int = 5000
@@ -94,10 +88,14 @@ class Published:
         return found | self._diversity()
 
     def _unparsed(self) -> Statistic:
-        counts = self.answers.counts()
-        every = sum((counts[name] for name in BATTERY if name in counts), Counter[str]())
-        reasons = {reason: count for reason, count in sorted(every.items()) if reason != DECIDED}
-        return replace(rate(sum(reasons.values()), every.total()), detail={"reasons": reasons})
+        asked = self.answers.decisions
+        given = [(one, self._episodes[at]) for name in BATTERY for at, one in enumerate(asked.get(name, ())) if one]
+        reasons = Counter(one.reason for one, _ in given if one.reason is not None)
+        if not given:
+            return cannot_say("no observations")
+        lost = np.array([one.missing is not None for one, _ in given], dtype=np.float64)
+        found = self._over_episodes(lost, np.array([episode for _, episode in given]))
+        return replace(found, detail={"reasons": dict(sorted(reasons.items()))})
 
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
@@ -111,7 +109,7 @@ class Published:
             found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
         found["noise_floor"] = self._share(*differ["real_repeat"])
         found["idi"] = self._share(*differ["blank"])
-        found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"], f"idi_adj.{level}")
+        found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"])
         found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
         return found
 
@@ -119,18 +117,18 @@ class Published:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}
         pair = {name: every[name] for name in ("real", "blank")}
         return {
-            "cramers_v": self._association(every, f"cramers_v.{level}"),
-            "cramers_v_real_blank": self._association(pair, f"cramers_v_real_blank.{level}"),
+            "cramers_v": self._association(every),
+            "cramers_v_real_blank": self._association(pair),
         }
 
-    def _association(self, columns: dict[str, Symbols], name: str) -> Statistic:
-        """Return Cramér's V of condition × answer, with its bootstrap interval."""
+    def _association(self, columns: dict[str, Symbols]) -> Statistic:
+        """Return Cramér's V of condition × answer, with its interval over episodes."""
         answer = self._coded(np.concatenate(list(columns.values())))
         conditions = tuple(sorted(columns))
         rows = np.repeat([conditions.index(condition) for condition in columns], len(self.answers.frames))
         episodes = np.tile(self._episodes, len(columns))
         have = answer.codes >= 0
-        return self._table(_Coded(rows[have], conditions), answer.where(have), episodes[have], name)
+        return self._table(_Coded(rows[have], conditions), answer.where(have), episodes[have])
 
     def _coded(self, symbols: Symbols) -> "_Coded":
         """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
@@ -140,17 +138,18 @@ class Published:
             codes[symbols == name] = code
         return _Coded(codes, names)
 
-    def _table(self, rows: "_Coded", columns: "_Coded", episodes: Codes, name: str) -> Statistic:
+    def _table(self, rows: "_Coded", columns: "_Coded", episodes: Codes) -> Statistic:
         made = contingency(rows.codes, columns.codes)
         found = cramers_v(made.table)
         shape = made.table.shape
         named = {"rows": rows.named(made.rows), "columns": columns.named(made.columns), "table": made.table.tolist()}
         detail = {**(found.detail or {}), **named}
-        if found.value is None or 1 in shape:
+        if found.value is None or 1 in shape or not self.how.intervals:
             return replace(found, detail=detail)
-        sums = _counts_by_episode(rows.codes, columns.codes, episodes)
-        interval = self._bootstrap(sums, lambda tables: cramers_v_of_tables(tables.reshape(-1, *shape)), name)
-        return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
+        _, i = np.unique(rows.codes, return_inverse=True)
+        _, j = np.unique(columns.codes, return_inverse=True)
+        interval = association_interval(_by_episode(i, j, episodes, shape), found.value)
+        return _with_interval(replace(found, detail=detail), interval)
 
     def _gap_tests(self, level: str) -> Statistics:
         gaps = self.answers.gaps
@@ -164,7 +163,7 @@ class Published:
             return {"obstacle": missing, "mutual_information": missing}
         near = _Coded((gaps[have] < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
         answer = self._coded(real[have])
-        obstacle = self._table(answer, near, self._episodes[have], f"obstacle.{level}")
+        obstacle = self._table(answer, near, self._episodes[have])
         return {"obstacle": obstacle, "mutual_information": self._information(answer, gaps[have], have, level)}
 
     def _information(self, real: "_Coded", gaps: Floats, have: Mask, level: str) -> Statistic:
@@ -172,9 +171,6 @@ class Published:
         made = contingency(real.codes, bins.codes)
         name = f"mutual_information.{level}"
         found = permute_mutual_information(made.table, seed=self.how.seed_of(name), resamples=self.how.resamples)
-        sums = _counts_by_episode(real.codes, bins.codes, self._episodes[have])
-        shape = made.table.shape
-        interval = self._bootstrap(sums, lambda tables: information_of_tables(tables.reshape(-1, *shape)), name)
         n, occupied = found.n, (np.count_nonzero(made.table.sum(axis=1)), np.count_nonzero(made.table.sum(axis=0)))
         bias = (occupied[0] - 1) * (occupied[1] - 1) / (2 * n * math.log(2))
         detail = {
@@ -185,7 +181,12 @@ class Published:
             "rows": real.named(made.rows),
             "table": made.table.tolist(),
         }
-        return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
+        found = replace(found, detail=detail)
+        if not self.how.intervals or found.value is None:
+            return found
+        shape = len(real.names), len(bins.sizes)
+        counts = _by_episode(real.codes, bins.codes, self._episodes[have], shape).transpose(0, 2, 1)
+        return _with_interval(found, over_tables(counts, information_of_tables, math.log2(max(2, min(shape)))))
 
     def _swap(self) -> Statistic:
         partner = self.answers.partners
@@ -198,7 +199,14 @@ class Published:
         if not have.any():
             return cannot_say("no frame has an answer both to its real and to its mirrored picture")
         seed = self.how.seed_of("mirror_swap_rate")
-        return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
+        found = swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
+        turns = np.isin(real[have], list(partner))
+        if found.value is None:
+            return found
+        swapped = np.array([partner[str(one)] for one in real[have][turns]]) == mirrored[have][turns]
+        share = self._over_episodes(swapped.astype(np.float64), self._episodes[have][turns], always=True)
+        method = f"{share.method}; {found.method.partition('; ')[2]}"
+        return replace(found, ci=share.ci, method=method, note=found.note or share.note)
 
     def _gap_order(self) -> Statistic:
         gaps, gap, space = self.answers.gaps, self.answers.gap, self.answers.space
@@ -214,9 +222,15 @@ class Published:
         if not ((role == "brake").any() and (role == "proceed").any()):
             why = "the model never brakes or never proceeds"
             return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
-        found = self._bootstrap_medians(capped, role == "proceed", role == "brake")
+        ends = [self._median(capped, role == one) for one in ("proceed", "brake")]
+        found = median_difference(*ends)
         method = f"median gap, proceed minus brake; {found.method}"
         return replace(found, n=n, method=method, detail=detail, unit=gap.unit)
+
+    def _median(self, values: Floats, of: Mask) -> Statistic:
+        if not self.how.intervals:
+            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval asked for")
+        return median_over_episodes(values[of], self._episodes[of])
 
     def _diversity(self) -> Statistics:
         real = self.answers.actions("real")
@@ -225,14 +239,16 @@ class Published:
         answer = self._coded(real)
         if not have.any():
             return found
-        sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), answer.codes[have], self._episodes[have])
-        entropy = self._bootstrap(sums, entropy_of_counts, "entropy")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
         common, mode = found["modal_share"], max(counts, key=lambda label: counts[label])
         often = self._over_episodes((real[have] == mode).astype(np.float64), self._episodes[have])
         method, detail = f"{common.method}; {often.method}", {**(common.detail or {}), "counts": counts}
         found["modal_share"] = replace(common, ci=often.ci, method=method, note=often.note, detail=detail)
-        found["entropy"] = replace(found["entropy"], ci=entropy.ci)
+        if self.how.intervals:
+            shape, nothing = (1, len(answer.names)), np.zeros(int(have.sum()), dtype=np.int64)
+            tables = _by_episode(nothing, answer.codes[have], self._episodes[have], shape)
+            interval = over_tables(tables, lambda each: entropy_of_counts(each[:, 0]), math.log2(shape[1]))
+            found["entropy"] = _with_interval(found["entropy"], interval)
         return found
 
     def _share(self, hits: Floats, have: Mask) -> Statistic:
@@ -240,66 +256,35 @@ class Published:
             return cannot_say("no frame has both answers")
         return self._over_episodes(hits, self._episodes[have])
 
-    def _over_episodes(self, hits: Floats, episodes: Codes) -> Statistic:
-        """Return a share of frames with its interval over episodes; of one episode it is marked, and over frames."""
+    def _over_episodes(self, hits: Floats, episodes: Codes, *, always: bool = False) -> Statistic:
+        """Return a share of frames with its interval over episodes; of one episode it is marked, and over frames.
+
+        ``always``: also where no intervals are asked for, because a rule reads this one.
+        """
         k, n = int(hits.sum()), len(hits)
         sums = _sums_by_episode(np.column_stack([hits, np.ones(n)]), episodes)
         detail = {"k": k, "episodes": len(sums)}
-        if not self.how.intervals:
+        if not (self.how.intervals or always):
             return replace(rate(k, n), detail=detail)
         found = share_over_episodes(sums[:, 0], sums[:, 1])
         if found.ci is None:
             return replace(rate(k, n), note=ONE_EPISODE, detail=detail)
         return found
 
-    def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask, name: str) -> Statistic:
+    def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask) -> Statistic:
         if not have_one.any() or not have_other.any():
             return cannot_say("no frame has both answers")
+        if not self.how.intervals:
+            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval asked for")
         columns = np.zeros((len(have_one), 4))
         columns[have_one, 0], columns[:, 1] = one, have_one
         columns[have_other, 2], columns[:, 3] = other, have_other
         sums = _sums_by_episode(columns, self._episodes)
-        found = self._bootstrap(sums, lambda s: ratio_of_sums(s[:, :2]) - ratio_of_sums(s[:, 2:]), name)
-        if found.ci is None:
-            paired = have_one & have_other
-            tango = paired_difference(columns[paired, 0], columns[paired, 2])
-            found = replace(found, ci=tango.ci, method=f"{tango.method}; {found.method}")
-        return replace(found, value=float(one.mean() - other.mean()), n=len(one), detail=None)
-
-    def _bootstrap(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
-        if not self.how.intervals:
-            return _without_interval(len(sums), statistic(sums.sum(axis=0, keepdims=True)))
-        seed = self.how.seed_of(name)
-        found = cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
-        if found.ci is not None and found.ci[0] == found.ci[1]:
-            # No width would claim certainty; it only says that no episode differs from another.
-            return replace(found, ci=None, note="the episodes do not differ, so resampling them shows no spread")
-        return found
-
-    def _bootstrap_medians(self, values: Floats, one: Mask, other: Mask) -> Statistic:
-        """Return median(values[one]) - median(values[other]) with its interval over the episodes of either."""
-        used = one | other
-        numbers, episodes = np.unique(self._episodes[used], return_inverse=True)
-        values, one, other = values[used], one[used], other[used]
-
-        def apart(counts: Floats) -> Floats:
-            return median_by_counts(values[one], episodes[one], counts) - median_by_counts(
-                values[other], episodes[other], counts
-            )
-
-        if not self.how.intervals:
-            return _without_interval(len(numbers), apart(np.ones((1, len(numbers)))))
-        return episode_bootstrap(
-            len(numbers),
-            apart,
-            seed=self.how.seed_of("gap_order"),
-            resamples=self.how.resamples,
-            enumerate_up_to=ENUMERATE,
-        )
+        return difference_over_episodes((sums[:, 0], sums[:, 1]), (sums[:, 2], sums[:, 3]))
 
 
-def median_gaps(answers: Answers, *, resamples: int = 5000) -> Statistics:
-    """Return the median true gap of each action on real frames, resampled over episodes; none without gaps.
+def median_gaps(answers: Answers) -> Statistics:
+    """Return the median true gap of each action on real frames, with its interval over episodes; none without gaps.
 
     A frame without a lead counts as the farthest. Source: paper, Table t:qwenorder.
     """
@@ -310,16 +295,7 @@ def median_gaps(answers: Answers, *, resamples: int = 5000) -> Statistics:
     real, found = answers.actions("real"), {}
     for action in map(str, np.unique(real[real != ABSENT])):
         mine = real == action
-        numbers, episodes = np.unique(answers.episodes[mine], return_inverse=True)
-        median = float(np.median(capped[mine]))
-        one = episode_bootstrap(
-            len(numbers),
-            partial(median_by_counts, capped[mine], episodes),
-            seed=key_seed("median gap", action),
-            resamples=resamples,
-            enumerate_up_to=ENUMERATE,
-        )
-        found[action] = replace(one, value=median, n=int(mine.sum()), unit=answers.gap.unit)
+        found[action] = replace(median_over_episodes(capped[mine], answers.episodes[mine]), unit=answers.gap.unit)
     return found
 
 
@@ -353,12 +329,10 @@ def _clears(idi: Statistic, floor: Statistic) -> Statistic:
     return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
 
 
-def _without_interval(episodes: int, values: Floats) -> Statistic:
-    """Return what the bootstrap returns, but for its interval."""
-    method = "no interval asked for"
-    if math.isnan(values[0]):
-        return cannot_say("the statistic is undefined on these episodes", episodes, method)
-    return Statistic(float(values[0]), episodes, method=method)
+def _with_interval(found: Statistic, interval: Statistic) -> Statistic:
+    """Return a statistic with the interval of another one of the same value, or the reason that there is none."""
+    method = f"{found.method}; {interval.method}"
+    return replace(found, ci=interval.ci, method=method, note=found.note or interval.note)
 
 
 def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:
@@ -367,11 +341,9 @@ def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:
     return np.stack([np.bincount(codes, weights=column) for column in columns.T], axis=1)
 
 
-def _counts_by_episode(rows: Codes, columns: Codes, episodes: Codes) -> Floats:
-    """Return the flat table of counts of each episode that occurs, shape (episodes, rows × columns)."""
+def _by_episode(rows: Codes, columns: Codes, episodes: Codes, shape: tuple[int, int]) -> Floats:
+    """Return the table of counts of each episode that occurs, shape (episodes, *shape)."""
     _, e = np.unique(episodes, return_inverse=True)
-    names_r, r = np.unique(rows, return_inverse=True)
-    names_c, c = np.unique(columns, return_inverse=True)
-    cells = len(names_r) * len(names_c)
-    flat = np.bincount(e * cells + r * len(names_c) + c, minlength=(int(e.max()) + 1) * cells)
-    return flat.reshape(-1, cells).astype(np.float64)
+    cells = shape[0] * shape[1]
+    flat = np.bincount(e * cells + rows * shape[1] + columns, minlength=(int(e.max()) + 1) * cells)
+    return flat.reshape(-1, *shape).astype(np.float64)

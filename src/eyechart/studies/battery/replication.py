@@ -18,7 +18,8 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
 from eyechart.stats.episodes import share_over_episodes
-from eyechart.stats.resampling import episode_bootstrap, permutation_p, ratio_of_sums
+from eyechart.stats.jackknife import over_counts
+from eyechart.stats.resampling import permutation_p, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 
@@ -43,7 +44,8 @@ def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: in
     """Return how much each statistic of one model differs between two runs, by the statistic's name.
 
     A value is the second run's minus the first's, over the frames and conditions that both were asked about; its
-    interval resamples episodes, both runs together. Two are no differences. ``across_runs`` is the share of real
+    interval is over
+    episodes, of both runs together. Two are no differences. ``across_runs`` is the share of real
     pictures that the second run answers as the first did, to be held against ``agree.real_repeat``, which asks the same
     within one run. ``answer_shift`` is the total variation distance between the two runs' answers to real pictures:
     statistics that do not ask which answer was given, and most do not, cannot tell always STOP from always LEFT. Raises
@@ -117,16 +119,9 @@ class _Pair:
         n = int((codes >= 0).all(axis=0).any(axis=0).sum())
         if np.isnan(first) or np.isnan(second):
             return cannot_say("one of the two runs cannot say", n, _METHOD)
-        interval = episode_bootstrap(
-            int(self._episodes.max()) + 1,
-            lambda counts: self._resampled(codes, measure, counts),
-            seed=key_seed("compare", self.seed, name, "interval"),
-            resamples=self.resamples,
-            enumerate_up_to=0,
-        )
+        interval = over_counts(int(self._episodes.max()) + 1, lambda counts: self._resampled(codes, measure, counts))
         p = self._p(codes, measure, second - first, name)
-        ci = None if interval.ci is None or interval.ci[0] == interval.ci[1] else interval.ci
-        note = "" if ci else "alike in every episode: no interval"
+        ci, note = interval.ci, interval.note
         method = f"{_METHOD}, B={self.resamples}; {interval.method}"
         return Difference(second - first, n, ci, p, method, note, first=first, second=second)
 

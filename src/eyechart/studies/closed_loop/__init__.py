@@ -13,6 +13,7 @@ from eyechart.studies.closed_loop.ladder import (
     against,
     corrected,
     exact_rate,
+    mean_of_drives,
     outcomes_of,
     paired,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "bounds",
     "corrected",
     "exact_rate",
+    "mean_of_drives",
     "measured",
     "outcomes_of",
     "paired",

@@ -128,7 +128,7 @@ def _beside(finding: str, found: Paired, tests: int) -> str:
     if finding == NO_DIFFERENCE:
         return (
             f"no difference from who draws its actions as often without looking was found in {found.worlds} worlds. "
-            f"That is not none: the data bound it, with 95 % intervals, to {_bounds(found)}."
+            f"That is not none: {_bounds(found)}."
         )
     return _too_few(found, tests, "whether it drives otherwise than who draws its actions as often without looking")
 
@@ -203,8 +203,8 @@ def _shows(finding: str, found: Paired, condition: str, tests: int) -> str:
         )
     if finding == NO_DIFFERENCE:
         return (
-            f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data "
-            f"bound it, with 95 % intervals, to {_bounds(found)}. A dependence within these bounds is not excluded."
+            f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: "
+            f"{_bounds(found)}. A dependence within these bounds is not excluded."
         )
     if finding == SAME:
         return (
@@ -221,7 +221,10 @@ def _changes(found: Paired) -> str:
 
 
 def _bounds(found: Paired) -> str:
-    return "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
+    bounded = [name for name in OUTCOMES if found.differences[name].ci is not None]
+    said = "; ".join(_number(found.differences[name], name) for name in bounded)
+    free = "; ".join(_number(found.differences[name], name) for name in OUTCOMES if name not in bounded)
+    return f"the data bound it, with 95 % intervals, to {said}" + (f" (without a bound: {free})" if free else "")
 
 
 def bounds(found: Paired, name: str) -> str:

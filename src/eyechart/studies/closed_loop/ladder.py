@@ -22,7 +22,7 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import Discordant, clopper_pearson, mcnemar_exact, paired_difference
-from eyechart.stats.resampling import cluster_bootstrap, holm
+from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives
 
@@ -142,7 +142,7 @@ class Paired(Written):
         return tuple(name for name, p in self.holm.items() if p is not None and p < LEVEL)
 
 
-def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:
+def rung(drives: Drives, outcomes: Outcomes) -> Rung:
     """Return a driver's row; an episode that ended in an error counts nowhere but in ``errors``."""
     episodes = drives.episodes
     found: dict[str, Statistic] = {}
@@ -151,12 +151,21 @@ def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:
         if episodes and not told:
             found[name] = cannot_say(UNTOLD)
             continue
-        values = np.array([[value, 1.0] for value in told]).reshape(len(told), 2)
-        seed = key_seed("ladder", drives.driver.simulator, name)  # one for all: equal drives get equal rows
-        found[name] = cluster_bootstrap(values, seed=seed, resamples=resamples, enumerate_up_to=20_000)
+        found[name] = mean_of_drives(told)
     found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
     found["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
     return Rung(drives.driver, found, len(drives.errors))
+
+
+NO_INTERVAL = "no interval: where few drives end early none was found that covers"
+"""Measured with one drive in ten that crashes: Student's t over 12 drives holds the mean in .68 of cases."""
+
+
+def mean_of_drives(values: Sequence[float]) -> Statistic:
+    """Return the mean of a number over drives, without an interval; None of no drives."""
+    if not len(values):
+        return cannot_say("no episodes", method="mean over episodes")
+    return Statistic(float(np.mean(values)), len(values), method="mean over episodes", note=NO_INTERVAL)
 
 
 def exact_rate(k: int, n: int) -> Statistic:
@@ -186,9 +195,7 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
         if tested.value is not None and (a != b).any():
-            less = np.column_stack([a - b, np.ones(len(a))])
-            interval = cluster_bootstrap(less, seed=seed, resamples=resamples, enumerate_up_to=20_000)
-            tested = replace(tested, ci=interval.ci, method=f"{tested.method}; {interval.method}")
+            tested = replace(tested, note=tested.note or NO_INTERVAL)
         found[name] = tested
     found["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
     found["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))

@@ -68,7 +68,7 @@ def _dots(rungs: Sequence[Rung], name: str, across: float = WIDE) -> Drawing:
     title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
     figure = dots(rows, f"{title}; {_BEST[name]}", form.scale, across=across)
     told = "; ".join(f"{who.label}: {form.shown(one)}" for who, one in found)
-    says = f"Dots with 95 % intervals over episodes; hollow: constant policies. {told}"
+    says = f"Dots; rates with 95 % intervals; hollow: constant policies. {told}"
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
@@ -81,7 +81,9 @@ def _paired(found: Mapping[str, Blind], name: str, across: float = WIDE) -> Draw
         told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
     what = NAMES[name].partition(" (")[0]
     figure = dots(rows, f"{what}, real less other{_UNITS[name]}", form.scale, zero=True, across=across)
-    says = f"Differences in the same worlds with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
+    says = (
+        f"Differences in the same worlds, rates with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
+    )
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 
 

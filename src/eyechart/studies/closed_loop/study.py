@@ -75,7 +75,7 @@ class ClosedLoopScore:
     @cached_property
     def ladder(self) -> tuple[Rung, ...]:
         """Return a row a driver."""
-        return tuple(rung(one, self.outcomes, resamples=self.resamples) for one in self.drives)
+        return tuple(rung(one, self.outcomes) for one in self.drives)
 
     @cached_property
     def references(self) -> Mapping[str, Driver]:

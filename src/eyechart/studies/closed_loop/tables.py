@@ -6,9 +6,9 @@ from dataclasses import astuple, dataclass, replace
 from eyechart.episodes import Unfinished
 from eyechart.integrity import ServedGuard
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
-from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop.audit import in_table
 
 PUBLISHED: Mapping[str, Mapping[str, float]] = {
     "constant:SLOW": {"distance_m": 514.4, "reward": 19.64, "speed_mps": 20.1, "crash_rate": 0.031},
@@ -149,7 +149,7 @@ def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Tabl
 
 def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
     """Return one row a driver, the best by reward first; the reference is marked."""
-    note = "[ ] 95 % interval: episodes resampled, of a rate exact (Clopper-Pearson). * the others are held against it"
+    note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the others are held against it"
     rows = []
     for one in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
         star = "*" if references.get(one.driver.simulator) == one.driver else ""
@@ -194,7 +194,7 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
 
 def audited(score: ClosedLoopScore) -> list[Degeneracy]:
     """Return the audit of the models that drove with real pictures, as Table t:degeneracy and figure fgr:mi have it."""
-    asked = {one.driver for one in score.drives if one.asked and one.driver.condition == "real"}
+    asked = {one.driver for one in score.drives if in_table(one)}
     return [one for one in score.audit if one.driver in asked]
 
 
@@ -211,20 +211,13 @@ def baselines_table(rungs: Sequence[Rung]) -> Table:
 
 
 def audited_table(rows: Sequence[Degeneracy]) -> Table:
-    """Return Table t:degeneracy in the paper's form, with the p of whole episodes beside the paper's.
-
-    Holm's family are the cells that vary: in the paper's table four. No p of 5000 permutations becomes its .037 as the
-    second of eight, times seven.
-    """
+    """Return Table t:degeneracy in the paper's form, with the p of whole episodes beside the paper's."""
     names = ("modal_share", "entropy_bits", "information_bits", "information_share")
-    tests = ("information_bits", "information_episode_safe")
-    naive, safe = (holm([row.statistics[name].p if _varies(row) else None for row in rows]) for name in tests)
     made = []
-    for row, *told in zip(rows, naive, safe, strict=True):
-        found, varied = [row.statistics[name] for name in names], _varies(row)
-        made.append(
-            (row.driver.simulator, row.driver.label, *found[:2], *(found[2:] if varied else (None, None)), *told)
-        )
+    for row in rows:
+        found = [row.statistics[name] for name in names]
+        told = (*(found[2:] if row.varies else (None, None)), row.holm_naive, row.holm)
+        made.append((row.driver.simulator, row.driver.label, *found[:2], *told))
     named = (
         *(Column("platform", "word"), Column("model")),
         *(Column("modal", "estimate", beside=""), Column("H (b)", "estimate", 2, beside="")),
@@ -315,8 +308,9 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
             *astuple(row.driver)[:4],
             row.statistics["modal_share"].n,
             *(row.statistics[name].value for name in names[:3]),
-            *(row.statistics[name].value if _varies(row) else None for name in names[3:]),
-            *(p if _varies(row) else None for p in (row.holm_naive, row.holm)),
+            *(row.statistics[name].value if row.varies else None for name in names[3:]),
+            row.holm_naive,
+            row.holm,
             row.statistics["unparsed_rate"].value,
             row.geometry,
             row.label,
@@ -341,10 +335,6 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     return Table("degeneracy", caption, named, made, note)
 
 
-def _varies(row: Degeneracy) -> bool:
-    return (row.statistics["distinct_actions"].value or 0) > 1
-
-
 def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
     """Return what the table leaves to words: the geometry, what the two p are, and why one cannot be said."""
     words = []
@@ -354,7 +344,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
     words += [f"scene geometry in {', '.join(dict.fromkeys(who))}: {what}" for what, who in geometries.items()]
     words.append(
         "p (paper): steps permuted one by one, as if they were independent; p (episodes): whole episodes exchanged. "
-        "Both Holm-corrected over these rows, a constant one counted with p = 1"
+        "Both Holm-corrected over the policies that vary, models with real pictures apart from all others"
     )
     for row in rows:
         safe = row.statistics["information_episode_safe"]

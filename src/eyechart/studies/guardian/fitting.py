@@ -8,7 +8,6 @@ import numpy as np
 
 from eyechart.errors import GuardianError
 from eyechart.stats.committee import MISSING, POINTS, Costs, Point, select, select_without_each, tally
-from eyechart.stats.resampling import ENUMERATED_MULTISETS
 from eyechart.studies.guardian.frozen import Frozen, Selection
 from eyechart.studies.guardian.scoring import Metrics, measure
 from eyechart.studies.guardian.votes import VIEWS, VoteTable, answered, require_both
@@ -111,8 +110,6 @@ def nested(
     size: int = 2,
     models: Sequence[str] = (),
     costs: Costs | None = None,
-    seed: int = 0,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
 ) -> Nested:
     """Choose a committee on all episodes but one, judge that one, and so for each; selection is inside every fold.
 
@@ -140,6 +137,6 @@ def nested(
         episode: (tuple(names[place] for place in choice.committee), choice.threshold, str(choice.point))
         for episode, choice in zip(episodes, chosen, strict=True)
     }
-    pooled = measure(table, {"nested": said}, seed=seed, enumerate_up_to=enumerate_up_to)["nested"]
+    pooled = measure(table, {"nested": said})["nested"]
     agreed = Counter(folds.values()).most_common(1)[0][1]
     return Nested(folds, pooled, len(table.frames), agreed)

@@ -5,8 +5,10 @@ Source: section Symmetry-consensus longitudinal guardian.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
@@ -14,12 +16,14 @@ from eyechart.frames import FrameBank, decode
 from eyechart.policies.scripted import read_scene
 from eyechart.records import Written
 from eyechart.spaces.scene import Scene, safe_action
-from eyechart.stats.agreement import rate
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian.frozen import Frozen
 from eyechart.studies.guardian.scoring import WORDS, answer_of
 from eyechart.studies.guardian.votes import VoteTable
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Scenes = tuple[Scene, Scene]
 """What the deterministic reader sees in a picture and in its reflection."""
 
@@ -86,24 +90,15 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     """
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
-    actions, unread = {}, []
-    agreed = both = perfect = perfect_answered = mirrored = directional = answered = 0
-    for frame, answer, hazard in zip(table.frames, said, table.hazard, strict=True):
+    actions, unread, rows, drives = {}, [], [], []
+    for frame, episode, answer, hazard in zip(table.frames, table.episodes, said, table.hazard, strict=True):
         scenes = read(frame)
         if scenes is None:
             unread.append(frame)
             continue
-        action, reflected = (modular_action(answer, scene) for scene in scenes)
-        reference = safe_action(scenes[0])
-        actions[frame] = action
-        answered += answer != "abstain"
-        agreed += action == reference
-        both += answer != "abstain" and action == reference
-        right = modular_action(WORDS[int(hazard)], scenes[0]) == reference
-        perfect += right
-        perfect_answered += answer != "abstain" and right
-        mirrored += reflected == MIRROR.get(action, action)
-        directional += reference in MIRROR
+        actions[frame] = modular_action(answer, scenes[0])
+        rows.append(_row(answer, "hazard" if hazard else "clear", scenes))
+        drives.append(episode)
     if not actions:
         raise GuardianError(
             f"{table.name}: the deterministic reader reads none of its {len(unread)} pictures; modular replay is for "
@@ -115,18 +110,39 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         for model in frozen.committee
         if (missing := table.missing(model))
     ]
+    told = np.array(rows, dtype=np.float64)
+    _, codes = np.unique(drives, return_inverse=True)
+    share = partial(_share, told, codes)
     return Replay(
-        agreement=rate(agreed, len(actions)),
-        agreement_answered=rate(both, answered),
-        ceiling=rate(perfect, len(actions)),
-        ceiling_answered=rate(perfect_answered, answered),
-        answered=rate(answered, len(actions)),
-        equivariance=rate(mirrored, len(actions)),
-        directional=directional,
+        agreement=share(_AGREES),
+        agreement_answered=share(_AGREES, of=_ANSWERED),
+        ceiling=share(_PERFECT),
+        ceiling_answered=share(_PERFECT, of=_ANSWERED),
+        answered=share(_ANSWERED),
+        equivariance=share(_MIRRORED),
+        directional=int(told[:, _TURNS].sum()),
         actions=actions,
         unread=tuple(unread),
         warnings=(*table.unfinished_words(frozen.committee), *few),
     )
+
+
+_ANSWERED, _AGREES, _PERFECT, _MIRRORED, _TURNS = range(5)
+
+
+def _row(answer: str, truth: str, scenes: Scenes) -> tuple[bool, ...]:
+    """Return of a frame whether it was answered, agrees, would agree of a perfect guardian, is mirrored, and turns."""
+    action, reflected = (modular_action(answer, scene) for scene in scenes)
+    reference = safe_action(scenes[0])
+    right = modular_action(truth, scenes[0]) == reference
+    return answer != "abstain", action == reference, right, reflected == MIRROR.get(action, action), reference in MIRROR
+
+
+def _share(told: Floats, episodes: Ints, column: int, of: int | None = None) -> Statistic:
+    """Return the share of frames that one of their columns holds of, with its interval over episodes."""
+    among = np.ones(len(told)) if of is None else told[:, of]
+    hits = np.bincount(episodes, weights=told[:, column] * among)
+    return share_over_episodes(hits, np.bincount(episodes, weights=among))
 
 
 def reader_of(bank: FrameBank) -> Read:

@@ -5,7 +5,7 @@ is said from episodes used neither for its choice nor for its score.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,10 @@ from eyechart.errors import GuardianError
 from eyechart.records import picked
 from eyechart.stats.agreement import binary_metrics, rate, selective_metrics
 from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
-from eyechart.stats.episodes import share_over_episodes
+from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.guarantees import conformal_threshold, episodes_needed, mean_bound, ratio_bound, share_bound
 from eyechart.stats.paired import mcnemar_exact
-from eyechart.stats.resampling import ENUMERATED_MULTISETS, cluster_bootstraps, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.guardian.frozen import Frozen, shared_frames
 from eyechart.studies.guardian.votes import VoteTable, answered, require_both
@@ -31,42 +30,24 @@ Metrics = Mapping[str, Statistic]
 METRICS = ("coverage", "acc", "bal", "sens", "spec")
 """Coverage, accuracy, balanced accuracy, sensitivity and specificity, these over the frames that were answered."""
 
-NO_SPREAD = "the episodes do not differ"
 
-
-def measure(
-    table: VoteTable,
-    said: Mapping[str, Ints],
-    *,
-    seed: int = 0,
-    resamples: int = 5000,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
-) -> dict[str, Metrics]:
+def measure(table: VoteTable, said: Mapping[str, Ints]) -> dict[str, Metrics]:
     """Return the `METRICS` of each set of answers to the frames of a table, shape (frames,) each.
 
-    Shares have the interval of `share_over_episodes`. That of balanced accuracy is of resampled episodes: all multisets
-    where these number at most ``enumerate_up_to`` (12 episodes have 1 352 078), else ``resamples`` drawn from ``seed``;
-    its ``method`` says which. Where no resample differs it has none.
+    Shares have the interval of `share_over_episodes`, and balanced accuracy that of `mean_of_shares`.
     """
-    sums = {name: _by_episode(table, answer) for name, answer in said.items()}
-    balanced: dict[str, Callable[[Floats], Floats]] = {name: _balanced(5 * place) for place, name in enumerate(sums)}
-    side_by_side = np.concatenate(list(sums.values()), axis=1)
-    spread = cluster_bootstraps(side_by_side, balanced, seed=seed, resamples=resamples, enumerate_up_to=enumerate_up_to)
     rows: dict[str, Metrics] = {}
     for name, answer in said.items():
-        shares = _counted(sums[name])
-        rows[name] = {
-            metric: _spread(one, spread[name] if metric == "bal" else share_over_episodes(*shares[metric]))
-            for metric, one in _metrics(table, answer).items()
-        }
+        shares = _counted(_by_episode(table, answer))
+        spread = {metric: share_over_episodes(*share) for metric, share in shares.items()}
+        spread["bal"] = mean_of_shares(shares["sens"], shares["spec"])
+        rows[name] = {metric: _spread(one, spread[metric]) for metric, one in _metrics(table, answer).items()}
     return rows
 
 
 def _spread(one: Statistic, over_episodes: Statistic) -> Statistic:
-    """Return a statistic with its interval over episodes, where these differ or the bound is exact."""
+    """Return a statistic with its interval over episodes."""
     detail = {**(one.detail or {}), **(over_episodes.detail or {})}
-    if over_episodes.ci is not None and over_episodes.ci[0] == over_episodes.ci[1]:
-        return replace(one, note=NO_SPREAD, detail=detail)
     note = one.note or over_episodes.note
     return replace(one, ci=over_episodes.ci, method=over_episodes.method, note=note, detail=detail or None)
 
@@ -105,17 +86,6 @@ def _counted(sums: Floats) -> dict[str, tuple[Floats, Floats]]:
         "sens": (tp, tp + fn),
         "spec": (tn, tn + fp),
     }
-
-
-def _balanced(at: int) -> Callable[[Floats], Floats]:
-    """Return balanced accuracy as a function of summed episodes, whose cells begin in column ``at``."""
-
-    def statistic(sums: Floats) -> Floats:
-        tp, fn, tn, fp = sums[:, at : at + 4].T
-        sens, spec = (ratio_of_sums(np.column_stack([right, right + wrong])) for right, wrong in ((tp, fn), (tn, fp)))
-        return (sens + spec) / 2
-
-    return statistic
 
 
 TARGET = 0.01
@@ -299,13 +269,12 @@ def score(
     *,
     seed: int = 0,
     resamples: int = 5000,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
 ) -> GuardianScore:
     """Score a frozen guardian on every frame of a table.
 
     Raises GuardianError for a frame that chose it, and for votes of another bank, prompt, view or version of a model.
-    Intervals are of resampled episodes, all of them enumerated up to 12 episodes and else ``resamples`` drawn from
-    ``seed``.
+    Intervals are over episodes. ``resamples`` of the flipped signs are drawn from ``seed`` where these are too many to
+    count.
     """
     frozen.may_score(table)
     assert frozen.selection is not None
@@ -322,7 +291,7 @@ def score(
     return GuardianScore(
         frozen=frozen,
         table=table,
-        rows=measure(table, said, seed=seed, resamples=resamples, enumerate_up_to=enumerate_up_to),
+        rows=measure(table, said),
         mcnemar=mcnemar_exact(int((two_way & ~single).sum()), int((single & ~two_way).sum())),
         over_episodes=sign_flip_test(*right, seed=seed, resamples=resamples),
         curve=tuple(risk_coverage(hazard_votes, said["two_way"], table.hazard, voters=frozen.voters)),

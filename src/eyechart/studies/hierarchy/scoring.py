@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -12,9 +12,7 @@ from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.integrity import ServedGuard
 from eyechart.records import Written, picked
-from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
-from eyechart.stats.resampling import cluster_bootstrap
 from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies import is_episodes
 from eyechart.studies.closed_loop import (
@@ -29,6 +27,7 @@ from eyechart.studies.closed_loop import (
     blind_baselines,
     corrected,
     exact_rate,
+    mean_of_drives,
     measured,
     outcomes_of,
     paired,
@@ -152,9 +151,7 @@ class HierarchyScore:
     @cached_property
     def sources(self) -> tuple[Source, ...]:
         """Return a row for each source by its name; MPC-only and the constant STRAIGHT are two names of one."""
-        return tuple(
-            _source(part, name, one, self.outcomes, resamples=self.resamples) for part, name, one in self._named()
-        )
+        return tuple(_source(part, name, one, self.outcomes) for part, name, one in self._named())
 
     @cached_property
     def against_mpc_only(self) -> tuple[Paired, ...]:
@@ -265,16 +262,12 @@ def unless_shown(one: Blind) -> str:
     return "" if shows(one) else f" So here {NOT_PERCEPTION}."
 
 
-def _source(part: str, name: str, drives: Drives, outcomes: Outcomes, *, resamples: int) -> Source:
+def _source(part: str, name: str, drives: Drives, outcomes: Outcomes) -> Source:
     episodes, steps = drives.episodes, drives.steps
     intents = Counter(step.decision.action for step in steps if step.decision.action is not None)
     silent = Counter(step.error or str(step.decision.missing) for step in steps if step.decision.action is None)
 
-    told = np.array([(one.distance_m, 1.0) for one in episodes if one.distance_m is not None]).reshape(-1, 2)
-    seed = key_seed("hierarchy", drives.driver.simulator, "distance_m")  # one for all: equal drives get equal rows
-    distance = cluster_bootstrap(told, seed=seed, resamples=resamples)
-    if distance.ci is not None and distance.ci[0] == distance.ci[1]:  # no width would claim certainty
-        distance = replace(distance, ci=None, note="every episode has the same: resampling them gives no interval")
+    distance = mean_of_drives([one.distance_m for one in episodes if one.distance_m is not None])
     stops = np.array([_stops(one) for one in episodes]).reshape(-1, 2)
     return Source(
         part=part,

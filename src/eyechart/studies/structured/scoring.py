@@ -12,21 +12,17 @@ from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.records import Written
-from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
 from eyechart.stats.agreement import rate
-from eyechart.stats.episodes import share_over_episodes
-from eyechart.stats.resampling import cluster_bootstrap, ratio_of_sums
+from eyechart.stats.episodes import mean_of_shares, share_over_episodes
+from eyechart.stats.jackknife import mean_over_episodes
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies.battery import CallsScore, plan_of, took_run
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.told import Floats, Mask, Told, read_told
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import Held, hold
-
-_ENUMERATE = 25_000
-"""Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
 
 _ONE_EPISODE = "Wilson: one episode shows no spread"
 
@@ -36,8 +32,6 @@ class How:
     """How intervals are made: over these episodes, one a frame, or not at all where the bank records none."""
 
     episodes: NDArray[np.str_] | None
-    seed: int
-    resamples: int = 5000
 
 
 class Figures:
@@ -112,9 +106,13 @@ class Figures:
     def _balanced(self, right: Mask, close: Mask) -> Statistic:
         if not close.any() or close.all():
             return cannot_say("one of the two classes is empty", len(close), "balanced accuracy")
-        sums = np.column_stack([right & close, close, right & ~close, ~close]).astype(np.float64)
-        found = self._interval(sums, lambda s: (ratio_of_sums(s[:, :2]) + ratio_of_sums(s[:, 2:])) / 2, "balanced")
-        return replace(found, n=len(close))
+        episodes = self._how.episodes
+        if episodes is None:
+            value = float(right[close].mean() + right[~close].mean()) / 2
+            return Statistic(value, len(close), note="the bank records no episodes: no interval")
+        _, codes = np.unique(episodes[self._frames], return_inverse=True)
+        counted = [(np.bincount(codes, weights=right & of), np.bincount(codes, weights=of)) for of in (close, ~close)]
+        return mean_of_shares(*counted)
 
     def _gap_error(self) -> Statistic:
         """Return the mean absolute error of the gap, in metres, where a lead is in the picture and a gap was told."""
@@ -125,7 +123,7 @@ class Figures:
         if not given.any():
             return cannot_say("no gap was told of a lead that is in the picture")
         errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
-        found = self._interval(np.column_stack([errors, given]), ratio_of_sums, "gap_mae_m")
+        found = self._mean(np.column_stack([errors, given]))
         worst = float(errors.max())
         return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
 
@@ -135,20 +133,14 @@ class Figures:
         hits = [one is not None and other is not None and equal(one, other) for one, other in both]
         return self._share(np.array(hits, dtype=np.bool_), self._asked if of is None else self._asked & of)
 
-    def _interval(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
+    def _mean(self, sums: Floats) -> Statistic:
         episodes = self._how.episodes
         if episodes is None:
-            value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
+            value = float(sums[:, 0].sum() / sums[:, 1].sum())
             return Statistic(value, len(sums), note="the bank records no episodes: no interval")
         _, codes = np.unique(episodes[self._frames], return_inverse=True)
         by_episode = np.stack([np.bincount(codes, weights=column) for column in sums.T], axis=1)
-        seed = key_seed("structured", self._how.seed, name)
-        found = cluster_bootstrap(
-            by_episode, statistic, seed=seed, resamples=self._how.resamples, enumerate_up_to=_ENUMERATE
-        )
-        if found.ci is not None and found.ci[0] == found.ci[1]:
-            return replace(found, ci=None, note="no interval: the episodes do not differ")
-        return found
+        return mean_over_episodes(by_episode)
 
 
 def _flags(estimates: list[Estimate | None], holds: Callable[[Estimate], bool]) -> Mask:
@@ -236,7 +228,7 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
         }
 
 
-def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> StructuredScore:
+def score(path: Path, *, reread: bool = False) -> StructuredScore:
     """Score the admission or structured run in a folder, finished or not.
 
     ``reread`` allows the replies of a run that was begun under another version of the reader to be read by today's.
@@ -244,7 +236,7 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> Structu
     """
     manifest, bank = read_run(path)
     require_scorable(path, manifest, reread=reread)
-    return score_run(manifest, bank, path / LEDGER, resamples=resamples)
+    return score_run(manifest, bank, path / LEDGER)
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
@@ -258,7 +250,7 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
         )
 
 
-def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resamples: int = 5000) -> StructuredScore:
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> StructuredScore:
     """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
@@ -266,7 +258,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resa
     accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent
     episodes = None if silent else np.array([frame.drive for frame in plan.frames])
-    how = How(episodes, manifest.seed, resamples)
+    how = How(episodes)
     models = {
         spec: _scored(told[spec], how, version, sum(1 for _ in plan.keys_of(spec)))
         for spec, version in manifest.models.items()

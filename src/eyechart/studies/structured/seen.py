@@ -193,4 +193,4 @@ def figures(
     told = told_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, distances)
     every = np.ones(len(frames), dtype=np.bool_)
     worlds = np.array([frame.episode for frame in frames], dtype=np.str_)
-    return Figures(told, DRIVING, every, How(worlds, manifest.seed)).statistics()
+    return Figures(told, DRIVING, every, How(worlds)).statistics()

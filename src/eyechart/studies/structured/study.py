@@ -37,7 +37,7 @@ class Structured(OfFrames[StructuredScore]):
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
 
     def score(self, folder: Path, reading: Reading) -> StructuredScore:
-        found = score(folder, reread=reading.reread, resamples=reading.resamples)
+        found = score(folder, reread=reading.reread)
         if reading.prices is None:
             return found
         return replace(found, accounting=self.took_run(folder, reading.prices).accounts)
@@ -85,9 +85,10 @@ class Structured(OfFrames[StructuredScore]):
         require_scorable(run, read_manifest(run), reread=reading.reread)
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[StructuredScore, Made]:
+        del reading  # nothing is drawn at random
         from eyechart.studies.battery.subjects import SHOWN, evidence_of
 
-        found = score_run(run.manifest, run.bank, run.ledger, resamples=reading.resamples)
+        found = score_run(run.manifest, run.bank, run.ledger)
         return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 

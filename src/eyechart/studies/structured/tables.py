@@ -76,7 +76,7 @@ def paper_tables(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Iterator[T
     if whole:
         yield _estimators(whole).labelled("t:controller-local")
     if admission:
-        yield replace(_estimators(admission), name="admission")
+        yield replace(_admitted(admission), name="admission")
 
 
 def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
@@ -90,6 +90,23 @@ def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
     }
     counts = [one.statistics["scene_equivariance"].n for held in models.values() for one in held.values()]
     return stacked(found).counted(counts, "pairs", "of original and mirror per estimator")
+
+
+def _admitted(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
+    """Return `_estimators` with whether each is admitted, and the clauses that it fails or that cannot be said."""
+    made = _estimators(scores)
+    every = [one for run in scores.values() for one in run.models.values()]
+    rows = tuple(
+        (*row, "yes" if one.admitted else "no", "; ".join(_held_words(one.clauses)) or "all hold")
+        for row, one in zip(made.rows, every, strict=True)
+    )
+    return replace(made, columns=(*made.columns, Column("admitted", "word"), Column("clauses")), rows=rows)
+
+
+def _held_words(clauses: Iterable[Held]) -> Iterator[str]:
+    for one in clauses:
+        if one.passes is not True:
+            yield f"{one.name} {'fails' if one.passes is False else 'cannot be said'}"
 
 
 def _figures(spec: str, score: EstimatorScore) -> tuple[Cell, ...]:

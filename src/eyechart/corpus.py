@@ -1,0 +1,79 @@
+"""How many calls and episodes runs hold, by study and arm: the corpus that a paper reports."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+
+from eyechart.costs import ALL
+from eyechart.episodes import read_episodes
+from eyechart.manifest import read_run
+from eyechart.models.prices import Prices
+from eyechart.report.table import Cell, Column, Table, columns
+from eyechart.studies import Took, is_episodes, names_of, run_json, study_of
+
+SUM = "sum"
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One run of a folder: its study, its episodes, told apart, and counts of calls.
+
+    ``scored`` calls have a reply, with a decision or without; ``counts`` has ``unparsed`` of these, ``failed`` calls,
+    which brought none, those still ``open``, and the ``probe`` calls before the run, which count nowhere else.
+    """
+
+    run: str
+    study: str
+    episodes: frozenset[tuple[str, ...]]
+    counts: Counter[str]
+
+
+def corpus_table(runs: Sequence[Path], prices: Prices) -> Table:
+    """Return a row a run with its calls and episodes, and their sum; a table without rows where no model was asked.
+
+    Episodes of one bank are counted once in the sum, however many runs ask about them.
+    """
+    arms = [
+        _arm(f"{name} · {part}" if part else name, path, study_of(run).took_run(path, prices))
+        for run, name in zip(runs, names_of(runs), strict=True)
+        for part, path in study_of(run).runs(run).items()
+    ]
+    arms = [one for one in arms if one.counts.total()]
+    counts = ("scored", "unparsed", "failed", "open", "probe")
+    rows: list[tuple[Cell, ...]] = [
+        (one.run, one.study, len(one.episodes), *(one.counts[what] for what in counts)) for one in arms
+    ]
+    if rows:
+        every = sum((one.counts for one in arms), Counter[str]())
+        episodes = frozenset[tuple[str, ...]]().union(*(one.episodes for one in arms))
+        rows.append((SUM, None, len(episodes), *(every[what] for what in counts)))
+    named = (Column("run"), Column("study", "word"), *columns("count", "episodes", *counts))
+    note = (
+        "scored: calls with a reply, of which unparsed hold no decision; probe: calls before a run, counted apart. "
+        "The sum counts an episode of a bank once"
+    )
+    return Table("corpus", "Queries and episodes by study and arm", named, tuple(rows), note)
+
+
+def _arm(name: str, run: Path, took: Took) -> Arm:
+    """Return what a run holds."""
+    counts = Counter[str]()
+    for account in (each[ALL] for each in took.accounts.values()):
+        failed = account.missing.get("error", 0)
+        counts["scored"] += account.finished - failed
+        counts["unparsed"] += sum(account.missing.values()) - failed
+        counts["failed"] += failed
+        counts["open"] += account.calls - account.finished
+    counts["probe"] = sum(one.calls for one in took.probes.values())
+    study = "drives" if is_episodes(run) else str(run_json(run).get("study") or "")
+    return Arm(name, study, _episodes(run, frozenset(took.accounts)), counts)
+
+
+def _episodes(run: Path, models: frozenset[str]) -> frozenset[tuple[str, ...]]:
+    """Return the episodes that models drove in a run, or those of the bank that it asks about."""
+    if not is_episodes(run):
+        manifest, bank = read_run(run)
+        return frozenset((manifest.fingerprint, frame.drive) for frame in bank)
+    driven = (one.key for one in read_episodes(run) if one.key.policy in models)
+    return frozenset((str(run.resolve()), *map(str, astuple(key))) for key in driven)

@@ -1,0 +1,115 @@
+"""Intervals of what is no share: each episode is left out once, and Student's t says how far these values reach."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.association import cramers_v_of_tables
+from eyechart.stats.statistic import Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
+
+LEAST_EPISODES = 6
+"""Of fewer episodes no interval but a share's is printed: none was measured to cover (benchmarks/long_coverage.py)."""
+
+_ALONE = "no interval: without one of the episodes nothing is left"
+
+FEW = f"an interval needs {LEAST_EPISODES} episodes or more"
+
+_UNSEEN = 0.5
+"""So much of an episode in which every answer is as frequent, whatever was shown, stands for what was not seen."""
+
+_SKEW = 0.35
+"""Ends are moved out by this share of the square of their distance, over what lies between the value and the bound.
+Measured, as the other is."""
+
+
+def over_tables(
+    tables: npt.ArrayLike, statistic: Callable[[Floats], Floats], most: float, *, level: float = 0.95
+) -> Statistic:
+    """Return a statistic of summed tables, such as information, V or entropy, with an interval over episodes.
+
+    ``tables``, shape (episodes, rows, columns), counts each episode; ``statistic`` maps (m, rows, columns) to (m,) and
+    lies between 0 and ``most``. Such a statistic is biased away from independence, and a resample more so: the interval
+    stands around the jackknife's value, which is not. Its width is that of the values without each episode, with
+    episodes - 1 degrees of freedom, and of what half an episode of answers that depend on nothing would change, so that
+    episodes which do not differ show no certainty. It always holds the value. ``n`` counts episodes; no interval below
+    `LEAST_EPISODES`. Source: Quenouille 1956, Tukey 1958.
+    """
+    counts = np.asarray(tables, dtype=np.float64)
+    episodes, method = len(counts), f"{100 * level:g}% interval over episodes (jackknife, t)"
+    whole = counts.sum(axis=0, keepdims=True)
+    value = float(statistic(whole)[0]) if episodes else np.nan
+    if np.isnan(value):
+        return cannot_say("the statistic is undefined on these episodes", episodes, method)
+    if episodes < LEAST_EPISODES:
+        return Statistic(value, episodes, method=method, note=FEW, level=level)
+    left = statistic(whole - counts)
+    if np.isnan(left).any():
+        return Statistic(value, episodes, method=method, note=_ALONE, level=level)
+    unseen = whole.sum(axis=2, keepdims=True) * (_UNSEEN / episodes / whole.shape[2])
+    moved = float(statistic(whole + unseen)[0]) - value
+    wide = _t(level, episodes - 1) * float(np.hypot(_error(left), moved))
+    middle = min(max(episodes * value - (episodes - 1) * float(left.mean()), 0.0), most)
+    below, above = (min(wide, _SKEW * wide**2 / max(room, 1e-9)) for room in (most - value, value))
+    ci = max(0.0, min(middle - wide - below, value)), min(max(middle + wide + above, value), max(most, value))
+    return Statistic(value, episodes, ci, method=method, level=level)
+
+
+def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 0.95) -> Statistic:
+    """Return Cramér's V of summed tables, ``value``, with its interval: that of its square, as `over_tables` makes it.
+
+    Yates' correction, which the paper's V of 2 × 2 tables carries, is a matter of the test: it makes a V of 0 of many
+    that are none. The interval is of the V without it, drawn out to the value where that lies below.
+    """
+    squared = over_tables(tables, lambda each: cramers_v_of_tables(each, correction=False) ** 2, 1.0, level=level)
+    if squared.ci is None:
+        return replace(squared, value=value)
+    low, high = map(math.sqrt, squared.ci)
+    return replace(squared, value=value, ci=(min(low, value), max(high, value)))
+
+
+def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: float = 0.95) -> Statistic:
+    """Return a statistic with an interval over episodes, where these are what may be left out.
+
+    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,), NaN where it is
+    undefined: a mean, or a difference of two runs. ``n`` counts episodes; no interval below `LEAST_EPISODES`, nor where
+    the episodes do not differ.
+    """
+    method = f"{100 * level:g}% interval over episodes (jackknife, t)"
+    value = float(statistic(np.ones((1, episodes)))[0]) if episodes else np.nan
+    if np.isnan(value):
+        return cannot_say("the statistic is undefined on these episodes", episodes, method)
+    if episodes < LEAST_EPISODES:
+        return Statistic(value, episodes, method=method, note=FEW, level=level)
+    left = statistic(1.0 - np.eye(episodes))
+    if np.isnan(left).any():
+        return Statistic(value, episodes, method=method, note=_ALONE, level=level)
+    wide = _t(level, episodes - 1) * _error(left)
+    if wide < 1e-12 * max(1.0, abs(value)):
+        return Statistic(value, episodes, method=method, note="no interval: the episodes do not differ", level=level)
+    return Statistic(value, episodes, (value - wide, value + wide), method=method, level=level)
+
+
+def mean_over_episodes(sums: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return the first sum over the second, of all episodes, with its interval; ``sums`` has shape (episodes, 2)."""
+    given = np.asarray(sums, dtype=np.float64).reshape(-1, 2)
+
+    def ratio(counts: Floats) -> Floats:
+        above, below = (counts @ given).T
+        return np.asarray(np.divide(above, below, out=np.full(len(below), np.nan), where=below > 0))
+
+    return over_counts(len(given), ratio, level=level)
+
+
+def _error(left: Floats) -> float:
+    return float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
+
+
+def _t(level: float, freedom: int) -> float:
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return float(special.stdtrit(freedom, (1 + level) / 2))

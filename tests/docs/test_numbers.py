@@ -1,0 +1,35 @@
+"""Numbers that pages say were measured are those of the committed results, which tell their version and date."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
+NUMBERS = tomllib.loads((Path(__file__).parent / "numbers.toml").read_text(encoding="utf-8"))["number"]
+
+
+@pytest.mark.parametrize("one", NUMBERS, ids=lambda one: f"{one['file']} {one['key']}")
+def test_a_number_on_a_page_is_that_of_its_result(one: dict[str, Any]) -> None:
+    """To as many places as the page prints."""
+    before, after = map(re.escape, one["says"].split("{}"))
+    found = re.findall(f"{before}([0-9][0-9 .]*){after}", (ROOT / one["page"]).read_text(encoding="utf-8"))
+    assert len(found) == 1, f"{one['page']} says {one['says']!r} {len(found)} times"
+    measured: Any = json.loads((RESULTS / one["file"]).read_text(encoding="utf-8"))
+    for part in one["key"].split("/"):
+        measured = measured[part]
+    told = found[0].replace(" ", "")
+    places = len(told.partition(".")[2])
+    assert float(told) == pytest.approx(round(measured * one.get("scale", 1), places), abs=1e-9)
+
+
+def test_every_result_tells_its_version_and_date() -> None:
+    """Or nobody knows of which eyechart a number is."""
+    for file in RESULTS.glob("*.json"):
+        text = file.read_text(encoding="utf-8")
+        assert re.search(r'"(version|eyechart|new)": "', text), file.name
+        assert re.search(r'"date": "20', text), file.name

@@ -1,0 +1,92 @@
+"""Intervals over episodes: they hold their own value, say no more than their parts, and show no false certainty."""
+
+import random
+
+import numpy as np
+import pytest
+
+from eyechart.calibrate import SETTINGS
+from eyechart.calibrate.known import KNOWN
+from eyechart.calibrate.replication import answers_of
+from eyechart.calibrate.world import make_world
+from eyechart.stats.association import information_of_tables
+from eyechart.stats.episodes import (
+    difference_over_episodes,
+    mean_of_shares,
+    median_over_episodes,
+    share_over_episodes,
+)
+from eyechart.stats.jackknife import FEW, association_interval, over_tables
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+
+
+def test_of_a_coin_the_interval_of_information_holds_none_and_its_own_value() -> None:
+    """In nearly every data set, where resamples of the same tables held neither."""
+    rng, held = np.random.default_rng(0), 0
+    for _ in range(60):
+        tables = rng.multinomial(3, np.full(5, 0.2), size=(12, 4)).astype(float)
+        found = over_tables(tables, information_of_tables, 2.0)
+        assert found.ci is not None
+        assert found.value is not None
+        assert found.ci[0] <= found.value <= found.ci[1]
+        held += found.ci[0] <= 0
+    assert held >= 57
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_interval_excludes_its_own_value(seed: int) -> None:
+    """Whatever the counts are, also where Yates' correction makes a V of 0."""
+    rng = random.Random(seed)  # noqa: S311 - no secret
+    draw = np.random.default_rng(seed)
+    episodes, rows, columns = rng.choice([2, 6, 12]), rng.choice([2, 4]), rng.choice([2, 5])
+    tables = draw.poisson(rng.choice([0.3, 2, 8]), (episodes, rows, columns)).astype(float)
+    tables[0, 0, 0] += 1
+    frames = draw.integers(1, 13, episodes)
+    one, other = (draw.binomial(frames, rng.choice([0, 0.1, 0.5, 1.0])) for _ in range(2))
+    found = [
+        over_tables(tables, information_of_tables, 3.0),
+        association_interval(tables, 0.0),
+        share_over_episodes(one, frames),
+        difference_over_episodes((one, frames), (other, frames)),
+        mean_of_shares((one, frames), (other, frames)),
+        median_over_episodes(draw.integers(0, 4, 5 * episodes), np.repeat(np.arange(episodes), 5)),
+    ]
+    for each in found:
+        if each.ci is not None and each.value is not None:
+            assert each.ci[0] <= each.value <= each.ci[1], each
+        else:
+            assert each.note, each
+
+
+def test_a_difference_to_nothing_has_the_interval_of_what_is_left() -> None:
+    """An IDI of 1 with s of 0 is one number, and has one interval."""
+    every, none = np.full(12, 12), np.zeros(12)
+    idi = share_over_episodes(every, every)
+    assert difference_over_episodes((every, every), (none, every)).ci == idi.ci
+
+
+def test_the_mean_of_two_shares_is_no_surer_than_they_are() -> None:
+    """Balanced accuracy beside a specificity of few frames."""
+    near, far = (np.full(12, 10), np.full(12, 11)), (np.full(12, 2), np.full(12, 2))
+    one, other, both = share_over_episodes(*near), share_over_episodes(*far), mean_of_shares(near, far)
+    assert one.ci is not None
+    assert other.ci is not None
+    assert both.ci == pytest.approx(((one.ci[0] + other.ci[0]) / 2, (one.ci[1] + other.ci[1]) / 2))
+
+
+def test_few_episodes_have_no_interval_and_the_reason() -> None:
+    """It was measured from six on."""
+    tables = np.ones((5, 2, 2))
+    for found in (over_tables(tables, information_of_tables, 1.0), association_interval(tables, 0.0)):
+        assert (found.ci, found.note) == (None, FEW)
+
+
+@pytest.mark.parametrize("name", ["noisy_depth", "refuse_blank", "truncating", "constant"])
+def test_no_statistic_of_a_score_excludes_its_own_value(name: str) -> None:
+    """Of every statistic that a battery has, of controllers of known answer."""
+    world = make_world(SETTINGS["default"], np.random.default_rng(1))
+    answered = answers_of(KNOWN[name], SETTINGS["default"], world, random.Random(1))  # noqa: S311 - no secret
+    for test, one in statistics_of(answered, Resampling(resamples=99)).items():
+        if one.ci is not None and one.value is not None:
+            assert one.ci[0] - 1e-12 <= one.value <= one.ci[1] + 1e-12, test
