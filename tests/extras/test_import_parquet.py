@@ -341,8 +341,6 @@ def spoil(root: Path, what: str) -> None:
         info["video_path"] = "../../{video_key}.mp4"
     if what == "no camera":
         del info["features"][CAMERA]
-    if what == "two cameras":
-        info["features"]["observation.images.rear"] = info["features"][CAMERA]
     (root / "meta/info.json").write_text(json.dumps(info))
     spoil_files(root, what)
 
@@ -372,11 +370,10 @@ def spoil_files(root: Path, what: str) -> None:
         ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
-        ("two cameras", "choose one with camera: observation.images.front, observation.images.rear"),
         ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),
         ("torn video", "cannot be read as a video (Invalid data found when processing input); where it is cut, or a"),
         ("pointer", "where it is cut, or a pointer of Git LFS, download it again"),
-        ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
+        ("short video", "file-001.mp4 ends at 1.100 s, and the data set has rows of "),
         ("no episodes", "holds no chunk-*/file-*.parquet"),
         ("no data", "holds no chunk-*/file-*.parquet"),
     ],
@@ -397,6 +394,9 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     lerobot(tmp_path / "set")
     with pytest.raises(SourceError, match=f"camera rear: .* there are {CAMERA}"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
+    arm(tmp_path / "two", inside=False)
+    with pytest.raises(SourceError, match=r"choose one with camera: observation\.images\.front, observation"):
+        import_lerobot(tmp_path / "two", tmp_path / "bank", ROBOT)
     bank = import_lerobot(tmp_path / "set", tmp_path / "short", ROBOT, camera="front")
     assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
@@ -459,7 +459,7 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
     arm(tmp_path / "set", inside=inside)
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4, "absolute"))
     assert check(bank.root) == []
-    assert [line for line in taken(bank) if line.startswith("warning: these numbers look like changes")]
+    assert not [line for line in taken(bank) if line.startswith("warning")]
     space = bank.manifest.motion
     assert space is not None
     assert (space.shape, space.kind, space.rate_hz) == ((4, 2), "absolute", 10.0)
@@ -530,9 +530,11 @@ def test_tasks_without_words_are_no_bank_without_an_instruction(
     arm(tmp_path / "set", inside=True)
     tasks(tmp_path / "set", words)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert "\n" not in str(refused.value)
-    named = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4))
+    named = import_lerobot(
+        tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4, "delta")
+    )
     assert {one for frame in named for one in frame.fields.values()} == {0, 1}
 
 
@@ -643,14 +645,26 @@ def test_a_kind_that_the_data_deny_is_taken_with_a_warning(tmp_path: Path, kind:
         assert bool(warned) is (changes is (looks == "changes"))
 
 
-def test_what_the_data_do_not_tell_is_as_the_names_say(tmp_path: Path) -> None:
-    """And the import says so, and what says it."""
-    reach(tmp_path / "set", {"action": ["a", "b"]})
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=9), ahead=Ahead(3))
+def test_what_the_data_do_not_tell_is_as_the_names_say_or_asked_for(tmp_path: Path) -> None:
+    """Names of the state's own numbers are places, and the import says so; of others nobody knows what they are."""
+    pa, pq = arrow()
+    for name, names in (("same", {}), ("others", {"action": ["a", "b"]})):
+        reach(tmp_path / name, names)
+        for path in sorted((tmp_path / name / "data").rglob("*.parquet")):
+            table = pq.read_table(path)
+            noise = np.random.default_rng(0).normal(size=(table.num_rows, 2)) * 0.7
+            states = np.array(table["observation.state"].to_pylist())
+            done = pa.array((states + noise * states.std(axis=0)).tolist())
+            table = table.set_column(table.schema.get_field_index("action"), "action", done)
+            pq.write_table(table, path)
+    bank = import_lerobot(tmp_path / "same", tmp_path / "bank", Choices(), ahead=Ahead(3))
     assert bank.manifest.motion is not None
-    assert bank.manifest.motion.kind == "delta"
-    (said,) = (line for line in taken(bank) if line.startswith("kind: delta, as the names say; the data do not tell"))
+    assert bank.manifest.motion.kind == "absolute"
+    (said,) = (line for line in taken(bank) if line.startswith("kind: absolute, as the names say; the data do not"))
     assert said.endswith("--kind says it")
+    with pytest.raises(SourceError, match=r"the data do not tell what the numbers of 'action' are .* say it with kind"):
+        import_lerobot(tmp_path / "others", tmp_path / "refused", Choices(), ahead=Ahead(3))
+    assert not (tmp_path / "refused").exists()
 
 
 def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tmp_path: Path) -> None:
@@ -669,15 +683,16 @@ def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tm
 
 
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:
-    """Numbers that no state is near to are changes, unless somebody says what they are."""
+    """Somebody says what numbers are that go along with no change of the state."""
     arm(tmp_path / "set", inside=True, width=1)
+    kinds: tuple[Kind, ...] = ("delta", "velocity")
     spaces = [
         import_lerobot(
-            tmp_path / "set", tmp_path / str(ahead.kind), Choices(), ahead=ahead, camera=CAMERA
+            tmp_path / "set", tmp_path / kind, Choices(), ahead=Ahead(2, kind), camera=CAMERA
         ).manifest.motion
-        for ahead in (Ahead(2), Ahead(2, "velocity"))
+        for kind in kinds
     ]
-    assert [one.kind for one in spaces if one is not None] == ["delta", "velocity"]
+    assert [one.kind for one in spaces if one is not None] == [*kinds]
     assert [one.shape for one in spaces if one is not None] == [(2, 1)] * 2
 
 
@@ -687,7 +702,7 @@ def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path:
         ("no action", "lists no feature 'action'"),
         ("no bytes", "has no bytes inside the data files"),
         ("no picture", "is damaged or no picture"),
-        ("no column", "cannot be read as Parquet"),
+        ("no column", "no camera has a picture"),
     ],
 )
 def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what: str, said: str) -> None:
@@ -703,9 +718,9 @@ def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what
         cells = {"no bytes": None, "no picture": b"GIF89a"}.get(what)
         column = pa.array([{"bytes": cells, "path": "x.png"}] * table.num_rows, table.schema.field(REAR).type)
         place = table.schema.get_field_index(REAR)
-        changed = table.remove_column(place) if what == "no column" else table.set_column(place, REAR, column)
+        changed = table.drop_columns([CAMERA, REAR]) if what == "no column" else table.set_column(place, REAR, column)
         pq.write_table(changed, path)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()
