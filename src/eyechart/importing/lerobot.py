@@ -18,9 +18,9 @@ from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Lay
 from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
-from eyechart.importing.reels import Embedded, Reel, Videos
+from eyechart.importing.reels import Embedded, Missing, Reel, Videos
 from eyechart.importing.tables import Table
-from eyechart.importing.timeline import NEAR, PLACES, Timeline
+from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
@@ -140,7 +140,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
     chosen = _chosen(cameras, lacking, camera, layout, every=every)
     said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
     tasks = layout.tasks()
-    timeline = Timeline(layout.root.resolve().name, info.fps, ["task_index"] if tasks else [])
+    timeline = Timeline(layout.root.resolve().name, info.fps, ["task_index"] if tasks else [], [])
     reels: dict[str, Reel] = {}
     for name in chosen:
         if info.features[name].dtype == "video":
@@ -382,7 +382,8 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
     task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
     count = sum(one.count for one in files)
     columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
-    data.timeline.needed[:] = [name for name in data.timeline.needed if name in columns]
+    for many in (data.timeline.needed, data.timeline.counted):
+        many[:] = [name for name in many if name in columns]
     return Table(data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count)
 
 
@@ -400,9 +401,7 @@ def _data_rows(
                 reads(done, count)
             if row := timeline.add(raw):
                 episode, step = (whole(row[name]) for name in PLACES.values())
-                task = (
-                    {TASK: data.tasks.get(whole(row["task_index"]) or 0, "")} if "task_index" in timeline.needed else {}
-                )
+                task = {TASK: data.tasks.get(whole(row.get("task_index")) or 0, "")} if data.tasks else {}
                 yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
             else:
                 yield row
@@ -415,16 +414,18 @@ def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> It
 
     A frame without the picture of a camera is left out, and said.
     """
-    reels, lacking = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[str]]()
+    reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[Missing]]()
     for frame, *pictures in zip(frames, *reels, strict=True):
-        shown = {one.name: picture for one, picture in zip(frame.cameras, pictures, strict=True) if picture is not None}
+        shown = {}
+        for one, picture in zip(frame.cameras, pictures, strict=True):
+            if isinstance(picture, Missing):
+                missed.setdefault(one.name, []).append(picture)
+            else:
+                shown[one.name] = picture
         if len(shown) == len(pictures):
             yield frame, shown, {}
-        for one in frame.cameras:
-            if one.name not in shown:
-                lacking.setdefault(one.name, []).append(frame.id)
-    for name, missed in lacking.items():
-        what = f"the video of '{name}' shows nothing within {NEAR:g} of a frame of their timestamp"
-        if len(missed) == len(frames):
-            raise SourceError(f"no frame is left: {what}")
-        data.said.append(f"{len(missed)} of {len(frames)} frames are left out, as '{missed[0]}': {what}")
+    for name, many in missed.items():
+        said = f"{len(many)} of {len(frames)} frames are left out: '{name}' has no picture of them ({many[0].why})"
+        if len(many) == len(frames):
+            raise SourceError(said)
+        data.said.append(said)

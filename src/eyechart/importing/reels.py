@@ -21,7 +21,19 @@ _SEEK_S = 2.0
 _SURE = 0.75
 """A video that declares its end this share of a picture behind a second shows one there."""
 _AGAIN = "download it again, or, in a clone, run 'git lfs pull'"
+_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"}
+"""What FFmpeg may open: films, and no list that names other files or addresses to play."""
 _PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A picture that is not there, or that cannot be shown, and why."""
+
+    why: str
+
+
+Picture = bytes | Missing
 
 
 @dataclass(frozen=True)
@@ -35,8 +47,8 @@ class Videos:
     clips: Mapping[int, Clip]
     timeline: Timeline
 
-    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[bytes | None]:
-        """Yield each frame's picture as PNG, None where the video shows none near its second.
+    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
+        """Yield each frame's picture as PNG, or that the video shows none near its second.
 
         Raises SourceError where the video cannot be read, or ends before its rows do.
         """
@@ -65,41 +77,48 @@ class Embedded:
     files: Sequence[Path]
     column: str
 
-    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[bytes | None]:
-        """Yield the pictures of these rows, which rise from 1 through all files, as PNG."""
+    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
+        """Yield the pictures of these rows, which rise from 1 through all files, as PNG, or why one is none."""
         found = binary_cells(self.files, f"{self.column}.bytes", rows)
         for frame, picture in zip(frames, found, strict=True):
             what = f"{self.column} of {frame.id}"
             if picture is None:
-                raise SourceError(f"'{what}' has no bytes inside the data files; write the data set with its pictures")
-            if len(picture) > MAX_IMAGE_BYTES:
-                raise SourceError(f"'{what}' has {len(picture)} bytes; the limit is {MAX_IMAGE_BYTES}")
-            try:
-                pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
-            except BankError as error:
-                raise SourceError(str(error)) from error
-            yield picture if not done and picture.startswith(_PNG) else encode(pixels)
+                yield Missing(f"'{what}' has no bytes inside the data files")
+            elif len(picture) > MAX_IMAGE_BYTES:
+                yield Missing(f"'{what}' has {len(picture)} bytes; the limit is {MAX_IMAGE_BYTES}")
+            else:
+                yield _plain(picture, what)
 
 
 Reel = Videos | Embedded
 
 
-def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) -> Iterator[bytes | None]:
-    """Yield for each of the rising ``times`` the nearest picture of a video, None where none is within ``near_s``.
+def _plain(picture: bytes, what: str) -> Picture:
+    """Return a picture of a data file as PNG of red, green and blue; what cannot be read is missing."""
+    try:
+        pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
+    except BankError as error:
+        return Missing(str(error))
+    return picture if not done and picture.startswith(_PNG) else encode(pixels)
+
+
+def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) -> Iterator[Picture]:
+    """Yield for each of the rising ``times`` the nearest picture of a video, or that none is within ``near_s``.
 
     Raises SourceError where the video ends before ``end_s``.
     """
     av = require("av", "PyAV", "lerobot")
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=_ALONE) as container:
             stream = container.streams.video[0]
+            stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
             if stream.width * stream.height > MAX_PIXELS:
                 raise SourceError(f"{path} has {stream.width}×{stream.height} pixels; the limit is {MAX_PIXELS}")
             _require_end(container, stream, path, end_s - near_s)
             shown = _Shown(container, stream)
             for time_s in times:
                 far, picture = shown.nearest(time_s)
-                yield _encoded(picture) if far <= near_s else None
+                yield _encoded(picture, path) if far <= near_s else Missing(f"{path} shows nothing at {time_s:.3f} s")
     except (av.FFmpegError, OSError, IndexError) as error:
         said = error.strerror if isinstance(error, (av.FFmpegError, OSError)) else None
         why = said or str(error).partition("\n")[0]
@@ -108,7 +127,9 @@ def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) ->
         ) from error
 
 
-def _encoded(picture: Any) -> bytes:  # noqa: ANN401 - of PyAV
+def _encoded(picture: Any, path: Path) -> bytes:  # noqa: ANN401 - of PyAV
+    if picture.width * picture.height > MAX_PIXELS:
+        raise SourceError(f"{path} has {picture.width}×{picture.height} pixels; the limit is {MAX_PIXELS}")
     return encode(np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8))
 
 

@@ -5,7 +5,7 @@ from array import array
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 from eyechart.errors import SourceError
@@ -49,13 +49,14 @@ class _Left:
 class Timeline:
     """Takes note of when each row was, leaves out rows that cannot be read, and refuses those that contradict others.
 
-    ``needed`` are the columns that have to be numbers up to `LARGEST`; ``left`` has by column the rows that
-    are left out, ``emptied`` by column the other cells that no bank can hold. ``times`` has the second of each row
-    in its episode, NaN where it is left out.
+    ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have to be whole.
+    ``left`` has the rows that are left out by column, ``emptied`` the other cells that no bank can hold, ``times`` the
+    second of each row in its episode, NaN where it is left out.
     """
 
     name: str
     fps: float
+    counted: list[str]
     needed: list[str]
     times: "array[float]" = field(default_factory=lambda: array("d"))
     left: dict[str, _Left] = field(default_factory=dict)
@@ -74,7 +75,8 @@ class Timeline:
         if episode is None or step is None:
             return self._leave(str(bad), row)
         time_s = self._second(row, episode, step)
-        bad = TIME if time_s is None else next((name for name in self.needed if not _is_number(row.get(name))), None)
+        wrong = [TIME] if time_s is None else [name for name in self.counted if whole(row.get(name)) is None]
+        bad = next(chain(wrong, (name for name in self.needed if not _is_number(row.get(name)))), None)
         if bad is not None:
             return self._leave(bad, row)
         self.times[-1] = math.nan if time_s is None else time_s
