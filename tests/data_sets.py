@@ -96,12 +96,12 @@ def lerobot(root: Path, *, episodes: int = 8, length: int = 10, fps: int = 10, v
     return gaps
 
 
-def arm(root: Path, *, inside: bool, width: int = 2) -> None:
+def arm(root: Path, *, inside: bool, width: int = 2, episodes: int = 8, length: int = 10) -> None:
     """Make a robot's of `lerobot`: a second camera and actions of so many numbers; pictures ``inside`` the data.
 
     The actions count up, and are changes by what the data tell.
     """
-    lerobot(root)
+    lerobot(root, episodes=episodes, length=length)
     info = json.loads((root / "meta/info.json").read_text())
     info["features"][REAR] = dict(info["features"][CAMERA])
     names = {"motors": ["gap", "speed"]} if width == 2 else None

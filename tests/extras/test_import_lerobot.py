@@ -453,9 +453,9 @@ def test_a_film_is_no_list_of_others(tmp_path: Path) -> None:
 
 
 TEMPLATES = (
-    "{chunk_index:>3000000000}",
-    "{chunk_index:.999999999f}",
-    "{chunk_index:0999999999d}",
+    "{chunk_index:>30000000}",
+    "{chunk_index:.9999999f}",
+    "{chunk_index:09999999d}",
     "{chunk_index[0]}",
     "{video_key[abc]}",
     "videos/{video_key.__class__.__mro__}",

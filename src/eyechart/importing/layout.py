@@ -67,7 +67,7 @@ class Feature(msgspec.Struct, frozen=True):
     @property
     def is_grey(self) -> bool:
         """Return whether its pictures have one channel."""
-        return isinstance(self.shape, list) and len(self.shape) == 3 and 1 in {self.shape[0], self.shape[2]}
+        return isinstance(self.shape, list) and len(self.shape) == 3 and 1 in (self.shape[0], self.shape[2])
 
     @property
     def size(self) -> tuple[int, ...]:
