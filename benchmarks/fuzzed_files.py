@@ -3,10 +3,10 @@
     make long-fuzz
     python benchmarks/fuzzed_files.py --files 100000 --wholes 300
 
-Ledgers, modes, prompts, tables and frozen guardians, so many of each; whole bundles, banks and data sets. A mutation follows from
-its number. An interrupted measurement goes on where its result stands, and one of this version that is committed too;
-``--anew`` begins with the first mutation. Writes ``benchmarks/results/fuzz.json``; exit 1 where anything was wrong. The
-process may take no more than ``MOST_BYTES`` of addresses: what needs more is wrong.
+Ledgers, modes, prompts, tables and frozen guardians, so many of each; whole bundles, banks and data sets. A mutation
+follows from its number. An interrupted measurement goes on where its result stands, and one of this version that is
+committed too; ``--anew`` begins with the first mutation. Writes ``benchmarks/results/fuzz.json``; exit 1 where anything
+was wrong. The process may take no more than ``MOST_BYTES`` of addresses: what needs more is wrong.
 """
 
 import argparse

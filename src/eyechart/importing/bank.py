@@ -611,9 +611,14 @@ def taken(bank: FrameBank) -> list[str]:
         lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
     if again := settings.get(REPEATS):
         lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
+    return [*lines, *_said(settings)]
+
+
+def _said(settings: Mapping[str, object]) -> Iterator[str]:
+    """Yield what an import said of the kind of its motions, and of what it left out."""
     told = settings.get(KIND)
-    warned, left = told.get("said") if isinstance(told, dict) else None, settings.get(SAID)
-    return [*lines, *(str(one) for many in (warned, left) if isinstance(many, list) for one in many)]
+    for many in (told.get("said") if isinstance(told, dict) else None, settings.get(SAID)):
+        yield from map(str, many if isinstance(many, list) else ())
 
 
 def costs(bank: FrameBank) -> list[str]:

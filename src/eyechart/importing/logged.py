@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from eyechart.errors import SourceError, SpecError, meant
 from eyechart.importing.cells import Cell, Row, read_part
@@ -20,6 +21,8 @@ LEAST_TOLD = 10
 """Rows with a motion and a state below which the data do not tell what a motion is."""
 PLACES_BELOW, CHANGES_ABOVE = 0.5, 1.0
 """Numbers that stay this near to the state, in units of their spread, are places; farther away they are none of it."""
+MOST_TOLD = 100_000
+"""Rows by which it is told; the log goes on."""
 LEAST_WALKED = 30
 """Steps with a state before and behind below which the data do not tell whether numbers are its changes."""
 FOLLOWS, ALIKE, LEAST_SHARE = 0.6, 0.9, 0.3
@@ -215,7 +218,11 @@ def tell(walks: Iterable[Walk], named: Sequence[int | None]) -> Told:
     as many; where they do not follow that, or there are not, with the number of the state that each follows most
     closely.
     """
-    every = [*walks]
+    every: list[Walk] = []
+    for one in walks:
+        every.append(one)
+        if sum(len(each.done) for each in every) > MOST_TOLD:
+            break
     return replace(_near(every, named), **_followed(every))
 
 
@@ -264,7 +271,7 @@ def _followed(walks: Sequence[Walk]) -> dict[str, Any]:
     walked = sum(len(one.done) - 1 for one in long)
     if walked < LEAST_WALKED:
         return {"walked": walked}
-    varies = np.concatenate([one.done for one in long]).std(axis=0) > _STILL
+    varies: npt.NDArray[np.bool_] = np.asarray(np.concatenate([one.done for one in long]).std(axis=0) > _STILL)
     if not varies.any():
         return {"walked": walked}
     change = _closest([[one.moved(width) for one in long] for width in WINDOWS])
@@ -285,7 +292,8 @@ def _alike(done: Floats, states: Floats) -> Floats:
     """Return the correlation of each number with each one of the state, shape (numbers, d); 0 of what does not vary."""
     one, other = (many - many.mean(axis=0) for many in (done, states))
     norms = np.sqrt((one**2).sum(axis=0))[:, None] * np.sqrt((other**2).sum(axis=0))[None]
-    return np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
+    found: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
+    return found
 
 
 class Log:
@@ -344,7 +352,7 @@ class Log:
                 else np.empty((len(steps), 0))
                 for many in (self._numbers, self._states)
             )
-            whole = np.isfinite(states).all(axis=1)
+            whole = np.asarray(np.isfinite(states).all(axis=1))
             cuts = np.flatnonzero((np.diff(np.frombuffer(steps, dtype=np.float64)) != 1) | ~whole[1:] | ~whole[:-1]) + 1
             yield from map(Walk, np.split(done, cuts), np.split(states, cuts))
 

@@ -165,10 +165,11 @@ class Timeline:
         """Raise SourceError where stretches of a video overlap, or rows go on behind the end of theirs."""
         if lacking := [episode for episode in self._episodes if episode not in clips]:
             raise SourceError(f"{meta} does not say where the video of episode {lacking[0]} of '{camera}' is")
-        stretches = sorted(
-            (one.video, one.start_s + known.first_s, one.start_s + known.time_s, episode)
+        stretches: list[tuple[str, float, float, int]] = sorted(
+            (clip.video, clip.start_s + known.first_s, clip.start_s + known.time_s, episode)
             for episode, known in self._episodes.items()
-            if math.isfinite(known.time_s) and (one := clips[episode])
+            for clip in [clips[episode]]
+            if math.isfinite(known.time_s)
         )
         for (video, _, end, before), (again, start, _, episode) in pairwise(stretches):
             if video == again and start - end < _HALF / self.fps:
