@@ -47,7 +47,7 @@ help:
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-falls   the tests of what fell in 0.2.0.dev0, on its source and on today's: each fails there, and passes now"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
-	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
+	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles, banks and data sets: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
@@ -189,7 +189,7 @@ long-replies: $(CORE)
 long-faults: $(CORE)
 	$(BIN)/python benchmarks/broken_roads_run.py
 
-long-fuzz: $(CORE)
+long-fuzz: $(MODELS)
 	$(BIN)/python benchmarks/fuzzed_files.py
 
 long-endpoints: $(CORE)

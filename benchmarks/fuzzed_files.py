@@ -3,10 +3,10 @@
     make long-fuzz
     python benchmarks/fuzzed_files.py --files 100000 --wholes 300
 
-Ledgers, modes, prompts, tables and frozen guardians, so many of each; whole bundles and banks. A mutation follows from
-its number. An interrupted measurement goes on where its result stands, and one of this version that is committed too;
-``--anew`` begins with the first mutation. Writes ``benchmarks/results/fuzz.json``; exit 1 where anything was wrong. The
-process may take no more than ``MOST_BYTES`` of addresses: what needs more is wrong.
+Ledgers, modes, prompts, tables and frozen guardians, so many of each; whole bundles, banks and data sets. A mutation
+follows from its number. An interrupted measurement goes on where its result stands, and one of this version that is
+committed too; ``--anew`` begins with the first mutation. Writes ``benchmarks/results/fuzz.json``; exit 1 where anything
+was wrong. The process may take no more than ``MOST_BYTES`` of addresses: what needs more is wrong.
 """
 
 import argparse
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests")]
 
 import eyechart  # noqa: E402
-from mutated_files import subjects, wholes  # noqa: E402 - of the tests, whose short form reads the same
+from mutated_files import data_set, subjects, wholes  # noqa: E402 - of the tests, whose short form reads the same
 
 RESULT = ROOT / "benchmarks" / "results" / "fuzz.json"
 PART, WHOLE_PART = 2_000, 10
@@ -46,7 +46,8 @@ def main() -> int:
         (home / "whole").mkdir()
         kinds = {name: (one.wrong, asked.files, PART) for name, one in subjects(single).items()}
         if asked.wholes:
-            kinds |= {name: (one, asked.wholes, WHOLE_PART) for name, one in wholes(home / "whole").items()}
+            every = {**wholes(home / "whole"), "data sets": data_set(home / "sets")}
+            kinds |= {name: (one, asked.wholes, WHOLE_PART) for name, one in every.items()}
         while left := [name for name, (_, most, _) in kinds.items() if kept.get(name, {"read": 0})["read"] < most]:
             for name in left:  # in turn, so that a measurement that is cut has some of every kind
                 wrong, most, part = kinds[name]

@@ -2,23 +2,26 @@
 
 import hashlib
 import json
+import os
 import random
 import shutil
 import sqlite3
 import warnings
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import banks
+import data_sets
 import stand_ins
 from bundles import repacked
 from eyechart.bundle import validate, write_bundle
 from eyechart.calls import CallKey, Reply
 from eyechart.errors import EyechartError
 from eyechart.frames import check
+from eyechart.importing import Ahead, Choices, import_lerobot
 from eyechart.importing.tables import open_table
 from eyechart.ledger import Ledger
 from eyechart.modes import read_mode
@@ -258,3 +261,57 @@ def wholes(work: Path) -> dict[str, Callable[[int, Path], str | None]]:
         return failure(lambda: check(folder), f"banks {number}")
 
     return {"bundles": bundles, "banks": whole_banks}
+
+
+def data_set(work: Path) -> Callable[[int, Path], str | None]:
+    """Return what breaks and imports whole LeRobotDatasets, by number and a folder; it needs pyarrow and PyAV."""
+    for inside in (False, True):
+        data_sets.arm(work / str(inside), inside=inside, episodes=2, length=6)
+
+    def wrong(number: int, folder: Path) -> str | None:
+        dice = random.Random(f"data set {number}")  # noqa: S311 - which mutation, no secret
+        root = folder / "set"
+        shutil.copytree(work / str(dice.random() < 0.5), root)
+        (folder / "elsewhere").write_text("of another")
+        for _ in range(dice.randint(1, 2)):
+            in_data_set(root, dice)
+        ahead = Ahead(2, dice.choice((None, "delta")))
+        choices = Choices(every=dice.choice((1, 3)))
+        return failure(lambda: import_lerobot(root, folder / "bank", choices, ahead=ahead), f"data sets {number}")
+
+    return wrong
+
+
+def in_data_set(root: Path, dice: random.Random) -> None:
+    """Change one file of a data set: what info.json says, cells of a column, its name or its bytes, or what it is."""
+    path = dice.choice(sorted(one for one in root.rglob("*") if one.is_file() and not one.is_symlink()))
+    kind, info = dice.random(), root / "meta/info.json"
+    if kind < 0.1:
+        path.unlink()
+        dice.choice((os.mkfifo, path.__class__.mkdir, lambda one: one.symlink_to(root.parent / "elsewhere")))(path)
+    elif kind < 0.2:
+        path.write_bytes(cut_or_insert(path.read_bytes(), dice))
+    elif kind < 0.5 and info.is_file():
+        with suppress(OSError, ValueError, RecursionError):  # it is no JSON already
+            info.write_bytes(in_json(info.read_bytes(), dice))
+    elif path.suffix == ".parquet":
+        with suppress(
+            OSError, ValueError, TypeError, ArithmeticError, NotImplementedError
+        ):  # it is broken already, or pyarrow cannot write what was chosen
+            data_sets.rewrite(path, lambda rows: other_cells(rows, dice))
+
+
+def other_cells(rows: list[dict[str, Any]], dice: random.Random) -> list[dict[str, Any]]:
+    """Return rows that are in another order or fewer, or with other cells in a column, or another name of it."""
+    name, kind = dice.choice([*rows[0]]), dice.randrange(6)
+    if kind == 0:
+        return [*rows, *dice.sample(rows, 1)]
+    if kind == 1:
+        return dice.sample(rows, dice.randint(1, len(rows)))
+    if kind == 2:
+        return [{f"{one}x" if one == name else one: cell for one, cell in row.items()} for row in rows]
+    strange = dice.choice((*STRANGE, 0.5, 2**62, -0.0, 1e-308, "9" * 5_000, None, [float("nan")] * 2, [None, 1.0]))
+    if kind == 3:
+        return [row | {name: strange} for row in rows]
+    rows[dice.randrange(len(rows))][name] = dice.choice((strange, dice.choice(rows)[name], dice.choice(rows)[name]))
+    return rows

@@ -21,7 +21,7 @@ from eyechart.errors import SourceError, SpecError
 from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.importing.costs import taken
-from eyechart.importing.logged import tell
+from eyechart.importing.logged import Told, Walk, tell
 from eyechart.importing.notes import notes
 from eyechart.importing.repeats import repeats
 from eyechart.simulators import open_bank_simulator
@@ -122,18 +122,15 @@ def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) ->
     assert bank.manifest.picture == "pictures of 2 cameras (front, side)"
 
 
-def moments(done: np.ndarray, states: np.ndarray) -> list[Frame]:
-    """Return a frame for each row of numbers that were done from a state."""
-    camera = alone("none")
-    return [
-        Frame(str(number), "all", "1", number, camera, {}, {}, {}, {}, {"state": tuple(state)}, (tuple(one),))
-        for number, (one, state) in enumerate(zip(done.tolist(), states.tolist(), strict=True))
-    ]
-
-
 RNG = np.random.default_rng(0)
 STATES = np.cumsum(RNG.normal(size=(200, 3)), axis=0)
 AHEAD = STATES + RNG.normal(scale=0.1, size=STATES.shape)
+CHANGES = np.diff(STATES, axis=0, append=STATES[-1:])
+
+
+def told(done: np.ndarray, states: np.ndarray, named: Sequence[int | None]) -> Told:
+    """Return what a log of one episode says."""
+    return tell([Walk(done, states)], named)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +140,7 @@ AHEAD = STATES + RNG.normal(scale=0.1, size=STATES.shape)
         (AHEAD[:, ::-1], (None, None, None), "absolute", (2, 1, 0)),
         (AHEAD[:, [2, 0]], (None, None), "absolute", (2, 0)),
         (AHEAD[:, ::-1], (2, 1, 0), "absolute", (2, 1, 0)),
-        (AHEAD - STATES, (None, None, None), "delta", (None, None, None)),
+        (CHANGES, (None, None, None), "delta", (None, None, None)),
         (np.ones((200, 3)), (None, None, None), None, (None, None, None)),
         (AHEAD[:9], (None, None, None), None, (None, None, None)),
     ],
@@ -152,30 +149,91 @@ def test_the_data_tell_places_from_changes(
     done: np.ndarray, named: tuple[int | None, ...], kind: str | None, pairs: tuple[int | None, ...]
 ) -> None:
     """By how near the numbers stay to the state that they follow: named, of the same place, or the nearest."""
-    found = tell(moments(done, STATES[: len(done)]), named)
+    found = told(done, STATES[: len(done)], named)
     assert (found.kind, found.pairs) == (kind, pairs)
 
 
-@pytest.mark.parametrize(("done", "kind"), [(AHEAD, "absolute"), (AHEAD - STATES, "delta")])
+@pytest.mark.parametrize(("done", "kind"), [(AHEAD, "absolute"), (CHANGES, "delta")])
 @pytest.mark.parametrize("still", [1, 2])
 def test_numbers_of_a_state_that_stand_still_tell_nothing(done: np.ndarray, kind: str, still: int) -> None:
-    """And keep nothing back that the others tell, be they one or most; nothing is told where all stand still."""
+    """And keep nothing back that the others tell, while these are a third; nothing is told where all stand still."""
     states = STATES.copy()
     states[:, -still:] = 1.0
-    found = tell(moments(done, states), (0, 1, 2))
+    found = told(done, states, (0, 1, 2))
     assert (found.kind, found.pairs, found.count) == (kind, (0, 1, 2), 3 - still)
-    found = tell(moments(done, np.ones_like(states)), (0, 1, 2))
+    found = told(done, np.ones_like(states), (0, 1, 2))
     assert (found.ratio, found.kind, found.count) == (None, None, 0)
 
 
 def test_what_lies_between_places_and_changes_is_not_told() -> None:
     """Nor anything without a state."""
     noise = RNG.normal(size=STATES.shape) * STATES.std(axis=0)
-    found = tell(moments(STATES + noise, STATES), (0, 1, 2))
+    found = told(STATES + noise, STATES, (0, 1, 2))
     assert found.ratio is not None
     assert 0.5 <= found.ratio <= 1
     assert found.kind is None
-    assert tell(moments(AHEAD, np.empty((200, 0))), (None,) * 3).ratio is None
+    assert told(AHEAD, np.empty((200, 0)), (None,) * 3).ratio is None
+
+
+Logs = tuple[np.ndarray, np.ndarray]
+"""States and what was done from each."""
+
+
+def joints_of(hand: np.ndarray) -> np.ndarray:
+    """Return the joints of a made-up arm whose hand is at these places, (n, 3), as no straight lines of them."""
+    x, y, z = hand.T
+    away = np.linalg.norm(hand, axis=1)
+    return np.stack([np.arctan2(y, x), np.arccos(np.clip(away, -1, 1)), 3 * z - away, np.sin(5 * x), np.cos(4 * y)], 1)
+
+
+def turned(hand: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return unit quaternions, each with a sign of its own: both signs are one rotation."""
+    whole = np.concatenate([np.ones((len(hand), 1)), 3 * hand], axis=1)
+    whole *= rng.choice([-1.0, 1.0], size=(len(hand), 1))
+    return whole / np.linalg.norm(whole, axis=1, keepdims=True)
+
+
+def scaled(hand: np.ndarray, rng: np.random.Generator) -> Logs:
+    """Return changes in units of 5 cm, and two numbers that follow nothing."""
+    steps = np.clip(np.diff(hand, axis=0) / 0.05, -1, 1)
+    return hand[:-1], np.concatenate([steps, rng.normal(size=(len(steps), 2))], axis=1)
+
+
+def next_turned(hand: np.ndarray, rng: np.random.Generator) -> Logs:
+    """Return the rotation that comes next, with the sign that it has there."""
+    every = turned(hand, rng)
+    return every[:-1], every[1:]
+
+
+CONVENTIONS: dict[str, tuple[Callable[[np.ndarray, np.random.Generator], Logs], str | None]] = {
+    "changes": (lambda hand, _: (hand[:-1], np.diff(hand, axis=0)), "delta"),
+    "changes in other units": (scaled, "delta"),
+    "changes made two steps later": (lambda hand, _: (hand[:-3], np.diff(hand, axis=0)[2:]), "delta"),
+    "velocities": (lambda hand, _: (joints_of(hand)[:-1], 10 * np.diff(joints_of(hand), axis=0)), "delta"),
+    "places of the leader": (lambda hand, _: (joints_of(hand)[:-4], joints_of(hand)[4:]), "absolute"),
+    "poses beside joints": (lambda hand, _: (joints_of(hand)[:-1], hand[1:]), None),
+    "radians beside degrees": (lambda hand, _: (np.degrees(joints_of(hand))[:-1], joints_of(hand)[1:]), None),
+    "rotations of either sign": (lambda hand, rng: (turned(hand[:-1], rng), turned(hand[1:], rng)), None),
+    "the next rotation": (next_turned, None),
+    "nothing of the state": (lambda hand, rng: (hand[:-1], rng.normal(size=(len(hand) - 1, 3))), None),
+}
+
+
+@pytest.mark.parametrize("way", ["even", "smooth", "slowing down"])
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_changes_have_evidence_of_their_own(name: str, way: str) -> None:
+    """That numbers are far from the state says nothing of what else they are: places of another frame, or unit."""
+    convention, kind = CONVENTIONS[name]
+    rng, walks = np.random.default_rng(3), []
+    time = np.linspace(0, 1, 31)
+    ways = {"even": time, "smooth": time**3 * (10 - 15 * time + 6 * time**2), "slowing down": 1 - np.exp(-3 * time)}
+    for _ in range(12):
+        goal = rng.uniform(-0.2, 0.2, 3) + np.array([0.4, 0, 0.2])
+        start = np.array([0.3, 0, 0.4]) + 0.02 * rng.normal(size=3)
+        hand = start + (goal - start) * ways[way][:, None] + 0.001 * rng.normal(size=(31, 3))
+        states, done = convention(hand, rng)
+        walks.append(Walk(done, states))
+    assert tell(walks, (None,) * walks[0].done.shape[1]).kind == kind
 
 
 def test_a_rig_whose_kind_the_data_deny_is_warned_of(tmp_path: Path) -> None:

@@ -6,16 +6,16 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import parquets
 import photographs
+from data_sets import CAMERA, REAR, arm, arrow, film, lerobot, reach, write_table
 from eyechart.channels import conditions_of, reflected, show
 from eyechart.errors import BankError, SourceError, SpecError
-from eyechart.frames import FrameBank, check, decode, encode, open_bank
+from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
 from eyechart.importing.costs import taken
 from eyechart.importing.notes import notes
@@ -27,25 +27,8 @@ from eyechart.verdicts import judge
 
 pytestmark = pytest.mark.models
 
-CAMERA, REAR = "observation.images.front", "observation.images.rear"
 PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=18.0, unit="m", picture="forward camera of a rover")
-
-
-def arrow() -> tuple[Any, Any]:
-    """Return pyarrow and its Parquet part."""
-    import pyarrow as pa  # noqa: PLC0415 - an extra
-    import pyarrow.parquet as pq  # noqa: PLC0415 - an extra
-
-    return pa, pq
-
-
-def write_table(path: Path, columns: dict[str, object], **options: object) -> Path:
-    """Write columns as a Parquet file."""
-    pa, pq = arrow()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pq.write_table(pa.table(columns), path, **options)
-    return path
 
 
 def columns_of(rows: list[photographs.Row]) -> dict[str, object]:
@@ -230,72 +213,6 @@ def test_a_file_that_is_no_parquet_is_one_line(photos: Path, tmp_path: Path) -> 
         assert not (tmp_path / "bank").exists()
 
 
-def film(path: Path, gaps: list[float | None], fps: int) -> None:
-    """Write a small video: one drawn picture a frame."""
-    import av  # noqa: PLC0415 - an extra
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=fps)
-        stream.width, stream.height, stream.pix_fmt = photographs.SIZE[1], photographs.SIZE[0], "yuv420p"
-        stream.bit_rate = 4_000_000
-        for gap in gaps:
-            picture = av.VideoFrame.from_ndarray(photographs.draw(gap), format="rgb24")
-            container.mux(stream.encode(picture))
-        container.mux(stream.encode())
-
-
-def lerobot(root: Path, *, episodes: int = 8, length: int = 10, fps: int = 10, version: str = "v3.0") -> list[float]:
-    """Write a LeRobotDataset v3: two video files of half of the episodes each, one data file each; return the gaps."""
-    rng, gaps, meta = np.random.default_rng(1), [], []
-    half = episodes // 2
-    for file in range(2):
-        inside = [round(float(gap), 2) for gap in rng.uniform(3, 60, half * length)]
-        gaps += inside
-        film(root / f"videos/{CAMERA}/chunk-000/file-{file:03d}.mp4", list(inside), fps)
-        numbers = [file * half + episode for episode in range(half) for _ in range(length)]
-        steps = list(range(length)) * half
-        data = {
-            "observation.state": [[gap, 1.0] for gap in inside],
-            "timestamp": np.array([step / fps for step in steps], dtype=np.float32),
-            "frame_index": steps,
-            "episode_index": numbers,
-            "index": [file * half * length + place for place in range(half * length)],
-            "task_index": [number % 2 for number in numbers],
-        }
-        write_table(root / f"data/chunk-000/file-{file:03d}.parquet", data)
-        meta += [
-            {
-                "episode_index": file * half + episode,
-                "data/chunk_index": 0,
-                "data/file_index": file,
-                f"videos/{CAMERA}/chunk_index": 0,
-                f"videos/{CAMERA}/file_index": file,
-                f"videos/{CAMERA}/from_timestamp": episode * length / fps,
-                f"videos/{CAMERA}/to_timestamp": (episode + 1) * length / fps,
-                "tasks": ["drive"],
-                "length": length,
-            }
-            for episode in range(half)
-        ]
-    write_table(
-        root / "meta/episodes/chunk-000/file-000.parquet", {name: [one[name] for one in meta] for name in meta[0]}
-    )
-    write_table(root / "meta/tasks.parquet", {"task_index": [0, 1], "__index_level_0__": ["cross the yard", "park"]})
-    info = {
-        "codebase_version": version,
-        "fps": fps,
-        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-        "features": {
-            CAMERA: {"dtype": "video", "shape": [*photographs.SIZE, 3], "names": ["height", "width", "channels"]},
-            "observation.state": {"dtype": "float32", "shape": [2], "names": ["gap", "speed"]},
-        },
-    }
-    (root / "meta/info.json").write_text(json.dumps(info))
-    return gaps
-
-
 ROBOT = Choices(
     columns={"gap": "observation.state.gap", "scenario": "task"}, mirror="horizontal", threshold=18.0, unit="m"
 )
@@ -341,8 +258,6 @@ def spoil(root: Path, what: str) -> None:
         info["video_path"] = "../../{video_key}.mp4"
     if what == "no camera":
         del info["features"][CAMERA]
-    if what == "two cameras":
-        info["features"]["observation.images.rear"] = info["features"][CAMERA]
     (root / "meta/info.json").write_text(json.dumps(info))
     spoil_files(root, what)
 
@@ -372,11 +287,10 @@ def spoil_files(root: Path, what: str) -> None:
         ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
-        ("two cameras", "choose one with camera: observation.images.front, observation.images.rear"),
         ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),
         ("torn video", "cannot be read as a video (Invalid data found when processing input); where it is cut, or a"),
         ("pointer", "where it is cut, or a pointer of Git LFS, download it again"),
-        ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
+        ("short video", "file-001.mp4 ends at 1.100 s, and the data set has rows of "),
         ("no episodes", "holds no chunk-*/file-*.parquet"),
         ("no data", "holds no chunk-*/file-*.parquet"),
     ],
@@ -397,6 +311,9 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     lerobot(tmp_path / "set")
     with pytest.raises(SourceError, match=f"camera rear: .* there are {CAMERA}"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
+    arm(tmp_path / "two", inside=False)
+    with pytest.raises(SourceError, match=r"choose one with camera: observation\.images\.front, observation"):
+        import_lerobot(tmp_path / "two", tmp_path / "bank", ROBOT)
     bank = import_lerobot(tmp_path / "set", tmp_path / "short", ROBOT, camera="front")
     assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
@@ -418,48 +335,13 @@ def test_what_is_no_data_set_or_no_bank_is_told_what_to_give(tmp_path: Path, mon
         open_bank(tmp_path / "set")
 
 
-def arm(root: Path, *, inside: bool, width: int = 2) -> None:
-    """Make a robot's of `lerobot`: a second camera and actions of so many numbers; pictures ``inside`` the data.
-
-    The actions count up, and are changes by what the data tell.
-    """
-    lerobot(root)
-    info = json.loads((root / "meta/info.json").read_text())
-    info["features"][REAR] = dict(info["features"][CAMERA])
-    names = {"motors": ["gap", "speed"]} if width == 2 else None
-    info["features"]["action"] = {"dtype": "float32", "shape": [width], "names": names}
-    info["features"]["depth"] = {"dtype": "video", "shape": [4, 4, 1], "info": {"is_depth_map": True}}
-    pa, pq = arrow()
-    for path in sorted((root / "data").rglob("*.parquet")):
-        table = pq.read_table(path)
-        numbers = np.arange(table.num_rows * width, dtype=float).reshape(-1, width)
-        table = table.append_column("action", pa.array(numbers.tolist() if width > 1 else numbers[:, 0]))
-        if inside:
-            gaps = [one[0] for one in table["observation.state"].to_pylist()]
-            for name in (CAMERA, REAR):
-                cells = [{"bytes": encode(photographs.draw(gap)), "path": "x.png"} for gap in gaps]
-                table = table.append_column(name, pa.array(cells))
-        pq.write_table(table, path, row_group_size=13)
-    if inside:
-        for name in (CAMERA, REAR):
-            info["features"][name]["dtype"] = "image"
-    else:
-        meta = root / "meta/episodes/chunk-000/file-000.parquet"
-        rows = pq.read_table(meta)
-        for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp"):
-            rows = rows.append_column(f"videos/{REAR}/{name}", rows[f"videos/{CAMERA}/{name}"])
-        pq.write_table(rows, meta)
-        shutil.copytree(root / "videos" / CAMERA, root / "videos" / REAR)
-    (root / "meta/info.json").write_text(json.dumps(info))
-
-
 @pytest.mark.parametrize("inside", [False, True])
 def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, inside: bool) -> None:
     """All its cameras but one of depths, its state, its task, and the actions that follow; videos or Parquet alike."""
     arm(tmp_path / "set", inside=inside)
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4, "absolute"))
     assert check(bank.root) == []
-    assert [line for line in taken(bank) if line.startswith("warning: these numbers look like changes")]
+    assert not [line for line in taken(bank) if line.startswith("warning")]
     space = bank.manifest.motion
     assert space is not None
     assert (space.shape, space.kind, space.rate_hz) == ((4, 2), "absolute", 10.0)
@@ -530,9 +412,11 @@ def test_tasks_without_words_are_no_bank_without_an_instruction(
     arm(tmp_path / "set", inside=True)
     tasks(tmp_path / "set", words)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert "\n" not in str(refused.value)
-    named = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4))
+    named = import_lerobot(
+        tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4, "delta")
+    )
     assert {one for frame in named for one in frame.fields.values()} == {0, 1}
 
 
@@ -597,23 +481,6 @@ def test_a_rig_that_does_not_fit_a_data_set_is_one_line(tmp_path: Path, old: str
     assert not (tmp_path / "bank").exists()
 
 
-def reach(root: Path, names: dict[str, list[str] | None], *, changes: bool = False) -> None:
-    """Make the data set of `arm` one whose joints wander, and whose actions are the places a step later."""
-    arm(root, inside=True)
-    info = json.loads((root / "meta/info.json").read_text())
-    for name, given in names.items():
-        info["features"][name]["names"] = given
-    (root / "meta/info.json").write_text(json.dumps(info))
-    rng, (pa, pq) = np.random.default_rng(0), arrow()
-    for path in sorted((root / "data").rglob("*.parquet")):
-        table = pq.read_table(path)
-        joints = np.cumsum(rng.normal(size=(table.num_rows + 1, 2)), axis=0)
-        done = np.diff(joints, axis=0) if changes else joints[1:]
-        for name, numbers in (("observation.state", joints[:-1]), ("action", done)):
-            table = table.set_column(table.schema.get_field_index(name), name, pa.array(numbers.tolist()))
-        pq.write_table(table, path)
-
-
 @pytest.mark.parametrize("names", [{"action": None, "observation.state": None}, {"action": ["a", "b"]}, {}])
 @pytest.mark.parametrize("changes", [False, True])
 def test_the_kind_of_actions_is_told_by_the_data_whatever_their_names(
@@ -643,14 +510,26 @@ def test_a_kind_that_the_data_deny_is_taken_with_a_warning(tmp_path: Path, kind:
         assert bool(warned) is (changes is (looks == "changes"))
 
 
-def test_what_the_data_do_not_tell_is_as_the_names_say(tmp_path: Path) -> None:
-    """And the import says so, and what says it."""
-    reach(tmp_path / "set", {"action": ["a", "b"]})
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=9), ahead=Ahead(3))
+def test_what_the_data_do_not_tell_is_as_the_names_say_or_asked_for(tmp_path: Path) -> None:
+    """Names of the state's own numbers are places, and the import says so; of others nobody knows what they are."""
+    pa, pq = arrow()
+    for name, names in (("same", {}), ("others", {"action": ["a", "b"]})):
+        reach(tmp_path / name, names)
+        for path in sorted((tmp_path / name / "data").rglob("*.parquet")):
+            table = pq.read_table(path)
+            noise = np.random.default_rng(0).normal(size=(table.num_rows, 2)) * 0.7
+            states = np.array(table["observation.state"].to_pylist())
+            done = pa.array((states + noise * states.std(axis=0)).tolist())
+            table = table.set_column(table.schema.get_field_index("action"), "action", done)
+            pq.write_table(table, path)
+    bank = import_lerobot(tmp_path / "same", tmp_path / "bank", Choices(), ahead=Ahead(3))
     assert bank.manifest.motion is not None
-    assert bank.manifest.motion.kind == "delta"
-    (said,) = (line for line in taken(bank) if line.startswith("kind: delta, as the names say; the data do not tell"))
+    assert bank.manifest.motion.kind == "absolute"
+    (said,) = (line for line in taken(bank) if line.startswith("kind: absolute, as the names say; the data do not"))
     assert said.endswith("--kind says it")
+    with pytest.raises(SourceError, match=r"the data do not tell what the numbers of 'action' are .* say it with kind"):
+        import_lerobot(tmp_path / "others", tmp_path / "refused", Choices(), ahead=Ahead(3))
+    assert not (tmp_path / "refused").exists()
 
 
 def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tmp_path: Path) -> None:
@@ -669,15 +548,16 @@ def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tm
 
 
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:
-    """Numbers that no state is near to are changes, unless somebody says what they are."""
+    """Somebody says what numbers are that go along with no change of the state."""
     arm(tmp_path / "set", inside=True, width=1)
+    kinds: tuple[Kind, ...] = ("delta", "velocity")
     spaces = [
         import_lerobot(
-            tmp_path / "set", tmp_path / str(ahead.kind), Choices(), ahead=ahead, camera=CAMERA
+            tmp_path / "set", tmp_path / kind, Choices(), ahead=Ahead(2, kind), camera=CAMERA
         ).manifest.motion
-        for ahead in (Ahead(2), Ahead(2, "velocity"))
+        for kind in kinds
     ]
-    assert [one.kind for one in spaces if one is not None] == ["delta", "velocity"]
+    assert [one.kind for one in spaces if one is not None] == [*kinds]
     assert [one.shape for one in spaces if one is not None] == [(2, 1)] * 2
 
 
@@ -687,7 +567,7 @@ def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path:
         ("no action", "lists no feature 'action'"),
         ("no bytes", "has no bytes inside the data files"),
         ("no picture", "is damaged or no picture"),
-        ("no column", "cannot be read as Parquet"),
+        ("no column", "no camera has a picture"),
     ],
 )
 def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what: str, said: str) -> None:
@@ -703,9 +583,9 @@ def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what
         cells = {"no bytes": None, "no picture": b"GIF89a"}.get(what)
         column = pa.array([{"bytes": cells, "path": "x.png"}] * table.num_rows, table.schema.field(REAR).type)
         place = table.schema.get_field_index(REAR)
-        changed = table.remove_column(place) if what == "no column" else table.set_column(place, REAR, column)
+        changed = table.drop_columns([CAMERA, REAR]) if what == "no column" else table.set_column(place, REAR, column)
         pq.write_table(changed, path)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()

@@ -55,6 +55,8 @@ T = TypeVar("T")
 MOST_FRAMES = 100_000
 MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
+SAID = "said"
+"""The setting of an imported bank with a line for each thing of the source that is not in it."""
 KIND = "kind"
 """The setting of an imported bank that says by what the kind of its motions was told."""
 GUESSED = "guessed"
@@ -111,13 +113,15 @@ class Choices:
 class Source:
     """Where pictures come from: the folder, what yields each frame with its own, in any order, and what to record.
 
-    ``settings`` are known before, ``converted`` counts meanwhile what is done to make pictures plain.
+    ``settings`` are known before; meanwhile ``converted`` counts what is done to make pictures plain, and ``said``
+    takes a line for what is left out.
     """
 
     folder: Path
     pictures: Callable[[Sequence[Frame]], Iterator[Shown]]
     settings: Mapping[str, object] = field(default_factory=dict)
     converted: Mapping[str, int] = field(default_factory=dict)
+    said: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -176,16 +180,17 @@ def import_table(
         kept.faults.require_none(table.name)
 
     frames = frames_of(kept, choices, cells)
-    source = Source(folder, pictures, _told(choices.rig, frames), converted=photographs.done)
+    source = Source(folder, pictures, _told(choices.rig, kept), converted=photographs.done)
     return write(out, source, frames, kept=kept, choices=choices, progress=progress)
 
 
-def _told(rig: reading.Rig | None, frames: Sequence[Frame]) -> dict[str, object]:
+def _told(rig: reading.Rig | None, kept: Kept) -> dict[str, object]:
     """Return what to record of the kind of a rig's motions: a warning where the data clearly say another."""
-    if rig is None or rig.motion is None:
+    if rig is None or rig.motion is None or kept.log is None:
         return {}
     columns = [column for many in rig.state.values() for column in many]
-    told = tell(frames, [columns.index(one.state) if one.state else None for one in rig.motion.number])
+    named = [columns.index(one.state) if one.state else None for one in rig.motion.number]
+    told = tell(kept.log.walks(), named)
     against = told.against(rig.motion.kind)
     said = [told.warning(rig.motion.kind, "[motion] of --rig")] if against else []
     return {KIND: {"by": "the rig says", "ratio": told.ratio, "said": said}}
@@ -299,7 +304,8 @@ def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faul
     if "episode" not in places:
         faults.add(f"--rig: a motion is of the steps that follow; say which column is the episode: {table.name}")
     known = all(one.column in table.columns for one in choices.rig.motion.number)
-    return Log(choices.rig.motion, faults, table.name) if known else None
+    state = [column for many in choices.rig.state.values() for column in many]
+    return Log(choices.rig.motion, state, faults, table.name) if known else None
 
 
 def _letters(row: Row, where: str, faults: Faults) -> int:
@@ -611,6 +617,8 @@ def write(
             writer.leave_out(frame)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
+        if source.said:
+            writer.note(SAID, [*source.said])
     return open_bank(out)
 
 

@@ -10,7 +10,7 @@ from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.frames import FrameBank
 from eyechart.importing import columns as reading
-from eyechart.importing.bank import GUESSED, KIND
+from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.notes import notes
 from eyechart.importing.numerals import unit_of
 from eyechart.importing.repeats import REPEATS, in_words
@@ -48,9 +48,14 @@ def taken(bank: FrameBank) -> list[str]:
         lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
     if again := settings.get(REPEATS):
         lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
+    return [*lines, *_said(settings)]
+
+
+def _said(settings: Mapping[str, object]) -> Iterator[str]:
+    """Yield what an import said of the kind of its motions, and of what it left out."""
     told = settings.get(KIND)
-    warned = told.get("said") if isinstance(told, dict) else None
-    return [*lines, *(map(str, warned) if isinstance(warned, list) else ())]
+    for many in (told.get("said") if isinstance(told, dict) else None, settings.get(SAID)):
+        yield from map(str, many if isinstance(many, list) else ())
 
 
 def _columns_taken(bank: FrameBank) -> Iterator[str]:

@@ -1,21 +1,10 @@
-"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos or from those files.
+"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos or from those files."""
 
-Layout (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0): ``meta/info.json`` has the
-features, the frames a second and the path templates; ``meta/episodes/chunk-*/file-*.parquet`` says for each episode in
-which data file and, for each camera, in which video file and from which second on it lies; ``data/chunk-*/
-file-*.parquet`` has a row a frame, and the pictures of cameras that have no video; ``meta/tasks.parquet`` the words of
-each task.
-"""
-
-import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -25,30 +14,46 @@ from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Logged, Number, tell
+from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, vectors_of, whole
+from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
 from eyechart.importing.pages import MOST_COMPONENTS
-from eyechart.importing.parquet import ParquetTable, open_parquet
-from eyechart.importing.reels import Clip, Embedded, Reel, Videos
+from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
+from eyechart.importing.reels import Embedded, Missing, Reel, Videos
 from eyechart.importing.tables import Table
+from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""
-PLACES = {"episode": "episode_index", "step": "frame_index"}
-_CONVERTER = "lerobot.scripts.convert_dataset_v21_to_v30"
 TASK, STATE, ACTION = "task", "observation.state", "action"
+OBSERVED = "observation."
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """What the ``meta`` folder says: frames a second, the reels of the cameras, features, and words of tasks."""
+    """A data set: its files, what info.json says, the reels of its cameras, its episodes, and words of tasks.
 
-    root: Path
-    fps: float
+    ``timeline`` takes note of its rows as they are read, ``said`` of what is left out.
+    """
+
+    layout: Layout
+    info: Info
     reels: Mapping[str, Reel]
-    features: Mapping[str, Any]
+    episodes: Episodes
     tasks: Mapping[int, str]
+    timeline: Timeline
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def features(self) -> Mapping[str, Feature]:
+        """Return its features."""
+        return self.info.features
+
+    @property
+    def about(self) -> Path:
+        """Return the file that describes it, for messages."""
+        return self.layout.root / "meta/info.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,7 @@ def import_lerobot(
     wrong = Faults()
     wrong.take(choices.wrong)
     wrong.require_none(str(folder))
-    data = read_meta(folder, camera, every=ahead is not None)
+    data = read_dataset(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
             raise SpecError("--rig of a LeRobotDataset says what is reflected in a bank for policies: give --horizon")
@@ -94,98 +99,116 @@ def import_lerobot(
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
         said = choices.prompt_columns or _instruction(data)
-        chosen = replace(
-            choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=_rig(data, ahead, choices)
-        )
+        rig = _rig(data, ahead, choices)
+        chosen = replace(choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=rig)
+        data.timeline.needed += _numbers(rig)
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     if TASK in chosen.prompt_columns:
         _require_words(kept)
-    cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
-    frames = frames_of(kept, chosen, cells)
+    frames = _frames(kept, chosen, data.timeline)
     settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
     if ahead is not None and chosen.rig is not None:
-        rig, settings[KIND] = _told(chosen.rig, frames, ahead)
+        rig, settings[KIND] = _told(chosen.rig, kept, ahead)
         chosen = replace(chosen, rig=rig)
-    source = Source(folder, partial(_pictures, data, kept.numbers), settings)
+        data.said.extend(_left_of_state(data, rig))
+    data.said.extend(data.timeline.said())
+    source = Source(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
-def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
+def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
+    """Return the frames of the rows that were kept; what is wrong says too which rows were left out."""
+    cells = cells_of(kept, choices, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
+    try:
+        return frames_of(kept, choices, cells)
+    except SourceError as error:
+        raise SourceError("; ".join([str(error), *(timeline.said() if kept.rows else ())])) from error
+
+
+def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
     """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown.
 
-    Of several cameras ``every`` one is taken where none is named.
+    Of several cameras ``every`` one is taken where none is named, but those of depths and those without any file, which
+    are said.
     """
-    path = folder / "meta" / "info.json"
-    try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-        version, fps, features = str(info["codebase_version"]), float(info["fps"]), dict(info["features"])
-        template = info.get("video_path")
-    except FileNotFoundError as error:
-        raise SourceError(f"{path} does not exist: {_where(folder)}") from error
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise SourceError(f"{path} is no description of a LeRobotDataset: {error!r}") from error
-    if not version.startswith("v3"):
-        convert = f"'python -m {_CONVERTER} --repo-id=OWNER/NAME --root={folder} --push-to-hub=false'"
-        raise SourceError(
-            f"{path} says version {version}, and this reads v3; LeRobot's own converter makes v3 of v2.1: {convert} "
-            "(in older versions of LeRobot the module stands in lerobot.datasets.v30)"
-        )
-    if not math.isfinite(fps) or fps <= 0:
-        raise SourceError(f"{path} says {fps:g} frames a second, which is no rate")
+    layout, said = Layout(folder), list[str]()
+    info = layout.info()
+    cameras = _cameras(info.features, layout.root / "meta/info.json", said)
+    videos = [name for name in cameras if info.features[name].dtype == "video"]
+    episodes = layout.episodes(videos, info.video_path)
+    lacking = {name: why for name in cameras if (why := _lacks(layout, info, episodes, name))}
+    chosen = _chosen(cameras, lacking, camera, layout, every=every)
+    said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
+    tasks = layout.tasks()
+    timeline = Timeline(layout.root.resolve().name, info.fps, ["task_index"] if tasks else [], [])
     reels: dict[str, Reel] = {}
-    for name in _cameras(features, camera, path, every=every):
-        if features[name]["dtype"] == "video":
-            reels[name] = Videos(folder, _clips(folder, name, str(template)), fps)
+    for name in chosen:
+        if info.features[name].dtype == "video":
+            reels[name] = Videos(layout, episodes.clips[name], timeline)
         else:
-            reels[name] = Embedded(_files(folder, "data"), name)
-    return Dataset(folder, fps, reels, features, _tasks(folder))
+            reels[name] = Embedded(layout.parquets("data"), name)
+    return Dataset(layout, info, reels, episodes, tasks, timeline, said)
 
 
-def _where(folder: Path) -> str:
-    """Return what may be wrong with a folder that is no data set: a name of the Hub was given, or another folder."""
-    if folder.exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", folder.as_posix()):
-        return f"is {folder} a LeRobotDataset?"
-    name = folder.as_posix()
-    kept = (
-        f"~/.cache/huggingface/lerobot, or $HF_LEROBOT_HOME: {name} in it, or hub/datasets--{name.replace('/', '--')}"
-    )
-    return (
-        f"there is no folder '{name}'; of a data set of the Hub give the folder: LeRobot keeps what it downloaded in "
-        f"{kept}/snapshots; 'hf download {name} --repo-type dataset --local-dir {folder.name}' fetches it"
-    )
-
-
-def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, every: bool) -> Sequence[str]:
-    kinds = {"video", "image"}
-    found = {name: one for name, one in features.items() if isinstance(one, dict) and one.get("dtype") in kinds}
-    cameras = [name for name, one in found.items() if not _is_depth(one)]
+def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> list[str]:
+    """Return the cameras but those of depths; which these are, and what only looks like one, is ``said``."""
+    found = [name for name, one in features.items() if one.is_picture]
+    cameras = [name for name in found if not features[name].is_depth]
     if not cameras:
-        raise SourceError(f"{path} lists no feature of dtype video or image")
-    if camera is None and len(cameras) > 1 and not every:
+        depth = ", all of them marked as depths" if found else ""
+        raise SourceError(f"{path} lists no feature of dtype video or image{depth and ' of colours'}{depth}")
+    if len(cameras) > MOST_CAMERAS:
+        raise SourceError(f"{path} lists {len(cameras)} cameras; the limit is {MOST_CAMERAS}")
+    said += [f"camera '{name}' is left out: its pictures are marked as depths" for name in found if name not in cameras]
+    said += [
+        f"camera '{name}' looks like one of depths by its name or its one channel, and is not marked as one "
+        "(is_depth_map): it is taken for pictures of colours"
+        for name in cameras
+        if features[name].is_grey or "depth" in name.lower()
+    ]
+    return cameras
+
+
+def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
+    """Return why a camera that info.json lists has no picture at all; nothing where it has some."""
+    if info.features[camera].dtype == "image":
+        there = any(has_column(path, camera, extra="lerobot") for path in layout.parquets("data"))
+        return "" if there else "info.json lists it, and no data file has a column of it"
+    clips = episodes.clips[camera]
+    if not clips:
+        return "info.json lists it, and meta/episodes does not say where its videos are"
+    there = any(layout.file(video) is not None for video in sorted({one.video for one in clips.values()}))
+    return "" if there else "info.json lists it, and none of its videos is there"
+
+
+def _chosen(
+    cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: Layout, *, every: bool
+) -> Sequence[str]:
+    """Return the cameras to take: the one that is named, else all that have pictures, or their one."""
+    path, have = layout.root / "meta/info.json", [name for name in cameras if name not in lacking]
+    if camera is not None:
+        of_name = [name for name in cameras if name == camera] or [name for name in cameras if _short(name) == camera]
+        if len(of_name) != 1:
+            near = meant(camera, [*cameras, *map(_short, cameras)])
+            raise SourceError(f"--camera {camera}: {path} lists no such camera;{near} there are {', '.join(cameras)}")
+        if of_name[0] in lacking:
+            raise SourceError(f"--camera {camera}: {lacking[of_name[0]]}; download the data set again")
+        return of_name
+    if not have:
+        raise SourceError(f"{path}: no camera has a picture: '{cameras[0]}': {lacking[cameras[0]]}; download it again")
+    if len(have) > 1 and not every:
         raise SourceError(
-            f"{path} lists several cameras; choose one with --camera: {', '.join(cameras)}; a bank for policies has "
-            "all of them (--horizon)"
+            f"{path} lists several cameras; choose one with --camera: {', '.join(have)}; a bank for policies has all "
+            "of them (--horizon)"
         )
-    if camera is not None and camera not in cameras:
-        if len(of_name := [one for one in cameras if _short(one) == camera]) == 1:
-            return of_name
-        near = meant(camera, [*cameras, *map(_short, cameras)])
-        raise SourceError(f"--camera {camera}: {path} lists no such camera;{near} there are {', '.join(cameras)}")
-    return cameras if camera is None else [camera]
-
-
-def _is_depth(feature: Mapping[str, Any]) -> bool:
-    """Return whether a camera's pictures are depths, which are no picture of red, green and blue."""
-    info = feature.get("info")
-    return isinstance(info, dict) and any(info.get(name) is True for name in ("is_depth_map", "video.is_depth_map"))
+    return have
 
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
     """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
     state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
     if not action:
-        has = f"{data.root / 'meta/info.json'} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers"
-        raise SourceError(f"{has}, and a policy is held against what was done")
+        raise SourceError(_no_action(data))
     names = dict(zip(_labels(data.features, STATE), state, strict=True))
     done = dict(zip(_labels(data.features, ACTION), action, strict=True))
     known = names if len(names) == len(state) and len(done) == len(action) else {}
@@ -199,35 +222,89 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
     return Rig(
         tuple(_named(name, choices) for name in data.reels),
         {"state": tuple(state)} if state else {},
-        Logged(tuple(numbers), ahead.horizon, kind, data.fps, ACTION),
+        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION),
         None if reflection is None else reflection.by_column(*by_name),
     )
 
 
-def _told(rig: Rig, frames: Sequence[Frame], ahead: Ahead) -> tuple[Rig, dict[str, object]]:
+def _numbers(rig: Rig) -> list[str]:
+    """Return the columns of a rig's states and motions."""
+    done = () if rig.motion is None else rig.motion.number
+    return [*(column for many in rig.state.values() for column in many), *(one.column for one in done)]
+
+
+def _no_action(data: Dataset) -> str:
+    """Return that there is no action that can be read, and which features of numbers there are."""
+    there = [f"'{name}' ({_sized(one)})" for name, one in data.features.items() if one.size not in {(), (1,)}]
+    has = f"; of numbers it has {', '.join(there[:20])}" if there else ""
+    return (
+        f"{data.about} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers, and a policy is held against "
+        f"what was done{has}"
+    )
+
+
+def _sized(feature: Feature) -> str:
+    return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
+
+
+def _left_of_state(data: Dataset, rig: Rig) -> list[str]:
+    """Return which numbers that were observed are not in the state that a policy gets."""
+    taken = {STATE} if rig.state else set[str]()
+    left = [
+        f"'{name}' ({_sized(one)})"
+        for name, one in data.features.items()
+        if name.startswith(OBSERVED) and one.size and not one.is_picture and name not in taken
+    ]
+    more = f", and {len(left) - 20} more" if len(left) > 20 else ""
+    has = f"'{STATE}'" if rig.state else "nothing"
+    return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
+
+
+def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
     """Return a rig with the kind of motion that the data tell, and why it was taken.
 
     A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
+    Raises SourceError where neither the data nor the names say it.
     """
     motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
     assert motion is not None
-    told = tell(frames, [columns.index(one.state) if one.state else None for one in motion.number])
-    kind = ahead.kind or told.kind or motion.kind
-    by = "--kind says" if ahead.kind else "the data tell" if told.kind else "the names say"
+    assert kept.log is not None
+    named = [columns.index(one.state) if one.state else None for one in motion.number]
+    told = tell(kept.log.walks(), named)
+    kind, by = _kind(told, ahead, named)
     said = [f"kind: {kind}, as {by}: {told.why()}"]
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
-    elif not ahead.kind and told.kind is None:
-        said = [f"kind: {kind}, as the names say; the data do not tell ({told.why()}), and --kind says it"]
-    pairs = [columns.index(one.state) if one.state else None for one in motion.number]
-    if told.kind in RELATIVE:
-        pairs = [*told.pairs]
+    elif by == _BY_NAMES:
+        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}), and --kind says it"]
+    pairs = [*told.pairs] if told.kind in RELATIVE else named
     number = tuple(
         msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
         for one, place in zip(motion.number, pairs, strict=True)
     )
     settled = msgspec.structs.replace(motion, kind=kind, number=number)
     return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
+
+
+_BY_NAMES = "the names say"
+
+
+def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, str]:
+    """Return the kind of the motions and what says it: its owner, the data, or that they have the state's names.
+
+    Names say it only of numbers that are no farther from those of the state than their spread: one name may have two
+    units.
+    """
+    if ahead.kind is not None:
+        return ahead.kind, "--kind says"
+    if told.kind is not None:
+        return told.kind, "the data tell"
+    if None not in named and (told.ratio is None or told.ratio <= CHANGES_ABOVE):
+        return "absolute", _BY_NAMES
+    raise SourceError(
+        f"the data do not tell what the numbers of '{ACTION}' are ({told.why()}): say it with --kind delta, absolute, "
+        "velocity or waypoints"
+    )
 
 
 def _named(camera: str, choices: Choices) -> Column:
@@ -253,10 +330,9 @@ def _short(camera: str) -> str:
     return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
 
 
-def _labels(features: Mapping[str, Any], name: str) -> list[str]:
+def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
     """Return what the data set calls the components of a vector; their numbers where it has no such names."""
-    feature, count = features.get(name, {}), len(_columns(features, name))
-    names = feature.get("names")
+    names, count = features.get(name, Feature()).names, len(_columns(features, name))
     if isinstance(names, dict) and len(names) == 1:
         (names,) = names.values()
     if isinstance(names, list) and len(names) == 1 != count:
@@ -266,39 +342,11 @@ def _labels(features: Mapping[str, Any], name: str) -> list[str]:
     return [f"{name}.{place}" for place in range(count)]
 
 
-def _columns(features: Mapping[str, Any], name: str) -> tuple[str, ...]:
+def _columns(features: Mapping[str, Feature], name: str) -> tuple[str, ...]:
     """Return the columns of a feature's numbers; none where it has no feature of this name, or too many of them."""
-    feature = features.get(name)
-    if isinstance(feature, dict) and feature.get("shape") == [1]:
+    if name in features and features[name].size == (1,):
         return (name,)
-    return dict(_vectors(features)).get(name, ())
-
-
-def _clips(folder: Path, camera: str, template: str) -> dict[int, Clip]:
-    clips = {}
-    prefix, episodes = f"videos/{camera}", _files(folder, "meta/episodes")
-    for row in chain.from_iterable(open_parquet(path, extra="lerobot").rows() for path in episodes):
-        try:
-            chunk, file = int(str(row[f"{prefix}/chunk_index"])), int(str(row[f"{prefix}/file_index"]))
-            video = template.format(video_key=camera, chunk_index=chunk, file_index=file)
-            clips[int(str(row["episode_index"]))] = Clip(video, float(str(row[f"{prefix}/from_timestamp"])))
-        except (LookupError, ValueError, AttributeError) as error:
-            raise SourceError(
-                f"{folder / 'meta/episodes'}: an episode does not say where its video is: {error}"
-            ) from error
-    return clips
-
-
-def _tasks(folder: Path) -> dict[int, str]:
-    path = folder / "meta" / "tasks.parquet"
-    if not path.is_file():
-        return {}
-    found = {}
-    for row in open_parquet(path, extra="lerobot").rows():
-        words = [value for name, value in row.items() if name != "task_index" and isinstance(value, str)]
-        if isinstance(row.get("task_index"), int) and words:
-            found[int(str(row["task_index"]))] = words[0]
-    return found
+    return dict(vectors_of(features)).get(name, ())
 
 
 def _instruction(data: Dataset) -> tuple[str, ...]:
@@ -306,7 +354,7 @@ def _instruction(data: Dataset) -> tuple[str, ...]:
 
     Raises SourceError where its rows have tasks and nobody has their words.
     """
-    path, first = data.root / "meta" / "tasks.parquet", _files(data.root, "data")[0]
+    path, first = data.layout.root / "meta/tasks.parquet", data.layout.parquets("data")[0]
     if not data.tasks and "task_index" in open_parquet(first, extra="lerobot").columns:
         lacking = "holds no words of tasks" if path.is_file() else "does not exist"
         raise SourceError(
@@ -324,57 +372,60 @@ def _require_words(kept: Kept) -> None:
         kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
 
 
-def _files(folder: Path, inner: str) -> list[Path]:
-    paths = sorted((folder / inner).glob("chunk-*/file-*.parquet"))
-    if not paths:
-        raise SourceError(f"{folder / inner} holds no chunk-*/file-*.parquet: is the data set complete?")
-    return paths
-
-
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
     """Return the rows of all data files, with what names each frame's picture in the columns ``pictured``."""
-    vectors = dict(_vectors(data.features))
-    files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in _files(data.root, "data")]
-    for place in ("episode_index", "frame_index"):
+    vectors = dict(vectors_of(data.features))
+    files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
+    for place in PLACES.values():
         if place not in files[0].columns:
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
     task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
     count = sum(one.count for one in files)
     columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
-    rows = _data_rows(data, files, count, reads)
-    picture = "episode-{episode_index}/frame-{frame_index}.png"
-    named = ({**row, **dict.fromkeys(pictured, picture.format_map(row))} for row in rows)
-    return Table(data.root.resolve().name, columns, named, typed=True, count=count)
+    for many in (data.timeline.needed, data.timeline.counted):
+        many[:] = [name for name in many if name in columns]
+    return Table(data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count)
 
 
-def _vectors(features: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield the features that are short vectors, with the names of their components."""
-    for name, feature in features.items():
-        shape = feature.get("shape") if isinstance(feature, dict) else None
-        if not isinstance(shape, list) or len(shape) != 1 or not isinstance(shape[0], int):
-            continue
-        if not 1 < shape[0] <= MOST_COMPONENTS or feature.get("dtype") in {"video", "image", "string"}:
-            continue
-        names = feature.get("names")
-        given = names if isinstance(names, list) and len(set(map(str, names))) == shape[0] else range(shape[0])
-        yield name, tuple(f"{name}.{one}" for one in given)
-
-
-def _data_rows(data: Dataset, files: Sequence[ParquetTable], count: int, reads: Progress | None) -> Iterator[Row]:
-    done = 0
+def _data_rows(
+    data: Dataset, files: Sequence[ParquetTable], count: int, reads: Progress | None, pictured: Sequence[str]
+) -> Iterator[Row]:
+    """Yield the rows, with the words of their tasks and the names of their pictures; one that is left out is empty."""
+    done, timeline = 0, data.timeline
     for file in files:
         if file.columns != files[0].columns:
             raise SourceError(f"{file.path} has other columns than {files[0].path}")
-        for row in file.rows():
+        for raw in file.rows():
             done += 1
             if reads is not None and done % 5000 == 0:
                 reads(done, count)
-            task = {TASK: data.tasks.get(int(str(row.get("task_index", -1))), "")} if data.tasks else {}
-            yield {**task, **row}
+            if row := timeline.add(raw):
+                episode, step = (whole(row[name]) for name in PLACES.values())
+                task = {TASK: data.tasks.get(whole(row.get("task_index")) or 0, "")} if data.tasks else {}
+                yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
+            else:
+                yield row
+    clips = {name: reel.clips for name, reel in data.reels.items() if isinstance(reel, Videos)}
+    timeline.require(data.episodes.lengths, clips, data.layout.root / "meta/episodes")
 
 
 def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:
-    """Yield each frame with the pictures of its cameras; ``rows`` are the numbers of their rows."""
-    reels = [reel.pictures(frames, rows) for reel in data.reels.values()]
+    """Yield each frame with the pictures of its cameras; ``rows`` are the numbers of their rows.
+
+    A frame without the picture of a camera is left out, and said.
+    """
+    reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[Missing]]()
     for frame, *pictures in zip(frames, *reels, strict=True):
-        yield frame, {one.name: picture for one, picture in zip(frame.cameras, pictures, strict=True)}, {}
+        shown = {}
+        for one, picture in zip(frame.cameras, pictures, strict=True):
+            if isinstance(picture, Missing):
+                missed.setdefault(one.name, []).append(picture)
+            else:
+                shown[one.name] = picture
+        if len(shown) == len(pictures):
+            yield frame, shown, {}
+    for name, many in missed.items():
+        said = f"{len(many)} of {len(frames)} frames are left out: '{name}' has no picture of them ({many[0].why})"
+        if len(many) == len(frames):
+            raise SourceError(said)
+        data.said.append(said)

@@ -2,25 +2,34 @@
 
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, pairwise
-from typing import Annotated
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from eyechart.errors import SourceError, SpecError, meant
-from eyechart.frames import Frame
-from eyechart.importing.cells import Row, read_part
+from eyechart.importing.cells import Cell, Row, read_part
 from eyechart.importing.faults import Faults
 from eyechart.spaces.motion import PLACES, Dimension, Floats, Kind, MotionSpace
 
 MOST_NUMBERS = 50_000_000
 """Numbers of all rows' motions together."""
 LEAST_TOLD = 10
-"""Frames with a motion and a state below which the data do not tell what a motion is."""
+"""Rows with a motion and a state below which the data do not tell what a motion is."""
 PLACES_BELOW, CHANGES_ABOVE = 0.5, 1.0
-"""Numbers that stay this near to the state, in units of their spread, are places; farther away they are changes."""
+"""Numbers that stay this near to the state, in units of their spread, are places; farther away they are none of it."""
+MOST_TOLD = 100_000
+"""Rows by which it is told; the log goes on."""
+LEAST_WALKED = 30
+"""Steps with a state before and behind below which the data do not tell whether numbers are its changes."""
+FOLLOWS, ALIKE, LEAST_SHARE = 0.6, 0.9, 0.3
+"""Correlations from which on numbers go along with the state's changes, and with the state itself within an episode;
+and the share of numbers that have to do the one for the log to be one of changes."""
+WINDOWS = (1, 4)
+"""Steps over which changes are compared: an arm lags behind what it is told."""
 _STILL = 1e-9
 """A number whose spread is no more than this share of the largest does not vary."""
 
@@ -133,31 +142,64 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
+class Walk:
+    """What was done in the steps of an episode that follow each other, (n, numbers), each from its state, (n, d)."""
+
+    done: Floats
+    states: Floats
+
+    def moved(self, width: int) -> tuple[Floats, Floats]:
+        """Return the sums of so many steps, and how the state changed in them."""
+        total = np.concatenate([np.zeros((1, self.done.shape[1])), np.cumsum(self.done, axis=0)])
+        return (total[width:] - total[:-width])[: len(self.done) - width], self.states[width:] - self.states[:-width]
+
+    def stood(self, later: int) -> tuple[Floats, Floats]:
+        """Return the steps and the state so many steps later, each less its mean."""
+        done, states = self.done[: len(self.done) - later], self.states[later:]
+        return done - done.mean(axis=0), states - states.mean(axis=0)
+
+
+@dataclass(frozen=True)
 class Told:
     """What the data say of logged numbers.
 
     ``ratio`` is how far they are from the numbers of the state that they are paired with, in units of their own spread
     (root mean square; the median of the ``count`` numbers whose partner varies), None where nothing can be paired.
-    ``pairs`` has the place of each one's number in the state, None where it has none.
+    ``pairs`` has the place of each one's number in the state, None where it has none. ``follows`` and ``alike`` are the
+    shares of the numbers that go along with the changes of the state, and with the state itself, over ``walked`` steps.
     """
 
     ratio: float | None
     pairs: tuple[int | None, ...]
     count: int = 0
+    follows: float = 0.0
+    alike: float = 0.0
+    walked: int = 0
 
     @property
     def kind(self) -> Kind | None:
-        """Return what they are, places or changes; None where the data do not tell."""
-        if self.ratio is None or PLACES_BELOW <= self.ratio <= CHANGES_ABOVE:
-            return None
-        return "absolute" if self.ratio < PLACES_BELOW else "delta"
+        """Return what they are, places or changes; None where the data do not tell.
+
+        Changes have evidence of their own: that they are no places says nothing of what else they are.
+        """
+        if self.ratio is not None and self.ratio < PLACES_BELOW:
+            return "absolute"
+        return "delta" if self.follows >= LEAST_SHARE and self.follows > self.alike else None
 
     def why(self) -> str:
-        """Return the ratio in words."""
-        if self.ratio is None:
-            return "no state that varies can be paired with them"
-        far = f"{self.ratio:.2g} of their spread from the state (rms, median of {self.count} numbers"
-        return f"{far}; below {PLACES_BELOW:g} they are places, above {CHANGES_ABOVE:g} changes)"
+        """Return in words what was measured."""
+        far = "no state that varies can be paired with them"
+        if self.ratio is not None:
+            far = (
+                f"{self.ratio:.2g} of their spread from the state (rms, median of {self.count} numbers; below "
+                f"{PLACES_BELOW:g} they are places)"
+            )
+            if self.kind == "absolute":
+                return far
+        if self.walked < LEAST_WALKED:
+            return f"{far}; only {self.walked} steps have a state before and behind, of {LEAST_WALKED} that are needed"
+        alike = "" if not self.alike else f", and {self.alike:.0%} with the state itself, as places of another unit do"
+        return f"{far}; {self.follows:.0%} of the numbers go along with the changes of the state{alike}"
 
     def against(self, kind: Kind) -> bool:
         """Return whether the data clearly say that they are not of this kind."""
@@ -169,17 +211,26 @@ class Told:
         return f"warning: these numbers look like {other}: {self.why()}; taken for {kind} as {by} says"
 
 
-def tell(frames: Iterable[Frame], named: Sequence[int | None]) -> Told:
-    """Return what the first steps of the frames' motions are, by the states from which they were done.
+def tell(walks: Iterable[Walk], named: Sequence[int | None]) -> Told:
+    """Return what was done in the rows of a log, by the states from which it was done.
 
     ``named`` has the place in the state that each number names. The others are paired by their place, where there are
     as many; where they do not follow that, or there are not, with the number of the state that each follows most
     closely.
     """
-    rows = [(one.motion[0], [*chain.from_iterable(one.state.values())]) for one in frames if one.motion]
-    if len(rows) < LEAST_TOLD or not rows[0][1]:
+    every: list[Walk] = []
+    for one in walks:
+        every.append(one)
+        if sum(len(each.done) for each in every) > MOST_TOLD:
+            break
+    return replace(_near(every, named), **_followed(every))
+
+
+def _near(walks: Sequence[Walk], named: Sequence[int | None]) -> Told:
+    """Return how near the numbers of a log are to those of their states."""
+    if sum(len(one.done) for one in walks) < LEAST_TOLD or not walks[0].states.shape[1]:
         return Told(None, tuple(named))
-    done, states = (np.array(many, dtype=np.float64) for many in zip(*rows, strict=True))
+    done, states = (np.concatenate(many) for many in zip(*((one.done, one.states) for one in walks), strict=True))
     varies = np.flatnonzero(done.std(axis=0) > _STILL * np.maximum(1, np.abs(done).max(axis=0)))
     if not len(varies):
         return Told(None, tuple(named))
@@ -210,12 +261,51 @@ def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Ma
     return Told(round(float(np.median(known)), 4) if known else None, found, len(known))
 
 
-class Log:
-    """What was done in every row of a table, by episode; also in the rows that become no frame."""
+def _followed(walks: Sequence[Walk]) -> dict[str, Any]:
+    """Return which share of the numbers goes along with the changes of the state, and which with the state itself.
 
-    def __init__(self, logged: Logged, faults: Faults, table: str) -> None:
-        self._logged, self._faults, self._table = logged, faults, table
+    Changes are compared as they are, summed over each of the `WINDOWS`; places within their episode: in one that goes
+    one way, the place goes along with the changes while its mean is kept.
+    """
+    long = [one for one in walks if len(one.done) > max(WINDOWS) and one.states.shape[1]]
+    walked = sum(len(one.done) - 1 for one in long)
+    if walked < LEAST_WALKED:
+        return {"walked": walked}
+    varies: npt.NDArray[np.bool_] = np.asarray(np.concatenate([one.done for one in long]).std(axis=0) > _STILL)
+    if not varies.any():
+        return {"walked": walked}
+    change = _closest([[one.moved(width) for one in long] for width in WINDOWS])
+    same = _closest([[one.stood(later) for one in long] for later in (0, 1)])
+    follows = (change >= FOLLOWS) & (change > same)
+    share = [round(float(one[varies].mean()), 4) for one in (follows, (same >= ALIKE) & ~follows)]
+    return {"walked": walked, "follows": share[0], "alike": share[1]}
+
+
+def _closest(ways: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
+    """Return each number's highest correlation with one of the state, in whichever way they are put beside it."""
+    together = [tuple(np.concatenate(many) for many in zip(*parts, strict=True)) for parts in ways]
+    found: Floats = np.max([_alike(done, states) for done, states in together], axis=0).max(axis=1)
+    return found
+
+
+def _alike(done: Floats, states: Floats) -> Floats:
+    """Return the correlation of each number with each one of the state, shape (numbers, d); 0 of what does not vary."""
+    one, other = (many - many.mean(axis=0) for many in (done, states))
+    norms = np.sqrt((one**2).sum(axis=0))[:, None] * np.sqrt((other**2).sum(axis=0))[None]
+    found: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
+    return found
+
+
+class Log:
+    """What was done in every row of a table, by episode, and from which state; also in the rows that become no frame.
+
+    ``state`` are the columns of the state's numbers.
+    """
+
+    def __init__(self, logged: Logged, state: Sequence[str], faults: Faults, table: str) -> None:
+        self._logged, self._state, self._faults, self._table = logged, state, faults, table
         self._numbers: dict[object, array[float]] = {}
+        self._states: dict[object, array[float]] = {}
         self._steps: dict[object, array[float]] = {}
         self._places: list[tuple[object, int]] = []
         self._count = 0
@@ -227,7 +317,7 @@ class Log:
         """
         episode = tuple(row.get(places.get(place, "")) for place in ("scenario", "episode"))
         step = row.get(places.get("step", ""))
-        self._count += len(self._logged.number)
+        self._count += len(self._logged.number) + len(self._state)
         if self._count > MOST_NUMBERS:
             raise SourceError(f"{self._table} logs more than {MOST_NUMBERS} numbers of motions; cut it into parts")
         numbers, steps = (many.setdefault(episode, array("d")) for many in (self._numbers, self._steps))
@@ -236,6 +326,7 @@ class Log:
             found = [read_part(row.get(one.column), f"{where}: '{one.column}'") for one in self._logged.number]
             steps.append(len(steps) if step is None else read_part(step, f"{where}: the step"))
             numbers.extend(found)
+            self._states.setdefault(episode, array("d")).extend(_finite(row.get(one)) for one in self._state)
         if kept:
             self._places.append((episode, len(steps) - 1))
 
@@ -249,6 +340,21 @@ class Log:
                 continue
             numbers = self._numbers[episode]
             yield tuple(tuple(numbers[step * wide : (step + 1) * wide]) for step in range(place, place + ahead))
+
+    def walks(self) -> Iterator[Walk]:
+        """Yield the stretches of all episodes in which rows follow each other, each with a state of numbers."""
+        for episode, steps in self._steps.items():
+            if len(self._numbers[episode]) != len(steps) * len(self._logged.number):
+                continue  # a cell of it is a fault
+            done, states = (
+                np.frombuffer(many[episode], dtype=np.float64).reshape(len(steps), -1)
+                if many.get(episode)
+                else np.empty((len(steps), 0))
+                for many in (self._numbers, self._states)
+            )
+            whole = np.asarray(np.isfinite(states).all(axis=1))
+            cuts = np.flatnonzero((np.diff(np.frombuffer(steps, dtype=np.float64)) != 1) | ~whole[1:] | ~whole[:-1]) + 1
+            yield from map(Walk, np.split(done, cuts), np.split(states, cuts))
 
     @staticmethod
     def _unbroken(steps: "array[float]") -> list[int]:
@@ -266,3 +372,11 @@ class Log:
                 f"{self._table}: nowhere do {self._logged.horizon} steps follow each other, and the longest episode "
                 f"has {longest}; choose a shorter horizon"
             )
+
+
+def _finite(cell: Cell) -> float:
+    """Return a cell of the state as a number, NaN where it is none; what is wrong with it is said where it is read."""
+    try:
+        return read_part(cell, "")
+    except SourceError:
+        return float("nan")

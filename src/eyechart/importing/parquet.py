@@ -127,6 +127,17 @@ def open_parquet(
     return ParquetTable(path, plain, count, lists, words, extra, unread)
 
 
+def has_column(path: Path, column: str, *, extra: str) -> bool:
+    """Return whether a Parquet file has a column of this name; raises SourceError where it cannot be read."""
+    pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
+    try:
+        require_bounded(path, ())
+        with pq.ParquetFile(path, **_OPENING) as file:
+            return column in file.schema_arrow.names
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
+
+
 def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:
     """Yield the bytes in a column of these rows, which rise from 1 through all files; a few are in memory at a time.
 

@@ -1,65 +1,73 @@
 """The pictures of one camera in the order of its frames: decoded from videos, or taken out of Parquet files."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eyechart.errors import BankError, SourceError
-from eyechart.frames import MAX_IMAGE_BYTES, MAX_PIXELS, Frame, encode, inside, made_plain, read_colour
+from eyechart.frames import MAX_IMAGE_BYTES, MAX_PIXELS, Frame, encode, made_plain, read_colour
+from eyechart.importing.layout import Clip, Layout
 from eyechart.importing.parquet import binary_cells, require
+from eyechart.importing.timeline import NEAR, Timeline
 
 _SEEK_S = 2.0
 """A wanted frame so far ahead is looked up instead of decoded up to."""
+_SURE = 0.75
+"""A video that declares its end this share of a picture behind a second shows one there."""
 _AGAIN = "download it again, or, in a clone, run 'git lfs pull'"
+_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"}
+"""What FFmpeg may open: films, and no list that names other files or addresses to play."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True, slots=True)
-class Clip:
-    """Where an episode lies: its video's path in the data set, and the second at which it begins there."""
+class Missing:
+    """A picture that is not there, or that cannot be shown, and why."""
 
-    video: str
-    start_s: float
+    why: str
+
+
+Picture = bytes | Missing
 
 
 @dataclass(frozen=True)
 class Videos:
-    """One camera's videos below ``root``: the clip of each episode, and the frames a second."""
+    """One camera's videos: the clip of each episode, the frames a second, and when each row of the data set was.
 
-    root: Path
+    What the ``timeline`` says of the rows is known when all were read.
+    """
+
+    layout: Layout
     clips: Mapping[int, Clip]
-    fps: float
+    timeline: Timeline
 
-    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[bytes]:
-        """Yield each frame's picture as PNG; raises SourceError where a video does not show it."""
-        del rows
-        for (video, _), run in groupby(self._placed(frames), key=lambda one: one[0]):
-            try:
-                path = inside(self.root, video)
-            except BankError as error:
-                raise SourceError(
-                    f"{self.root / 'meta/info.json'}: the video '{video}' leads outside the data set"
-                ) from error
-            yield from _decoded(path, [(time_s, frame) for _, time_s, frame in run], 0.5 / self.fps)
+    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
+        """Yield each frame's picture as PNG, or that the video shows none near its second.
 
-    def _placed(self, frames: Iterable[Frame]) -> Iterator[tuple[tuple[str, int], float, Frame]]:
-        """Yield every frame's video, with a count of how often time went back in it, its second there, and itself."""
+        Raises SourceError where the video cannot be read, or ends before its rows do.
+        """
+        ends, near_s = self.timeline.ends(self.clips), NEAR / self.timeline.fps
+        for (video, _), run in groupby(self._placed(frames, rows), key=lambda one: one[0]):
+            path = self.layout.file(video)
+            if path is None:
+                raise SourceError(f"{self.layout.root / video} is not there; {_AGAIN}")
+            yield from _decoded(path, [time_s for _, time_s in run], near_s, ends[video])
+
+    def _placed(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[tuple[tuple[str, int], float]]:
+        """Yield every frame's video, with a count of how often time went back in it, and its second there."""
         before, turn = ("", -math.inf), 0
-        for frame in frames:
-            clip = self.clips.get(int(frame.episode))
-            if clip is None:
-                raise SourceError(
-                    f"{self.root / 'meta/episodes'} has no episode {frame.episode}, of which the data has frames"
-                )
-            now = (clip.video, clip.start_s + frame.step / self.fps)
+        for frame, row in zip(frames, rows, strict=True):
+            clip = self.clips[int(frame.episode)]
+            now = (clip.video, clip.start_s + self.timeline.times[row - 1])
             turn += now[0] == before[0] and now[1] < before[1]
             before = now
-            yield (clip.video, turn), now[1], frame
+            yield (clip.video, turn), now[1]
 
 
 @dataclass(frozen=True)
@@ -69,49 +77,49 @@ class Embedded:
     files: Sequence[Path]
     column: str
 
-    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[bytes]:
-        """Yield the pictures of these rows, which rise from 1 through all files, as PNG."""
+    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
+        """Yield the pictures of these rows, which rise from 1 through all files, as PNG, or why one is none."""
         found = binary_cells(self.files, f"{self.column}.bytes", rows)
         for frame, picture in zip(frames, found, strict=True):
             what = f"{self.column} of {frame.id}"
             if picture is None:
-                raise SourceError(f"'{what}' has no bytes inside the data files; write the data set with its pictures")
-            if len(picture) > MAX_IMAGE_BYTES:
-                raise SourceError(f"'{what}' has {len(picture)} bytes; the limit is {MAX_IMAGE_BYTES}")
-            try:
-                pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
-            except BankError as error:
-                raise SourceError(str(error)) from error
-            yield picture if not done and picture.startswith(_PNG) else encode(pixels)
+                yield Missing(f"'{what}' has no bytes inside the data files")
+            elif len(picture) > MAX_IMAGE_BYTES:
+                yield Missing(f"'{what}' has {len(picture)} bytes; the limit is {MAX_IMAGE_BYTES}")
+            else:
+                yield _plain(picture, what)
 
 
 Reel = Videos | Embedded
 
 
-def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: float) -> Iterator[bytes]:
+def _plain(picture: bytes, what: str) -> Picture:
+    """Return a picture of a data file as PNG of red, green and blue; what cannot be read is missing."""
+    try:
+        pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
+    except BankError as error:
+        return Missing(str(error))
+    return picture if not done and picture.startswith(_PNG) else encode(pixels)
+
+
+def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) -> Iterator[Picture]:
+    """Yield for each of the rising ``times`` the nearest picture of a video, or that none is within ``near_s``.
+
+    Raises SourceError where the video ends before ``end_s``.
+    """
     av = require("av", "PyAV", "lerobot")
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=_ALONE) as container:
             stream = container.streams.video[0]
+            stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
             if stream.width * stream.height > MAX_PIXELS:
                 raise SourceError(f"{path} has {stream.width}×{stream.height} pixels; the limit is {MAX_PIXELS}")
-            shown = _shown(container, stream)
-            now, pixels = -math.inf, None
-            for time_s, frame in times:
-                if time_s - now > _SEEK_S:
-                    container.seek(max(0, int((time_s - tolerance_s) / stream.time_base)), stream=stream)
-                    shown, now = _shown(container, stream), -math.inf
-                while now < time_s - tolerance_s:
-                    now, pixels = next(shown, (math.inf, None))
-                if pixels is None or abs(now - time_s) > tolerance_s:
-                    raise SourceError(
-                        f"{path} shows nothing at {time_s:.3f} s, where frame '{frame.id}' should be; where it is cut, "
-                        f"{_AGAIN}"
-                    )
-                yield encode(np.asarray(pixels.to_ndarray(format="rgb24"), dtype=np.uint8))
+            _require_end(container, stream, path, end_s - near_s)
+            shown = _Shown(container, stream)
+            for time_s in times:
+                far, picture = shown.nearest(time_s)
+                yield _encoded(picture, path) if far <= near_s else Missing(f"{path} shows nothing at {time_s:.3f} s")
     except (av.FFmpegError, OSError, IndexError) as error:
-        if not path.is_file():
-            raise SourceError(f"{path} is not there; {_AGAIN}") from error
         said = error.strerror if isinstance(error, (av.FFmpegError, OSError)) else None
         why = said or str(error).partition("\n")[0]
         raise SourceError(
@@ -119,7 +127,51 @@ def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: floa
         ) from error
 
 
-def _shown(container: Any, stream: Any) -> Iterator[tuple[float, Any]]:  # noqa: ANN401 - of PyAV
+def _encoded(picture: Any, path: Path) -> bytes:  # noqa: ANN401 - of PyAV
+    if picture.width * picture.height > MAX_PIXELS:
+        raise SourceError(f"{path} has {picture.width}×{picture.height} pixels; the limit is {MAX_PIXELS}")
+    return encode(np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8))
+
+
+def _require_end(container: Any, stream: Any, path: Path, end_s: float) -> None:  # noqa: ANN401 - of PyAV
+    """Raise SourceError where a video shows nothing at or behind ``end_s``; leave it at its beginning.
+
+    The end that it declares is one picture behind its last; where that does not settle it, the last ones are decoded.
+    """
+    start, length = stream.start_time or 0, stream.duration
+    if length is not None and (start + length) * stream.time_base > end_s + _SURE / float(stream.average_rate or 1):
+        return
+    container.seek(max(0, int(end_s / stream.time_base)), stream=stream)
+    last = max((time_s for time_s, _ in _pictures(container, stream)), default=0.0)
+    if last < end_s:
+        raise SourceError(
+            f"{path} ends at {last:.3f} s, and the data set has rows of {end_s:.3f} s in it: where it is cut, "
+            f"{_AGAIN}; else 'from_timestamp' in meta/episodes is wrong"
+        )
+    container.seek(0, stream=stream)
+
+
+class _Shown:
+    """The pictures of a video in their order, looked up where the next one wanted is far ahead."""
+
+    def __init__(self, container: Any, stream: Any) -> None:  # noqa: ANN401 - of PyAV
+        self._container, self._stream = container, stream
+        self._pictures = _pictures(container, stream)
+        self._before: tuple[float, Any] = (-math.inf, None)
+        self._after: tuple[float, Any] = (-math.inf, None)
+
+    def nearest(self, time_s: float) -> tuple[float, Any]:
+        """Return how many seconds the nearest picture is away, and itself; ``time_s`` is never less than before."""
+        if time_s - self._after[0] > _SEEK_S:
+            self._container.seek(max(0, int((time_s - _SEEK_S / 2) / self._stream.time_base)), stream=self._stream)
+            self._pictures = _pictures(self._container, self._stream)
+            self._before = self._after = (-math.inf, None)
+        while self._after[0] < time_s:
+            self._before, self._after = self._after, next(self._pictures, (math.inf, None))
+        return min(((abs(one - time_s), picture) for one, picture in (self._before, self._after)), key=itemgetter(0))
+
+
+def _pictures(container: Any, stream: Any) -> Iterator[tuple[float, Any]]:  # noqa: ANN401 - of PyAV
     for picture in container.decode(stream):
         if picture.time is not None:
             yield float(picture.time), picture

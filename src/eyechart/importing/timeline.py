@@ -1,0 +1,199 @@
+"""When each row of a data set was, and whether its rows, its episodes and its videos say one and the same."""
+
+import math
+from array import array
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
+from pathlib import Path
+
+from eyechart.errors import SourceError
+from eyechart.importing.cells import Cell, Row
+from eyechart.importing.layout import MOST_SECONDS, Clip, whole
+from eyechart.records import LARGEST
+
+NEAR = 0.25
+"""A picture is a row's where it is no farther from its second than this share of a frame."""
+_HALF = 0.5
+"""Stretches of one video whose pictures are nearer than this share of a frame have one of them in common."""
+_PACES = 100_000
+"""Rows of which the rate is taken."""
+_PACE = 0.1
+"""Seconds between rows that differ by more than this share from those between frames are of another rate."""
+_SHOWN = 3
+PLACES = {"episode": "episode_index", "step": "frame_index"}
+TIME = "timestamp"
+
+
+@dataclass(slots=True)
+class _Episode:
+    """What the rows of an episode said so far: their count, the last one's step and second, the first one's second."""
+
+    count: int = 0
+    step: int = -1
+    time_s: float = -math.inf
+    first_s: float = math.nan
+
+
+@dataclass(slots=True)
+class _Left:
+    """Rows that are left out for a column's sake: the first one's number, how many, and some of what stands there."""
+
+    first: int
+    count: int = 0
+    values: dict[str, None] = field(default_factory=dict)
+
+
+@dataclass
+class Timeline:
+    """Takes note of when each row was, leaves out rows that cannot be read, and refuses those that contradict others.
+
+    ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have to be whole.
+    ``left`` has the rows that are left out by column, ``emptied`` the other cells that no bank can hold, ``times`` the
+    second of each row in its episode, NaN where it is left out.
+    """
+
+    name: str
+    fps: float
+    counted: list[str]
+    needed: list[str]
+    times: "array[float]" = field(default_factory=lambda: array("d"))
+    left: dict[str, _Left] = field(default_factory=dict)
+    emptied: Counter[str] = field(default_factory=Counter)
+    _episodes: dict[int, _Episode] = field(default_factory=dict)
+    _paces: "array[float]" = field(default_factory=lambda: array("d"))
+
+    def add(self, row: Row) -> Row:
+        """Return the next row with its cells that a bank can hold; empty where the row is left out.
+
+        Raises SourceError where an episode's steps or seconds do not rise: it stands there twice, or in no order.
+        """
+        self.times.append(math.nan)
+        episode, step = (whole(row.get(name)) for name in PLACES.values())
+        bad = next((name for name, one in zip(PLACES.values(), (episode, step), strict=True) if one is None), None)
+        if episode is None or step is None:
+            return self._leave(str(bad), row)
+        time_s = self._second(row, episode, step)
+        wrong = [TIME] if time_s is None else [name for name in self.counted if whole(row.get(name)) is None]
+        bad = next(chain(wrong, (name for name in self.needed if not _is_number(row.get(name)))), None)
+        if bad is not None:
+            return self._leave(bad, row)
+        self.times[-1] = math.nan if time_s is None else time_s
+        return {name: self._plain(name, cell) for name, cell in row.items()}
+
+    def _second(self, row: Row, episode: int, step: int) -> float | None:
+        """Return the second of a row in its episode, by its own timestamp; None where that is no second."""
+        known = self._episodes.setdefault(episode, _Episode())
+        where = f"{self.name}, row {len(self.times)}: step {step} of episode {episode}"
+        if step <= known.step:
+            raise SourceError(f"{where} comes after step {known.step}; each step is one row, in their order")
+        before, known.step, known.count = known.step, step, known.count + 1
+        cell = row[TIME] if TIME in row else step / self.fps
+        if isinstance(cell, bool | str) or cell is None or not 0 <= cell <= MOST_SECONDS:
+            return None
+        if cell <= known.time_s:
+            raise SourceError(
+                f"{where} was at {cell:g} s by its timestamp, and step {before} at {known.time_s:g} s; a later step is "
+                "later: which picture belongs to it is not known"
+            )
+        if math.isfinite(known.time_s) and len(self._paces) < _PACES:
+            self._paces.append((cell - known.time_s) / (step - before))
+        known.first_s = cell if math.isnan(known.first_s) else known.first_s
+        known.time_s = float(cell)
+        return known.time_s
+
+    def _leave(self, column: str, row: Row) -> Row:
+        cell, left = row.get(column), self.left.setdefault(column, _Left(len(self.times)))
+        left.count += 1
+        if len(left.values) <= _SHOWN:
+            left.values["empty" if cell is None else repr(cell)[:40]] = None
+        return {}
+
+    def _plain(self, name: str, cell: Cell) -> Cell:
+        """Return a cell; one that is no number that a bank can hold, and need not be one, is left empty."""
+        if isinstance(cell, float) and not abs(cell) <= LARGEST:
+            self.emptied[name] += 1
+            return None
+        return cell
+
+    def said(self) -> list[str]:
+        """Return which rows and cells are left out, a line a column."""
+        lines = []
+        for column, left in self.left.items():
+            some = ", ".join(list(left.values)[:_SHOWN]) + (", …" if len(left.values) > _SHOWN else "")
+            lines.append(
+                f"{left.count} of {len(self.times)} rows are left out: '{column}' is {some} there (the first is row "
+                f"{left.first}); no motion goes over them"
+            )
+        lines += [
+            f"{count} cells of '{name}' are left empty: they are no number up to {LARGEST:g}"
+            for name, count in self.emptied.items()
+        ]
+        return lines
+
+    def require(self, lengths: Mapping[int, int], clips: Mapping[str, Mapping[int, Clip]], meta: Path) -> None:
+        """Raise SourceError where the rows contradict meta/episodes or the rate, or none is left.
+
+        ``clips`` has by camera where each episode lies, ``lengths`` how many steps it has.
+        """
+        if self.times and all(map(math.isnan, self.times)):
+            raise SourceError(f"{self.name} has no row that can be read: {'; '.join(self.said())}")
+        for episode, known in self._episodes.items():
+            length = lengths.get(episode, known.count)
+            if length not in {known.count, known.step + 1}:
+                raise SourceError(
+                    f"{meta}: episode {episode} has the length {length}, and it has {known.count} rows, of which the "
+                    f"last is step {known.step}: one of both is wrong, or rows are missing"
+                )
+        self._require_rate(meta.parent / "info.json")
+        for camera, found in clips.items():
+            if found:
+                self._require_apart(camera, found, meta)
+
+    def _require_rate(self, info: Path) -> None:
+        if not self._paces:
+            return
+        pace = sorted(self._paces)[len(self._paces) // 2]
+        if abs(pace * self.fps - 1) > _PACE:
+            raise SourceError(
+                f"{info} says {self.fps:g} frames a second, and the rows of {self.name} are {pace:g} s apart by their "
+                f"timestamps, which is {1 / pace:g} a second"
+            )
+
+    def _require_apart(self, camera: str, clips: Mapping[int, Clip], meta: Path) -> None:
+        """Raise SourceError where stretches of a video overlap, or rows go on behind the end of theirs."""
+        if lacking := [episode for episode in self._episodes if episode not in clips]:
+            raise SourceError(f"{meta} does not say where the video of episode {lacking[0]} of '{camera}' is")
+        stretches: list[tuple[str, float, float, int]] = sorted(
+            (clip.video, clip.start_s + known.first_s, clip.start_s + known.time_s, episode)
+            for episode, known in self._episodes.items()
+            for clip in [clips[episode]]
+            if math.isfinite(known.time_s)
+        )
+        for (video, _, end, before), (again, start, _, episode) in pairwise(stretches):
+            if video == again and start - end < _HALF / self.fps:
+                raise SourceError(
+                    f"{meta}: episodes {before} and {episode} overlap in '{video}': the one goes on to {end:.3f} s, "
+                    f"and the other begins at {start:.3f} s"
+                )
+        for _, _, end, episode in stretches:
+            until = clips[episode].end_s
+            if until is not None and end > until + _HALF / self.fps:
+                raise SourceError(
+                    f"{meta}: episode {episode} ends at {until:.3f} s of '{clips[episode].video}', and its rows go on "
+                    f"to {end:.3f} s"
+                )
+
+    def ends(self, clips: Mapping[int, Clip]) -> dict[str, float]:
+        """Return the second of each video at which its last row was."""
+        found: dict[str, float] = {}
+        for episode, known in self._episodes.items():
+            if episode in clips and math.isfinite(known.time_s):
+                one = clips[episode]
+                found[one.video] = max(found.get(one.video, 0.0), one.start_s + known.time_s)
+        return found
+
+
+def _is_number(cell: Cell) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool) and abs(cell) <= LARGEST
