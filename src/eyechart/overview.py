@@ -374,7 +374,7 @@ def _is_changed(before: Entry, now: Entry) -> bool:
 
 
 def _against(before: Entry, now: Entry) -> str:
-    """Return in words how a run's verdict stands to the one before; where another question was asked it is no change."""
+    """Return in words how a run's verdict stands to the one before; the answer to another question is no change."""
     same, apart = before.found.label == now.found.label, now.apart(before)
     unlike = f"not the same {', '.join(apart)}" if apart else "asked the same"
     if same:

@@ -60,7 +60,7 @@ class Repeats:
     """What driving again came to: mismatches, requests that are others now, and what could not be driven.
 
     ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at the ends of
-    episodes, as recorded and as driven; ``lost`` are the episodes that ended in an error that did not come again as it is recorded.
+    episodes, as recorded and as driven; ``lost`` are those that ended in an error that did not come again.
     """
 
     episodes: int = 0
