@@ -242,7 +242,9 @@ def test_whoever_does_not_know_the_address_sees_nothing(tmp_path: Path) -> None:
         assert "No call was written yet." in _get(root + token + "/")
 
 
-@pytest.mark.parametrize("broken", ["eyechart.serve.live.application", "asyncio.events.new_event_loop", "threading.Thread.start"])
+@pytest.mark.parametrize(
+    "broken", ["eyechart.serve.live.application", "asyncio.events.new_event_loop", "threading.Thread.start"]
+)
 def test_a_page_that_cannot_be_served_ends_no_run(
     broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -184,7 +184,7 @@ def test_a_reader_that_never_reads_holds_a_server_no_longer_than_its_deadline(tm
         with socket.socket() as one:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
             one.connect(("127.0.0.1", port))
-            one.setblocking(False)  # noqa: FBT003 - the name of the call says what it is
+            one.setblocking(False)
             with pytest.raises(BlockingIOError):
                 while True:
                     one.send(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 100)
