@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 
 import aiohttp
@@ -185,9 +186,9 @@ def test_a_reader_that_never_reads_holds_a_server_no_longer_than_its_deadline(tm
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
             one.connect(("127.0.0.1", port))
             one.setblocking(False)
-            with pytest.raises(BlockingIOError):
-                while True:
-                    one.send(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 100)
+            with suppress(BlockingIOError):
+                while one.send(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 100):
+                    pass
             await asyncio.sleep(1)
             process.process.send_signal(TERM)
             begun = asyncio.get_running_loop().time()

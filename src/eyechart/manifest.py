@@ -22,7 +22,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
-from eyechart.records import build, shown
+from eyechart.records import build, parse_json, shown
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READER
@@ -464,7 +464,7 @@ def read_episodes_manifest(path: Path) -> EpisodesManifest:
 def _read(path: Path, kind: type[M]) -> M:
     file = path / RUN
     try:
-        raw = json.loads(file.read_text(encoding="utf-8"))
+        raw = parse_json(file.read_text(encoding="utf-8"))
         found = raw.pop("format")
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))

@@ -30,7 +30,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import digest_of_sound, inside, read_bounded
-from eyechart.records import LARGEST, build, picked, plain, shown
+from eyechart.records import LARGEST, build, parse_json, picked, plain, shown
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
@@ -166,7 +166,7 @@ def read_bank_manifest(root: Path) -> BankManifest:
 
 def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its reader checks it
     """Read JSON; raises ValueError also for a lone surrogate, which no file and no terminal can hold."""
-    value = json.loads(text)
+    value = parse_json(text)
     json.dumps(value, ensure_ascii=False).encode()
     return value
 
