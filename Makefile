@@ -23,7 +23,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-faults long-fuzz long-watch long-page long-kills mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -46,6 +46,7 @@ help:
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
+	@echo "make long-kills  two hundred kills over run, merge, import, bundle, --watch, calibrate and ladder: nothing lost or left"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
@@ -181,6 +182,9 @@ long-replies: $(CORE)
 
 long-faults: $(CORE)
 	$(BIN)/python benchmarks/broken_roads_run.py
+
+long-kills: $(CORE)
+	$(BIN)/python benchmarks/kills.py
 
 long-fuzz: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_files.py
