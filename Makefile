@@ -23,7 +23,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-faults long-fuzz long-watch long-page long-kills mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -47,6 +47,7 @@ help:
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-falls   the tests of what fell in 0.2.0.dev0, on its source and on today's: each fails there, and passes now"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
+	@echo "make long-kills  two hundred kills over run, merge, import, bundle, --watch, calibrate and ladder: nothing lost or left"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles, banks and data sets: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
@@ -188,6 +189,9 @@ long-replies: $(CORE)
 
 long-faults: $(CORE)
 	$(BIN)/python benchmarks/broken_roads_run.py
+
+long-kills: $(CORE)
+	$(BIN)/python benchmarks/kills.py
 
 long-fuzz: $(MODELS)
 	$(BIN)/python benchmarks/fuzzed_files.py

@@ -11,7 +11,6 @@ import argparse
 import datetime as dt
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import eyechart
 from eyechart.calibrate.early import sampled
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import MAIN, BankManifest, Frame, FrameBank, alone
+from eyechart.processes import open_pool
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
@@ -120,7 +120,7 @@ def planned(cell: Cell) -> float:
 def measured(cells: list[Cell], draws: int, processes: int, kept: Path) -> dict[str, int]:
     """Return the hits of every cell, with those that an earlier measurement kept."""
     hits = json.loads(kept.read_text()) if kept.is_file() else {}
-    with ProcessPoolExecutor(processes) as pool:
+    with open_pool(processes) as pool:
         for cell in cells:
             if cell.name in hits:
                 continue

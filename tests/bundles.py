@@ -10,6 +10,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from eyechart.ledger import soundness
+from eyechart.ledger.rows import checksum
+
 Change = Callable[[Path], None]
 
 
@@ -50,6 +53,13 @@ def in_results(change: Callable[[Any], None]) -> Change:
         (folder / "results.json").write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
 
     return apply
+
+
+def checked(ledger: sqlite3.Connection) -> None:
+    """Give every reply of a ledger without triggers the checksum of what it says, as whoever means harm can."""
+    rows = ledger.execute(soundness._EVERY_ROW).fetchall()
+    digests = [(checksum(row[soundness._BEFORE :]), row[0]) for row in rows]
+    ledger.executemany("UPDATE replies SET row_sha256 = ? WHERE attempt = ?", digests)
 
 
 @contextmanager

@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("spaces",),
     ("stats", "cameras", "loops"),
     ("errors", "seeds", "records", "keys"),
-    ("patterns",),
+    ("patterns", "processes", "scratch"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
 

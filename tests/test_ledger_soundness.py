@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from eyechart.calls import CallKey, Reply
-from eyechart.errors import LedgerError
+from eyechart.errors import LedgerError, MissingCallsWarning
 from eyechart.ledger import Ledger
 from eyechart.ledger.schema import SCHEMAS
 
@@ -101,6 +101,7 @@ def test_several_damaged_rows_are_counted(path: Path) -> None:
         Ledger(path)
 
 
+@pytest.mark.filterwarnings("ignore:.*stands without its counter")
 def test_no_flipped_bit_changes_what_is_read(path: Path, tmp_path: Path) -> None:
     """Anywhere in the file: all that is said of the calls is what it was, or the ledger is refused."""
     whole, truth, bits = path.read_bytes(), rows_of(path), random.Random(1)  # noqa: S311 - which bits, no secret
@@ -225,6 +226,7 @@ ledger.Ledger(Path({str(path)!r}), create=True)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["ledger.sqlite", "ledger.sqlite.counter"]
 
 
+@pytest.mark.filterwarnings("ignore:.*stands without its counter")
 def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,3 +249,63 @@ def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
         ledger.close(ledger.begin(KEYS[0], "digest"), FULL)
     Ledger(path).__exit__(None, None, None)
     assert asked == [path, path]
+
+
+def _unchecked(path: Path, change: str) -> None:
+    """Change a ledger by hand, behind its triggers."""
+    with closing(sqlite3.connect(path)) as sql:
+        triggers = [row[0] for row in sql.execute("SELECT sql FROM sqlite_master WHERE type = 'trigger'")]
+        for trigger in triggers:
+            sql.execute(f"DROP TRIGGER {trigger.split()[2]}")
+        sql.execute(change)
+        for trigger in triggers:
+            sql.execute(trigger)
+        sql.commit()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE replies SET text = 'LEFT', row_sha256 = NULL WHERE attempt = 2",
+        "UPDATE replies SET row_sha256 = NULL WHERE attempt = 3",
+        "UPDATE replies SET payload_bytes = 7, row_sha256 = NULL",
+    ],
+)
+def test_a_reply_without_a_checksum_is_none_of_format_3(change: str, tmp_path: Path) -> None:
+    """What is older than checksums came before every reply that has one, and says nothing that is newer."""
+    path, said = tmp_path / "ledger.sqlite", CallKey("battery", "m", "p", "f", "real", 0)
+    with Ledger(path, create=True) as ledger:
+        for number in range(3):
+            ledger.close(ledger.begin(said._replace(frame=f"f{number}"), "digest"), Reply("RIGHT"))
+    _unchecked(path, change)
+    with pytest.raises(LedgerError, match=r"not what its checksum says is m's reply about f\d"):
+        Ledger(path)
+
+
+def test_a_merged_ledger_has_a_checksum_for_every_reply(tmp_path: Path) -> None:
+    """Also of those that come from one which is older than checksums."""
+    old = Path(__file__).parent / "old" / "0.1.0" / "made" / "battery" / "ledger.sqlite"
+    with Ledger(tmp_path / "ledger.sqlite", create=True) as ledger, Ledger(old) as other:
+        key = CallKey("battery", "m", "p", "f", "real", 0)
+        ledger.close(ledger.begin(key, "digest"), Reply("RIGHT"))
+        ledger.absorb(other)
+        assert other.unchecked()
+        assert (ledger.unchecked(), ledger.damaged()) == (0, [])
+
+
+@pytest.mark.parametrize("left", [".counter", "-wal .counter"])
+def test_a_ledger_that_was_copied_without_what_lies_beside_it_is_said_to_be(left: str, tmp_path: Path) -> None:
+    """Its log may hold its last rows, and nobody can count them."""
+    path = tmp_path / "run" / "ledger.sqlite"
+    path.parent.mkdir()
+    (tmp_path / "copied").mkdir()
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(CallKey("battery", "m", "p", "f", "real", 0), "digest"), Reply("RIGHT"))
+        for one in path.parent.iterdir():
+            if not one.name.endswith(tuple(left.split())):
+                shutil.copyfile(one, tmp_path / "copied" / one.name)
+        ledger.copy_to(tmp_path / "whole.sqlite")
+    with pytest.warns(MissingCallsWarning, match=r"stands without its counter, .* copy ledger\.sqlite\.counter and"):
+        Ledger(tmp_path / "copied" / path.name).__exit__(None, None, None)
+    with Ledger(tmp_path / "whole.sqlite") as copy, Ledger(path) as own:
+        assert copy.held() == own.held()

@@ -1,12 +1,16 @@
 """A page shows a run while it goes on: its first answers at once, what is amiss, and nothing that it cannot know."""
 
 import re
+import socket
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -46,7 +50,7 @@ def test_a_run_is_watched_without_a_further_request_and_the_page_closes_with_it(
         cwd=tmp_path, stderr=subprocess.PIPE, text=True, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin:/bin"},
     ) as run:  # fmt: skip
         assert run.stderr is not None
-        url = next(found[1] for line in run.stderr if (found := re.search(r"watch: (http://127\.0\.0\.1:\d+/)", line)))
+        url = next(found[1] for line in run.stderr if (found := re.search(r"watch: (http://\S+/)", line)))
         begun, html = time.monotonic(), ""
         while ">LEFT</td>" not in html and time.monotonic() - begun < 20:
             html = _get(url)
@@ -140,6 +144,122 @@ def test_reads_that_found_no_answer_yet_delay_none(tmp_path: Path, monkeypatch: 
     said.append(answer)
     ledger.write_text("an answer")
     assert live.asked()[0].first == (answer,)
+
+
+FLOODED = """
+import resource, sys, threading, time
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[2]), int(sys.argv[2])))
+from eyechart.models.prices import read_prices
+from eyechart.serve.live import Live, watched
+with watched(Live(Path(sys.argv[1]), read_prices()), lambda url: print(url, flush=True)):
+    opened = 0
+    for line in sys.stdin:  # a run opens a few files at a time, again and again
+        for _ in range(50):
+            files = [open(__file__) for _ in range(20)]
+            opened += len(files)
+            for file in files:
+                file.close()
+            time.sleep(0.001)
+        print(opened, flush=True)
+"""
+
+
+@contextmanager
+def _flooded(folder: Path, descriptors: int) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Yield a process that has a page and needs files of its own, and the address of its page."""
+    program = folder / "program.py"
+    program.write_text(FLOODED)
+    with subprocess.Popen(
+        [sys.executable, str(program), str(folder), str(descriptors)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        yield process, process.stdout.readline().strip()
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.close()
+        assert process.wait(30) == 0
+        assert process.stderr.read() == ""
+
+
+def _works(process: "subprocess.Popen[str]") -> bool:
+    """Return whether a process opens all files that it needs."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write("\n")
+    process.stdin.flush()
+    return process.stdout.readline() != ""
+
+
+@pytest.mark.parametrize("descriptors", [128, 1024])
+def test_connections_take_no_descriptor_that_the_run_needs(descriptors: int, tmp_path: Path) -> None:
+    """Whoever opens more than the run has descriptors is refused; the run opens its files, and nothing is printed."""
+    with _flooded(tmp_path, descriptors) as (process, url), ExitStack() as opened:
+        port = urlsplit(url).port
+        for number in range(1030):
+            one = opened.enter_context(socket.socket())
+            one.setblocking(False)
+            one.connect_ex(("127.0.0.1", port))
+            with suppress(OSError):
+                one.send((b"", b"GET / HTTP/1.1\r\nHost: localhost\r\nX")[number % 2])
+            assert number % 256 or _works(process)
+        assert _works(process)
+
+
+def test_idle_connections_and_large_heads_are_closed_and_print_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a guardian's server does: one too many gets 503, one without a request is closed, a long head gets 400."""
+    monkeypatch.setattr("eyechart.serve.live._CONNECTIONS", 4)
+    monkeypatch.setattr("eyechart.serve.live._IDLE_S", 0.2)
+    monkeypatch.setattr("eyechart.serve.live._REAP_S", 0.1)
+    told = list[str]()
+    with watched(Live(tmp_path, read_prices()), told.append), ExitStack() as opened:
+        address = ("127.0.0.1", urlsplit(told[0]).port)
+        idle = [opened.enter_context(socket.create_connection(address, timeout=5)) for _ in range(4)]
+        time.sleep(0.05)
+        assert opened.enter_context(socket.create_connection(address, timeout=5)).recv(100).startswith(b"HTTP/1.1 503")
+        assert [one.recv(100) for one in idle] == [b""] * 4
+        large = opened.enter_context(socket.create_connection(address, timeout=5))
+        large.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 20_000 + b"\r\n\r\n")
+        assert large.recv(100).startswith(b"HTTP/1.0 400")
+        assert "No call was written yet." in _get(told[0])
+    assert capsys.readouterr().err == ""
+
+
+def test_whoever_does_not_know_the_address_sees_nothing(tmp_path: Path) -> None:
+    """The port alone is no address: another user of the machine can guess that, and not the token."""
+    told, again = list[str](), list[str]()
+    with watched(Live(tmp_path, read_prices()), told.append), watched(Live(tmp_path, read_prices()), again.append):
+        root, token = re.fullmatch(r"(http://127\.0\.0\.1:\d+/)([\w-]{20,})/", told[0]).groups()  # type: ignore[union-attr]
+        for path in ("", "over", f"{token[:-1]}/", f"{again[0].split('/')[-2]}/", f"{token}x/over"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                _get(root + path)
+        assert "No call was written yet." in _get(root + token + "/")
+
+
+@pytest.mark.parametrize(
+    "broken", ["eyechart.serve.live.application", "asyncio.events.new_event_loop", "threading.Thread.start"]
+)
+def test_a_page_that_cannot_be_served_ends_no_run(
+    broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is said, and the run goes on."""
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("too many open files")
+
+    monkeypatch.setattr(broken, fails)
+    why, over = list[str](), False
+    with watched(Live(tmp_path, read_prices()), lambda _: None, why.append):
+        over = True
+    assert over
+    assert "too many open files" in why[0]
+    assert capsys.readouterr().err == ""
 
 
 def test_a_page_of_a_run_imports_no_server_of_a_guardian() -> None:

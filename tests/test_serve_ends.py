@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 
 import aiohttp
@@ -173,3 +174,25 @@ def test_a_server_that_nobody_asks_ends_at_once_also_while_it_asks_its_models(tm
         assert json.dumps(process.told).count("asking each") == 1
 
     running(ask, tmp_path, "--deadline", "600", port=port)
+
+
+def test_a_reader_that_never_reads_holds_a_server_no_longer_than_its_deadline(tmp_path: Path, port: int) -> None:
+    """Its answers fill the buffers, and their writing never ends."""
+
+    async def ask(members: Members, process: Process, session: aiohttp.ClientSession, url: str) -> None:
+        del members, session
+        await process.has_told(f" at {url}")
+        with socket.socket() as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+            one.connect(("127.0.0.1", port))
+            one.setblocking(False)
+            with suppress(BlockingIOError):
+                while one.send(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 100):
+                    pass
+            await asyncio.sleep(1)
+            process.process.send_signal(TERM)
+            begun = asyncio.get_running_loop().time()
+            assert await process.ended() == 0
+            assert asyncio.get_running_loop().time() - begun < 4 + 1 + 4
+
+    running(ask, tmp_path, "--deadline", "4", "--no-warm-up", port=port)

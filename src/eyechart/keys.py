@@ -1,11 +1,13 @@
-"""What a key looks like, how a field is named that holds one, and the forms in which a key is written down."""
+"""What a key looks like, how a field is named that holds one, and where a text holds one however it is written."""
 
 import base64
-import json
+import html
 import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from urllib.parse import quote
+from math import gcd
 
 from eyechart.patterns import pattern
 
@@ -49,6 +51,23 @@ _CHANGES = 6
 """So often letters and digits alternate in what was drawn at random, and not in a name with a number or two."""
 _BASE64 = pattern(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
 _AWS = 40
+_NESTED = 3
+"""So many encodings in one another are decoded."""
+_ESCAPE = pattern(
+    r"(?:%|\\+x|\\+u00|\\+U000000|=(?=[0-9A-F]{2}))(?=[0-9A-Fa-f]{2})(?P<hex>[0-9A-Fa-f]{2})"
+    r"|\\+[ux]\{0*(?P<braced>[0-9A-Fa-f]{1,6})\}|\\+(?P<octal>[0-3][0-7]{2})"
+    r"|(?P<entity>&(?:#\d{1,7}|#[xX][0-9A-Fa-f]{1,6}|[A-Za-z]{2,8});)|\\+(?P<plain>[^\w\\]|[nr])"
+)
+"""A sign written as another thing, behind any number of backslashes."""
+_CODES = pattern(r"(?<!\d)\d{1,3}(?:[\s,;]+\d{1,3}){7,}(?!\d)")
+_BETWEEN = " \t\r\n:"
+"""What may stand between the signs of one encoded value."""
+_HEX_RUN = pattern(r"(?:[0-9A-Fa-f][ \t\r\n:]*){16,}")
+_BASE64_RUN = pattern(r"(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
+_BASE32_RUN = pattern(r"(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
+_BREAKS = {ord("n"): "\n", ord("r"): "\r"}
+_ZERO = {4: "0", 6: "A", 5: "A"}
+"""The sign of each alphabet whose bits are none, by the bits of a sign."""
 
 
 def names_a_key(name: str, *, header: bool = False) -> bool:
@@ -88,21 +107,105 @@ def _is_base64(word: str) -> bool:
     return padded or "+" in word or (len(word) == _AWS and "/" in word)
 
 
-@lru_cache(maxsize=256)
-def forms_of(secret: str) -> tuple[str, ...]:
-    """Return a key as a program may write it: plain, in base64, in hex, percent-encoded, escaped; long ones first.
+Places = Callable[[int], tuple[int, int]]
+"""Where a sign of a decoded text stands in the text that it was decoded from: its beginning and its end."""
 
-    None for a value that is too short to be one.
+
+def without_keys(text: str, keys: Mapping[str, str]) -> str:
+    """Return a text with the mark of each key in its place, however the key is written there.
+
+    Plain, in any case, escaped, as entities, in percent, hex, base64 or base32, with line breaks, as a list of codes,
+    and in one of these in another. A value that is too short to be a key is left.
     """
-    if len(secret) < SHORTEST:
-        return ()
-    raw = secret.encode("utf-8", "surrogateescape")
-    percent, escaped = quote(secret, safe="", errors="surrogateescape"), json.dumps(secret)[1:-1]
-    forms = {secret, percent, percent.replace("%", "%25"), escaped, escaped.replace("/", "\\/"), raw.hex()}
-    forms |= {raw.hex().upper(), quote(secret, errors="surrogateescape")}
-    forms |= {percent.lower()} if percent != secret else set()
-    for before, skipped in ((0, 0), (1, 2), (2, 3)):  # base64 of a text that holds it, at three alignments
-        whole = base64.b64encode(bytes(before) + raw).decode()
-        part = whole[skipped : (before + len(raw)) * 8 // 6]
-        forms |= {part, part.replace("+", "-").replace("/", "_")}
-    return tuple(sorted(forms, key=lambda form: (-len(form), form)))
+    for key, mark in sorted(keys.items(), key=lambda one: -len(one[0])):
+        if len(key) < SHORTEST or len(text) < len(key):
+            continue
+        end, parts = len(text), list[str]()
+        for start, stop in sorted(set(_stretches(text, _looked_for(key), _NESTED)), reverse=True):
+            if stop <= end:
+                parts += [text[stop:end], mark]
+                end = start
+            elif start < end:  # it overlaps the one before
+                end = start
+        text = text[:end] + "".join(reversed(parts))
+    return text
+
+
+@lru_cache(maxsize=256)
+def _looked_for(key: str) -> re.Pattern[str]:
+    """Return what finds a key among decoded bytes too, which are read one sign a byte."""
+    of_bytes = key.encode("utf-8", "surrogateescape").decode("latin-1")
+    return re.compile("|".join(map(re.escape, dict.fromkeys((key, of_bytes)))), re.IGNORECASE)
+
+
+def _stretches(text: str, key: re.Pattern[str], deep: int) -> Iterator[tuple[int, int]]:
+    """Yield where a text holds a key, plain or in an encoding, of which ``deep`` may stand in one another."""
+    for found in key.finditer(text):
+        yield found.span()
+    for decoded, place in _decoded(text) if deep else ():
+        for start, stop in _stretches(decoded, key, deep - 1):
+            yield place(start)[0], place(stop - 1)[1]
+
+
+def _decoded(text: str) -> Iterator[tuple[str, Places]]:
+    """Yield what a text says in each encoding of which it has enough signs."""
+    if _ESCAPE.search(text):
+        yield _unescaped(text)
+    for found in _CODES.finditer(text):
+        yield _of_codes(found)
+    for run, bits, decode in ((_HEX_RUN, 4, bytes.fromhex), (_BASE64_RUN, 6, _of_base64), (_BASE32_RUN, 5, _of_base32)):
+        for found in run.finditer(text):
+            at = [found.start() + place for place, sign in enumerate(found[0]) if sign not in _BETWEEN]
+            signs = "".join(text[one] for one in at)
+            yield from _aligned(signs, at, bits, decode)
+
+
+def _of_codes(found: re.Match[str]) -> tuple[str, Places]:
+    """Return what a list of codes says."""
+    numbers = list(re.finditer(r"\d+", found[0]))
+    ends = [(found.start() + one.start(), found.start() + one.end()) for one in numbers]
+    return "".join(chr(int(one[0])) for one in numbers), ends.__getitem__
+
+
+def _aligned(signs: str, at: Sequence[int], bits: int, decode: Callable[[str], bytes]) -> Iterator[tuple[str, Places]]:
+    """Yield what a run of signs says, whose first byte may begin at any of a few of them."""
+    group = 8 // gcd(8, bits)  # signs until a byte begins with a sign again
+    for skipped in range(group):
+        kept = signs[skipped:]
+        whole = decode(kept + _ZERO[bits] * (-len(kept) % group))
+        found = whole[: len(kept) * bits // 8].decode("latin-1")
+
+        def place(byte: int, skipped: int = skipped) -> tuple[int, int]:
+            first, last = byte * 8 // bits, -(-(byte + 1) * 8 // bits)
+            return at[skipped + first], at[skipped + last - 1] + 1
+
+        yield found, place
+
+
+def _of_base64(signs: str) -> bytes:
+    return base64.b64decode(signs.replace("-", "+").replace("_", "/"))
+
+
+def _of_base32(signs: str) -> bytes:
+    return base64.b32decode(signs, casefold=True)
+
+
+def _unescaped(text: str) -> tuple[str, Places]:
+    """Return a text whose escapes are signs."""
+    parts, ends, last = list[str](), list[tuple[int, int]](), 0
+    for found in _ESCAPE.finditer(text):
+        sign = _sign(found)
+        parts += [text[last : found.start()], sign]
+        ends += [(one, one + 1) for one in range(last, found.start())] + [found.span()] * len(sign)
+        last = found.end()
+    parts.append(text[last:])
+    ends += [(one, one + 1) for one in range(last, len(text))]
+    return "".join(parts), ends.__getitem__
+
+
+def _sign(found: re.Match[str]) -> str:
+    """Return what an escape stands for."""
+    number = int(found["octal"], 8) if found["octal"] else int(found["hex"] or found["braced"] or "0", 16)
+    if number:
+        return chr(number) if number <= sys.maxunicode else ""
+    return html.unescape(found["entity"]) if found["entity"] else found["plain"].translate(_BREAKS)

@@ -16,14 +16,14 @@ from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError, raising, why
-from eyechart.frames import BankManifest, FrameBank, open_bank
+from eyechart.frames import BankManifest, FrameBank, locked, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
 from eyechart.models.sources import changed, is_formerly
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
-from eyechart.records import build, shown
+from eyechart.records import build, parse_json, shown
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READER
@@ -402,15 +402,12 @@ def alone_in(out: Path) -> Iterator[None]:
     """
     with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
-    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
-
+    taken = LedgerError(f"another process is writing to {out}; wait for it, or choose another --out")
     try:
-        with FileLock(out / ".lock", timeout=0):
+        with locked(out / ".lock", taken):
             yield
     except sqlite3.Error as error:
         raise LedgerError(f"{out / LEDGER} cannot be written: {why(error)}; the same command resumes") from error
-    except Timeout as error:
-        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
 
 
 def is_run(path: Path) -> bool:
@@ -491,7 +488,7 @@ def read_episodes_manifest(path: Path) -> EpisodesManifest:
 def _read(path: Path, kind: type[M]) -> M:
     file = path / RUN
     try:
-        raw = json.loads(file.read_text(encoding="utf-8"))
+        raw = parse_json(file.read_text(encoding="utf-8"))
         found = raw.pop("format")
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))

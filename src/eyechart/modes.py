@@ -17,7 +17,7 @@ import msgspec
 import tomli_w
 
 from eyechart.errors import SecretError, SpecError, meant, perhaps, raising
-from eyechart.keys import SHORTEST, forms_of, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key
+from eyechart.keys import SHORTEST, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key, without_keys
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
@@ -386,15 +386,12 @@ def without_secrets(text: str) -> str:
 def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
     """Return texts by name without the values of the environment's variables that are keys by their name.
 
-    Without their encoded forms too (`forms_of`).
+    Without their encoded forms too (`without_keys`).
     """
-    found = dict(texts)
-    if all(len(text) < SHORTEST for text in found.values()):
-        return found  # none can hold a value, and the environment is long
-    for variable, value in _secrets():
-        for form in forms_of(value):
-            found = {name: text.replace(form, f"[${variable}]") for name, text in found.items()}
-    return found
+    if all(len(text) < SHORTEST for text in texts.values()):
+        return dict(texts)  # none can hold a value, and the environment is long
+    keys = {value: f"[${variable}]" for variable, value in _secrets()}
+    return {name: without_keys(text, keys) for name, text in texts.items()}
 
 
 def _secrets() -> list[tuple[str, str]]:

@@ -21,6 +21,8 @@ from eyechart.studies.prompts import is_study
 DEEPEST = 4
 """Folders in folders that are looked into for runs."""
 UNREAD = "cannot be scored"
+_VERSION = "version"
+"""The one thing that may differ between two runs that asked a model the same."""
 _TITLE = re.compile(rb"<title>eyechart report: ([^<]*)</title>")
 _HEAD = 4096
 """Bytes of a page in which its title stands."""
@@ -115,7 +117,7 @@ def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, F
             ("frames", [*((one.limit, one.shard, one.frames) for one in of_banks), *(one.seeds for one in of_drives)]),
             ("conditions", [one.conditions for one in parts]),
             ("prompt", [one.prompt.key for one in parts]),
-            ("version", versions),
+            (_VERSION, versions),
             ("mode", [one.mode(spec) for one in parts if spec in one.models]),
             ("reader", [one.reader for one in parts]),
         )
@@ -144,10 +146,10 @@ def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = No
         raise SpecError(f"{folder} is no run and holds none: 'eyechart run' makes one")
     runs = list(dict.fromkeys(one.run for one in reversed(entries)))
     places = {run: f"run-{number}" for number, run in enumerate(runs, 1)}
+    pages = {} if out is None else _pages(folder, runs, out)
+    led = {run: pages.get(run, f"#{place}") for run, place in places.items()}
     tables = [
-        table
-        for table in (runs_table(entries, places), models_table(entries), history_table(entries, places))
-        if table.rows
+        table for table in (runs_table(entries, led), models_table(entries), history_table(entries, led)) if table.rows
     ]
     page = fill(
         "index.html",
@@ -157,7 +159,7 @@ def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = No
         runs=len(runs),
         models=len({one.model for one in entries if one.model}),
         tables={one.name: one for one in tables},
-        each=_each(entries, places, {} if out is None else _pages(folder, runs, out)),
+        each=_each(entries, places, pages),
         folder=str(folder),
     )
     return Made(Page(page, {}), tables, [])
@@ -216,7 +218,7 @@ def _titled(folder: Path, name: str) -> Iterator[Path]:
 
 
 _KINDS = {"good": "sees", "bad": "blind"}
-_OTHERWISE = {"partly": "in part", "blind": "no", "open": "cannot be said"}
+_ANSWERS = {"sees": "yes", "partly": "in part", "blind": "no", "open": "cannot be said"}
 
 
 def _tone(one: Entry) -> str:
@@ -237,12 +239,12 @@ def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[
 def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
     """Return what an index says first: the newest verdict on each model, and whether it is another than the one before.
 
-    The models whose newest verdict differs from the one before stand first, then those that were asked last.
+    The models whose newest verdict differs from the one before, asked the same, stand first, then who was asked last.
     """
     judged, said = _newest(entries), []
     for (model, _), mine in sorted(judged.items(), key=lambda one: one[1][-1].begun, reverse=True):
         now, before = mine[-1], mine[-2] if len(mine) > 1 else None
-        changed = "" if before is None or before.found.label == now.found.label else f"was {_words(before)}"
+        changed = f"was {_words(before)}" if before is not None and _is_changed(before, now) else ""
         words = f"{now.run}, of {now.study}, {now.when}, on {now.about}." + (
             f" Against the run before: {_against(before, now)}." if before else ""
         )
@@ -251,18 +253,15 @@ def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
 
 
 def _counted(entries: Sequence[Entry]) -> str:
-    """Return in one sentence how many have a yes by their newest verdict, a kind of verdict at a time, and who none."""
+    """Return in one sentence how many have which answer by their newest verdict, a kind at a time, and who has none."""
     kinds: dict[tuple[str, str], list[str]] = {}
     judged = _newest(entries)
     for (_, kind), mine in judged.items():
         kinds.setdefault(kind, []).append(_tone(mine[-1]))
     told = []
     for (yes, whom), tones in kinds.items():
-        others = [f"{tones.count(tone)} {words}" for tone, words in _OTHERWISE.items() if tone in tones]
-        told.append(
-            f"{yes}: {tones.count('sees')} of {len(tones)} {_one(whom, len(tones))}"
-            + (f" ({', '.join(others)})" if others else "")
-        )
+        answers = ", ".join(f"{tones.count(tone)} {words}" for tone, words in _ANSWERS.items() if tone in tones)
+        told.append(f"{yes}: {answers}, of {len(tones)} {_one(whom, len(tones))}")
     models = {one.model for one in entries if one.model}
     without = len(models - {model for model, _ in judged})
     unread = len({one.run for one in entries if one.found.label == UNREAD})
@@ -286,19 +285,19 @@ def _said(one: Entry) -> Mark:
     return Mark(_words(one), one.found.tone, MARK if one.found.marks else "")
 
 
-def _led(one: Entry, places: Mapping[str, str]) -> Mark:
-    """Return a run's name that leads to what the index says of it."""
-    return Mark(one.run, place=f"#{places[one.run]}" if one.run in places else "")
+def _led(one: Entry, led: Mapping[str, str]) -> Mark:
+    """Return a run's name that leads to its own page, or to what the index says of it."""
+    return Mark(one.run, place=led.get(one.run, ""))
 
 
 _BEGUN = Column("begun (UTC)", "word", varies=True)
 _TIMES = "A run is begun when its first call is sent; one that made none has its day alone."
 
 
-def runs_table(entries: Sequence[Entry], places: Mapping[str, str] | None = None) -> Table:
+def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -> Table:
     """Return a model of a run a row, the newest first, with the estimate that decided its verdict.
 
-    ``places`` are where a page says more of each run.
+    ``led`` is where a page says more of each run.
     """
     named = (
         *(Column("model", "word"), Column("verdict", "word"), Column("run"), Column("of", "word", varies=True)),
@@ -307,7 +306,7 @@ def runs_table(entries: Sequence[Entry], places: Mapping[str, str] | None = None
     )
     rows = tuple(
         (
-            *(one.model or "—", _said(one), _led(one, places or {}), one.study, one.about, one.when),
+            *(one.model or "—", _said(one), _led(one, led or {}), one.study, one.about, one.when),
             *(one.found.decided_by, found, None if found is None else found.n, one.found.state),
         )
         for one in reversed(entries)
@@ -338,7 +337,7 @@ def models_table(entries: Sequence[Entry]) -> Table:
     )
 
 
-def history_table(entries: Sequence[Entry], places: Mapping[str, str] | None = None) -> Table:
+def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -> Table:
     """Return the runs of each model that was asked more than once in their order, each held against the one before.
 
     Verdicts of two kinds, as of a battery and of drives, are not held against each other.
@@ -357,7 +356,7 @@ def history_table(entries: Sequence[Entry], places: Mapping[str, str] | None = N
         told = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
         rows += [
             (
-                *(model, _said(one), words, _led(one, places or {}), one.when),
+                *(model, _said(one), words, _led(one, led or {}), one.when),
                 *(one.about, one.found.decided_by, one.found.estimate),
             )
             for one, words in zip(mine, told, strict=True)
@@ -369,9 +368,17 @@ def history_table(entries: Sequence[Entry], places: Mapping[str, str] | None = N
     return Table("history", "Models that were asked more than once, over time", named, tuple(rows), note)
 
 
+def _is_changed(before: Entry, now: Entry) -> bool:
+    """Return whether a model's verdict is another though it was asked the same, be it of another version."""
+    return before.found.label != now.found.label and set(now.apart(before)) <= {_VERSION}
+
+
 def _against(before: Entry, now: Entry) -> str:
-    """Return in words how a run's verdict stands to the one before, and what was asked otherwise."""
-    same = before.found.label == now.found.label
-    verdict = "the same verdict" if same else f"another verdict: it was {before.found.label.replace('_', ' ')}"
-    apart = now.apart(before)
-    return f"{verdict}; not the same {', '.join(apart)}" if apart else f"{verdict}, asked the same"
+    """Return in words how a run's verdict stands to the one before; the answer to another question is no change."""
+    same, apart = before.found.label == now.found.label, now.apart(before)
+    unlike = f"not the same {', '.join(apart)}" if apart else "asked the same"
+    if same:
+        return f"the same verdict{';' if apart else ','} {unlike}"
+    if set(apart) <= {_VERSION}:
+        return f"another verdict: it was {_words(before)}{';' if apart else ','} {unlike}"
+    return f"another question, to which the answer was '{_words(before)}'; {unlike}"

@@ -16,6 +16,8 @@ Amount = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST = 1e30
 """No number of a file is larger, so that moments and sums of them are finite; a seed may have more than 64 bits."""
 
+MOST_VALUES = 10_000_000
+"""Values in one JSON text: so few that what they become in memory stays below 2 GB, whatever they are."""
 _LONGEST = 60
 _PLAIN = frozenset({str, int, float, bool, type(None)})
 _SAID = re.compile(
@@ -32,6 +34,17 @@ _KINDS = {
 }
 """What a place wants, in words, by msgspec's name of it."""
 _JSON = {"array": list, "object": dict, "str": str, "bool": bool, "int": int, "float": float, "null": type(None)}
+
+
+def parse_json(text: str | bytes, most: int = MOST_VALUES, **how: Any) -> Any:  # noqa: ANN401 - as json.loads
+    """Return what a JSON text from elsewhere says; raises ValueError where it is none, or of more than ``most`` values.
+
+    They are counted by their signs before one is made, since a value of three bytes takes up to a hundred in memory.
+    """
+    brace, bracket, comma = ("{", "[", ",") if isinstance(text, str) else (b"{", b"[", b",")
+    if len(text) > most and sum(map(text.count, (brace, bracket, comma))) > most:  # type: ignore[arg-type]
+        raise ValueError(f"it holds more than {most} values")
+    return json.loads(text, **how)
 
 
 def build(kind: type[T], raw: object, where: str = "it") -> T:

@@ -184,6 +184,45 @@ def _bound(lines: list[dict[str, Any]]) -> None:
     lines[1]["max_steps"] += 1
 
 
+def _failed(policy: str, steps: int, **said: object) -> Change:
+    """Return a lie of whoever drove: an episode that went on is said to have ended in an error after so many steps."""
+
+    def lie(lines: list[dict[str, Any]]) -> None:
+        (one,) = (line for line in lines if line["key"]["policy"] == policy)
+        one.update({"ended": "error", "detail": "worker lost", "state_sha256": "", **said})
+        del one["steps"][steps:]
+
+    return _record(lie)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize(
+    ("steps", "said"), [(0, {}), (2, {}), (2, {"detail": "it did not end within 2 steps", "max_steps": 2})]
+)
+def test_an_episode_in_error_is_driven_again_also_without_a_step(
+    policy: str, steps: int, said: dict[str, object], run: Path, tmp_path: Path
+) -> None:
+    """An error takes an episode out of every statistic: one that does not come again is named, and nothing holds."""
+    (tmp_path / "made").mkdir()
+    shutil.copytree(run, tmp_path / "made" / "run")
+    _failed(policy, steps, **said)(tmp_path / "made")
+    write_bundle(tmp_path / "made" / "run", tmp_path / "it.zip", resamples=100)
+    found = validate(tmp_path / "it.zip")
+    assert found.compared["episodes driven again"] == 3
+    assert found.uncompared == ["how 1 episodes failed"]
+    assert any(note.startswith("an error that does not come again: ") and policy in note for note in found.notes)
+
+
+def test_an_error_that_comes_again_is_compared(tmp_path: Path) -> None:
+    """As the bound on decisions, which every episode of a run meets at the same step."""
+    made = tmp_path / "run"
+    planned = episodes.plan(episodes.Setup("rover", max_steps=3), POLICIES, made, scenarios=("single",), seeds=(0,))
+    episodes.run(planned)
+    write_bundle(made, tmp_path / "it.zip", resamples=100)
+    found = validate(tmp_path / "it.zip")
+    assert (found.outcome, found.uncompared, found.compared["episodes driven again"]) == ("holds", [], 3)
+
+
 def _manifest(**values: object) -> Change:
     def change(folder: Path) -> None:
         held = read_manifest(folder / "run")

@@ -52,12 +52,14 @@ def test_an_error_line_is_printable_whatever_a_name_holds() -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_stream_that_is_closed_is_no_fault(closed: str, tmp_path: Path) -> None:
-    """What a command prints there is lost, and nothing else; a file that it opens never gets the stream's number."""
-    for words, status in (("list prompts", 0), (f"verdict {tmp_path}", 2)):
+    """A file that a command opens never gets its number; what has no place for its output says so, and ends."""
+    for words, status in (("list prompts", 2 if " >&-" in f" {closed}" else 0), (f"verdict {tmp_path}", 2)):
         line = f"{shlex.join(PROGRAM)} {words} {closed}"
         done = subprocess.run(["bash", "-c", line], capture_output=True, check=False)
         assert done.returncode == status, done.stderr
         assert b"Traceback" not in done.stdout + done.stderr
+        if closed == ">&-":
+            assert done.stderr == b"eyechart: the standard output is closed: give it a place, which may be /dev/null\n"
 
 
 def test_a_full_disk_is_called_a_full_disk() -> None:

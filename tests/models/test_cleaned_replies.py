@@ -2,14 +2,18 @@
 
 import asyncio
 import base64
+import html
 import json
+import textwrap
 from urllib.parse import quote
 
 import pytest
 
 from eyechart.calls import Query, Reply
+from eyechart.cli.options import mode_of
+from eyechart.errors import SpecError
 from eyechart.frames import Stimulus
-from eyechart.keys import forms_of
+from eyechart.keys import without_keys
 from eyechart.models import ask
 from eyechart.models.python_callable import PythonCallable
 from eyechart.modes import RequestMode
@@ -30,33 +34,87 @@ def test_a_callables_reply_is_cleaned_of_keys(*, whole: bool, monkeypatch: pytes
     assert "hunter22" not in repr(reply)
 
 
-KEY = 'hunter22/hunter22+"x"'
+KEY = 'hunter22/hunter22+"x"='
+RAW = KEY.encode()
+BASE64 = base64.b64encode(b"user:" + RAW + b"!").decode()
+
+
+def _each(form: str, *, joined: str = "") -> str:
+    return joined.join(form.format(byte) for byte in RAW)
+
+
+FORMS = {
+    "plain": KEY,
+    "another case": KEY.upper(),
+    "quoted": quote(KEY, safe=""),
+    "percent": _each("%{:02x}"),
+    "percent, large": _each("%{:02X}"),
+    "percent twice": _each("%25{:02x}"),
+    "JSON": json.dumps(KEY),
+    "JSON twice": json.dumps(json.dumps(KEY)),
+    "JSON with slashes": json.dumps(KEY).replace("/", "\\/"),
+    "Gson": json.dumps(KEY).replace("=", "\\u003d"),
+    "\\u": _each("\\u{:04x}"),
+    "\\u twice": _each("\\\\u{:04X}"),
+    "\\u{}": _each("\\u{{{:x}}}"),
+    "\\x": _each("\\x{:02x}"),
+    "octal": _each("\\{:03o}"),
+    "entities": _each("&#{};"),
+    "hexadecimal entities": _each("&#x{:x};"),
+    "HTML": html.escape(KEY),
+    "hex": RAW.hex(),
+    "hex with colons": _each("{:02X}", joined=":"),
+    "codes": str(list(RAW)),
+    "base32": base64.b32encode(b"ab" + RAW).decode(),
+    "base64 twice": base64.b64encode(BASE64.encode()).decode(),
+    "base64 in hex": BASE64.encode().hex(),
+    "URL-safe base64": base64.urlsafe_b64encode(RAW).decode(),
+    "MIME": "\r\n".join(textwrap.wrap(BASE64, 8)),
+    "MIME in JSON": "\\r\\n".join(textwrap.wrap(BASE64, 8)),
+    **{f"base64 after {lead}": base64.b64encode(b"x" * lead + RAW + b".").decode() for lead in range(3)},
+}
+
+
+def _needles(form: str) -> list[str]:
+    """Return what must not be left of a key: any third of the form."""
+    third = len(form) // 3
+    return [form[third : 2 * third]]
 
 
 @pytest.mark.parametrize("raised", [True, False], ids=["raised", "returned"])
-@pytest.mark.parametrize("form", forms_of(KEY))
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 def test_no_form_of_a_key_is_left_in_what_a_callable_returns_or_raises(
     form: str, monkeypatch: pytest.MonkeyPatch, *, raised: bool
 ) -> None:
-    """In base64, in hex, percent-encoded or escaped: as of what a server says."""
+    """However it is written, alone or in one another: as of what a server says. What stands beside it stays."""
     monkeypatch.setenv("MY_API_KEY", f"{KEY}\n")
 
     def leaks(_prompt: str, _image: bytes | None) -> object:
         if raised:
-            raise ValueError(form)
-        return Reply(f"STOP {form}", "stop", served=form, provider=form)
+            raise ValueError(f"STOP ({form}) too late")
+        return Reply(f"STOP ({form}) too late", "stop", served=form, provider=form)
 
     model = PythonCallable(leaks, RequestMode("python:m:f"), "v", {})
     reply = asyncio.run(ask(model, Query("", "go", Stimulus({}), 1)))
-    assert form not in repr(reply)
-    assert form not in "\n".join([reply.text, reply.error_detail, reply.served or "", reply.provider or ""])
+    for said in (reply.text, reply.error_detail, reply.served or "", reply.provider or ""):
+        assert not any(needle in said for needle in _needles(form)), said
     assert "[$MY_API_KEY]" in reply.text + reply.error_detail
+    assert "STOP (" in reply.text + reply.error_detail
+    assert ") too late" in reply.text + reply.error_detail
 
 
-def test_the_forms_of_a_key_are_those_that_programs_write() -> None:
-    """Of any text that holds it, at each alignment of base64."""
-    for lead in ("", "a", "ab"):
-        whole = base64.b64encode(f"{lead}{KEY}.".encode()).decode()
-        assert any(form in whole for form in forms_of(KEY))
-    assert {KEY.encode().hex(), quote(KEY, safe=""), json.dumps(KEY)[1:-1]} <= {*forms_of(KEY)}
-    assert forms_of("EMPTY") == ()
+@pytest.mark.parametrize(
+    "text", ["The lead is near: 12, 40, 33, 29, 18, 77, 64, 52, 10", "%41%42 \\u0041 &amp; x=3D", "hunter22"]
+)
+def test_a_text_without_a_key_stays_as_it_is(text: str) -> None:
+    """Its escapes, numbers and long words too; a value that is too short is no key."""
+    assert without_keys(text, {KEY: "[key removed]", "EMPTY": "[key removed]"}) == text
+
+
+def test_a_key_given_as_a_models_name_is_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the line that refuses it."""
+    monkeypatch.setenv("MY_API_KEY", KEY)
+    with pytest.raises(SpecError) as refused:
+        mode_of(f"openai:{KEY}", {"base_url": "http://127.0.0.1:1/v1"})
+    assert "hunter22" not in str(refused.value)
+    assert "MY_API_KEY" in str(refused.value)

@@ -68,6 +68,16 @@ def told(*words: object, code: int = 0) -> str:
     return found.stdout
 
 
+def test_an_index_shows_the_statistic_that_decided_for_each_policy(run: Path) -> None:
+    """By its own name, with its value: the one that the verdict on the cameras names."""
+    study = study_of(run)
+    score = study.score(run, Reading())
+    verdicts = judge(score)
+    for spec, found in study.findings(score).items():
+        assert found.decided_by == verdicts[spec].camera.by or not verdicts[spec].camera.by
+        assert found.estimate is score.models[spec].statistics[found.decided_by]
+
+
 def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
     """By the JSON that scripts rely on: a label an axis, a share a channel."""
     found = json.loads(told("verdict", run, "--json"))["policies"]

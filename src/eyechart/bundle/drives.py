@@ -9,7 +9,7 @@ from eyechart.bundle.comparing import TOLERANCE, Difference
 from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episode, read_episodes, unfinished
 from eyechart.episodes.planning import PATIENCE_S
 from eyechart.episodes.records import decided_by
-from eyechart.episodes.repeats import Mismatch, Repeats, other_versions, refused, repeat, world_of
+from eyechart.episodes.repeats import Mismatch, Repeats, longest, other_versions, refused, repeat, world_of
 from eyechart.errors import BundleError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
@@ -95,7 +95,8 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     same = exact and not apart
     chosen, worlds = _chosen(run, manifest, episodes, how, found), manifest.simulator
     vetted, seen = _vetted(run, how, found, same=same), _seen(run, chosen, same=same)
-    how.announce(_bound(chosen, len(episodes), worlds, how) + _online_bound(vetted, seen))
+    most = longest(manifest, episodes)
+    how.announce(_bound(chosen, len(episodes), worlds, how, most) + _online_bound(vetted, seen))
     repeats = repeat(
         run,
         manifest,
@@ -146,18 +147,16 @@ def _chosen(
     run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], how: Again, found: Found
 ) -> list[Episode]:
     """Return the episodes that are driven again: all, or some by chance, which nobody could know beforehand."""
-    whole = [one for one in episodes if one.steps]
-    drawn = random.SystemRandom().sample(whole, len(whole))
-    times = _steps_a_decision(run)
+    drawn = random.SystemRandom().sample(episodes, len(episodes))
+    times, most = _steps_a_decision(run), longest(manifest, episodes)
     kept, steps = [], 0
     for one in drawn[: how.sample]:
-        steps += times * len(one.steps)
+        steps += times * (most if one.ended == "error" else len(one.steps))
         if steps > MOST_DRIVEN:
             break
         kept.append(one)
-    if len(kept) < len(whole):
-        left = len(whole) - len(kept)
-        found.uncompared.append(f"{left} of {len(whole)} episodes of {manifest.simulator}")
+    if left := len(episodes) - len(kept):
+        found.uncompared.append(f"{left} of {len(episodes)} episodes of {manifest.simulator}")
         found.notes.append(f"{left} episodes were not driven again; those that were are drawn by chance")
     return kept
 
@@ -213,8 +212,9 @@ def _difference(one: Mismatch) -> Difference:
     return Difference(one.where, one.recorded, one.driven)
 
 
-def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again) -> str:
-    steps, processes = sum(len(one.steps) for one in chosen), "process" if how.processes == 1 else "processes"
+def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again, most: int) -> str:
+    steps = sum(most if one.ended == "error" else len(one.steps) for one in chosen)
+    processes = "process" if how.processes == 1 else "processes"
     return (
         f"driving {len(chosen)} of {of} episodes of {worlds} again: {steps} steps in {how.processes} {processes}, none "
         f"longer than {PATIENCE_S:g} s"

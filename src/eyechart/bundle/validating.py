@@ -3,7 +3,6 @@
 import hashlib
 import json
 import sqlite3
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,6 +36,7 @@ from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_o
 from eyechart.perception.view import find_view
 from eyechart.records import Plain
 from eyechart.run import Plan
+from eyechart.scratch import scratch
 from eyechart.studies import Tell, is_episodes, study_of
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.stages import widest
@@ -92,7 +92,7 @@ def validate(file: Path, *, tell: Tell = lambda _: None, again: Again = USUAL) -
         raise BundleError(f"{file} is no bundle file but {'a folder' if file.is_dir() else 'a device or a pipe'}")
     if not file.is_file():
         raise BundleError(f"{file} does not exist; 'eyechart bundle RUN --out {file.name}' makes one")
-    with tempfile.TemporaryDirectory(prefix="eyechart-validate-") as work:
+    with scratch("validate") as work:
         folder = Path(work)
         tell("unpacking")
         names = unpack(file, folder)

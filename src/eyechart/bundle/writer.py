@@ -1,7 +1,6 @@
 """Writing a bundle: a run as it stands, its pictures, and all that follows from it, packed into one file."""
 
 import shutil
-import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from eyechart.errors import BundleError, SpecError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
+from eyechart.scratch import scratch
 from eyechart.studies import Reading, Study, Tell, is_episodes, study_of
 from eyechart.studies.battery.subjects import find_pictures, used_pictures
 
@@ -41,7 +41,7 @@ def write_bundle(
     """
     require_free(out, "bundle")
     study, reading = study_of(run, "bundle"), Reading(independent, reread, resamples=resamples)
-    with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
+    with scratch("bundle") as work:
         folder = Path(work) / "bundle"
         if has_parts(run):
             recipe, derived = _of_parts(study, run, folder, banks, reading, tell)

@@ -5,7 +5,6 @@ Source: docs/decisions/0050-any-policy-simulated.md, whose settings these are.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import SpecError
+from eyechart.processes import open_pool
 from eyechart.records import Plain
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
@@ -232,7 +232,7 @@ def try_rules(
     if not every:
         raise SpecError(f"no setting of policies is named like {', '.join(chosen or ())}; see docs/decisions/0050")
     parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
-    with ProcessPoolExecutor(processes) as pool:
+    with open_pool(processes) as pool:
         for place, setting in enumerate(every):
             labels: Counter[str] = Counter()
             for counted in pool.map(partial(_batch, setting, seed), *zip(*parts, strict=True)):

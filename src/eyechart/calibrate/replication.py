@@ -1,9 +1,7 @@
 """One replication: one simulated bank, all known controllers on it, and both sets of rules on what they answered."""
 
-import multiprocessing
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,6 +21,7 @@ from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.errors import SpecError, require_known
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
+from eyechart.processes import open_pool
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
@@ -137,8 +136,7 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
     if processes == 1:
         yield map(_whole, tasks)
         return
-    # Spawned, not forked: a thread of the progress bar may hold a lock at the moment of a fork.
-    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"))
+    pool = open_pool(processes)
     try:
         yield pool.map(_whole, tasks)
     finally:

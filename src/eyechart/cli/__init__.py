@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from eyechart.cli.terminal import as_typed, end_as_interrupted, how_it_ends, was_told_to_end
-from eyechart.errors import EyechartError, MissingCallsWarning, is_full, printable
+from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, printable
 
 _ASCII = str.maketrans(
     {
@@ -112,7 +112,11 @@ def _keep_to_one_thread() -> None:
 
 
 def _open_what_is_closed() -> None:
-    """Let standard streams that a shell closed (``>&-``) lead nowhere, so that no file gets their number either."""
+    """Let standard streams that a shell closed (``>&-``) lead nowhere, so that no file gets their number either.
+
+    Raises OutputError where it is that of the output: a command that prints nothing would seem to have done its work.
+    """
+    silent = sys.stdout is None
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
@@ -120,6 +124,8 @@ def _open_what_is_closed() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
+    if silent:
+        raise OutputError("the standard output is closed: give it a place, which may be /dev/null")
 
 
 def _print_what_can_be() -> None:

@@ -198,9 +198,9 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
 
 def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
     """Return the mode of a SPEC with the fields that options set; raises SpecError naming what cannot be."""
-    from eyechart.modes import RequestMode
+    from eyechart.modes import RequestMode, without_secrets
 
-    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {spec}")
+    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {without_secrets(spec)}")
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:

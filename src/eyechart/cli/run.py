@@ -431,7 +431,12 @@ def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[i
     from eyechart.serve.live import Live, watched
 
     live = Live(out, allowed.prices, unit=unit)
-    with watched(live, lambda url: say(f"watch: {url} shows this run while it goes on")):
+    words = "the page of this run is not served, and the run goes on"
+    with watched(
+        live,
+        lambda url: say(f"watch: {url} shows this run while it goes on"),
+        lambda why: say(f"watch: {words}: {why}"),
+    ):
         yield live.move
 
 

@@ -14,7 +14,7 @@ from eyechart.frames import Scalar
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import EPISODES, LEDGER, RUN, EpisodesManifest, read_run
 from eyechart.policies.baselines import without
-from eyechart.records import Count, Name, Plain, build, shown
+from eyechart.records import Count, Name, Plain, build, parse_json, shown
 from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
@@ -176,7 +176,7 @@ def _episode(line: bytes) -> Episode:
         raise ValueError(f"it holds {word}, which is no number")
 
     with raising(ValueError, "it is no JSON", of=(json.JSONDecodeError, UnicodeDecodeError)):
-        raw = json.loads(line, parse_constant=refuse)
+        raw = parse_json(line, parse_constant=refuse)
     episode = build(Episode, raw)
     for number, step in enumerate(episode.steps):
         for name, due in (("step", number), ("frame", episode.key.frame(number))):

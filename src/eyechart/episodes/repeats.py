@@ -60,7 +60,7 @@ class Repeats:
     """What driving again came to: mismatches, requests that are others now, and what could not be driven.
 
     ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at the ends of
-    episodes, as recorded and as driven; ``lost`` are the episodes that ended in an error that did not come again.
+    episodes, as recorded and as driven; ``lost`` are those that ended in an error that did not come again.
     """
 
     episodes: int = 0
@@ -112,17 +112,17 @@ def repeat(
     """Drive recorded episodes again, and return what differs from their records; nothing is asked or written.
 
     ``exact`` holds every field to the record, and the rounded state after each step by its digest; else
-    decisions, and truth, reward, speed and distance to 3 decimals. Raises SpecError for a run that is `refused`.
+    decisions, and truth, reward, speed and distance to 3 decimals. An episode in error is driven for one step more than
+    it holds, so that one that was cut short is found. Raises SpecError for a run that is `refused`.
     """
     if why := refused(manifest):
         raise SpecError(why)
-    found = Repeats()
-    recorded = {one.key: one for one in episodes if one.steps}
-    longest = max((len(one.steps) for one in recorded.values()), default=1)
-    setup = Setup(manifest.simulator, manifest.seed, longest, silence=manifest.silence)
+    drivers = _drivers(manifest, world_of(run, manifest), {one.key.policy for one in episodes})
+    recorded = {one.key: one for one in episodes if one.key.policy in {*drivers.policies, *drivers.models}}
+    found = Repeats(lost=[one.key for one in episodes if one.key not in recorded])
+    setup = Setup(manifest.simulator, manifest.seed, longest(manifest, episodes), silence=manifest.silence)
     actions = run / ACTION_MAP
     setup = replace(setup, actions=actions) if actions.is_file() else setup
-    drivers = _drivers(manifest, world_of(run, manifest), {key.policy for key in recorded})
     compare = partial(_compare, exact=exact)
 
     def keep(driven: Episode) -> None:
@@ -151,13 +151,19 @@ def repeat(
     return found
 
 
+def longest(manifest: EpisodesManifest, episodes: Sequence[Episode]) -> int:
+    """Return after how many steps a drive is cut that is made again: one more than an error came after, at most."""
+    steps = max((len(one.steps) + (one.ended == "error") for one in episodes), default=1)
+    return max(1, min(steps, manifest.max_steps))
+
+
 def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[str]) -> Drivers:
-    """Return who decides: policies that ship, and for every model its record; without marginals that never drove."""
+    """Return who decides: policies that ship, and for every model its record; without marginals that never drew."""
     space, answers = manifest.action_space, manifest.prompt.asks(manifest.action_space)
     policies = {
         spec: _policy(spec, made, manifest)
         for spec, made in manifest.policies.items()
-        if spec not in manifest.modes and (spec in drove or not manifest.marginal_of(spec))
+        if spec not in manifest.modes and (not manifest.marginal_of(spec) or (spec in drove and _COUNTS.search(made)))
     }
     return Drivers(
         policies=policies,
@@ -192,7 +198,7 @@ def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool)
         found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
         return
     if recorded.ended == "error":
-        if driven.ended != "error":
+        if (driven.ended, len(driven.steps), driven.detail) != ("error", len(recorded.steps), recorded.detail):
             found.lost.append(key)
         return
     whole = (

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
 from eyechart.loops import asyncio
+from eyechart.processes import end_with
 
 PATIENCE_S = 300.0
 """A world that takes longer for one step, or to begin, counts as dead."""
@@ -55,7 +56,7 @@ class LocalWorker:
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603 - our own program
-                [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno())],
+                [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno()), str(os.getpid())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,  # what a library prints is no output of ours
@@ -148,7 +149,8 @@ def _every(seconds: float, tell: Callable[[], None]) -> Callable[[], None]:
 
 
 def main() -> None:
-    """Serve the socket whose number is the only argument; the coordinator's end is an end like any other."""
+    """Serve the socket whose number is the first argument, while the coordinator lives, whose number is the second."""
+    end_with(int(sys.argv[2]))
     try:
         serve(Connection(int(sys.argv[1])))
     except (EOFError, OSError, _GoneError):

@@ -3,6 +3,7 @@
 from eyechart.frames.folder import (
     BankWriter,
     check,
+    locked,
     open_bank,
     open_unchecked,
     own_folder,
@@ -79,6 +80,7 @@ __all__ = [
     "encode",
     "inside",
     "is_reserved",
+    "locked",
     "made_plain",
     "media_type",
     "open_bank",

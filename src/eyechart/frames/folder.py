@@ -1,5 +1,6 @@
 """A bank as a folder: written all of it or nothing, and read back, held against what its manifest recorded."""
 
+import errno
 import hashlib
 import json
 import os
@@ -12,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-from eyechart.errors import BankError, EyechartError, SpecError, raising
+from eyechart.errors import BankError, EyechartError, SpecError, raising, why
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -29,7 +30,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import digest_of_sound, inside, read_bounded
-from eyechart.records import LARGEST, build, picked, plain, shown
+from eyechart.records import LARGEST, build, parse_json, picked, plain, shown
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
@@ -37,6 +38,8 @@ MOTION = "motion"
 
 
 _LOCK = ".lock"
+_NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP}
+"""What the system says where a file cannot be locked, whoever asks."""
 
 
 @contextmanager
@@ -46,22 +49,40 @@ def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
     What a process left there that was killed is cleared. Raises ``error`` where another process writes there now, or
     the name is somebody else's.
     """
-    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
-
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_name(f".{out.name[:50]}.part")
     if work.is_symlink() or (work.exists() and not (work / _LOCK).is_file()):
         raise error(f"{work} is in the way, and eyechart did not make it: remove it, or choose another place")
     work.mkdir(exist_ok=True)
+    with locked(work / _LOCK, error(f"another process is writing {out}; wait for it, or choose another place")):
+        try:
+            _clear(work, keep=_LOCK)
+            yield work
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def locked(file: Path, taken: EyechartError) -> Iterator[None]:
+    """Hold a lock while the block lasts; raises ``taken`` where another process does.
+
+    Raises an error of its kind where the file system has no locks, as some that are mounted over a network.
+    """
+    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
+
+    lock = FileLock(file, timeout=0)
     try:
-        with FileLock(work / _LOCK, timeout=0):
-            try:
-                _clear(work, keep=_LOCK)
-                yield work
-            finally:
-                shutil.rmtree(work, ignore_errors=True)
-    except Timeout as held:
-        raise error(f"another process is writing {out}; wait for it, or choose another place") from held
+        lock.acquire()
+    except Timeout as error:
+        raise taken from error
+    except OSError as error:
+        words = f"{file} cannot be locked: {why(error)}"
+        without = f"{words}; its file system has no locks: choose a place on a disk of this machine"
+        raise type(taken)(without if error.errno in _NO_LOCKS else words) from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @contextmanager
@@ -145,7 +166,7 @@ def read_bank_manifest(root: Path) -> BankManifest:
 
 def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its reader checks it
     """Read JSON; raises ValueError also for a lone surrogate, which no file and no terminal can hold."""
-    value = json.loads(text)
+    value = parse_json(text)
     json.dumps(value, ensure_ascii=False).encode()
     return value
 

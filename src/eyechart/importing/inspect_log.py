@@ -19,6 +19,7 @@ from eyechart.importing.answers import MOST_REPEATS, MOST_ROWS, Answered, made_r
 from eyechart.importing.cells import MOST_CELL, Progress
 from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import require
+from eyechart.records import parse_json
 
 ENDINGS = (".eval", ".json")
 MOST_SAMPLE = 64_000_000
@@ -148,7 +149,7 @@ def _whole(path: Path) -> Mapping[str, Any]:
 def _object(text: bytes, path: Path, name: str) -> Mapping[str, Any]:
     """Return JSON that is an object; raises SourceError where it is none, or holds what no file can."""
     try:
-        found = json.loads(text)
+        found = parse_json(text)
         if b"\\u" in text:
             json.dumps(found, ensure_ascii=False).encode()  # half of a surrogate pair is no text
     except (ValueError, RecursionError) as error:

@@ -13,6 +13,7 @@ from eyechart.errors import SourceError, raising
 from eyechart.importing.cells import Cell, Progress, Row, plain_name
 from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import open_parquet
+from eyechart.records import parse_json
 
 MOST_LINE = 4_000_000
 """Characters of one line of a table, and of one row; more is no table of frames."""
@@ -153,7 +154,7 @@ def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
 
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     with raising(SourceError, f"{path}, row {number} is no JSON object", of=(ValueError, RecursionError)):
-        row = json.loads(line, object_pairs_hook=_each_once)
+        row = parse_json(line, object_pairs_hook=_each_once)
         if "\\u" in line:
             json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
     if not isinstance(row, dict):

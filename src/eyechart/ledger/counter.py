@@ -20,6 +20,10 @@ _LENGTH = 160
 _LOOKS = 3
 """A line that is read while it is written may be half of one; then it is read again."""
 _MOST = 2**53
+_HEAD, _JOURNAL, _FORMAT = 100, 18, 60
+"""Of a database: bytes of its head, where its kind of journal stands, and where its format."""
+_LOG = b"\2\2"
+_COUNTED_SINCE = 3
 
 
 class Written(NamedTuple):
@@ -111,6 +115,21 @@ def write_counter(ledger: Path, count: Count) -> None:
 
 def _beside(ledger: Path) -> Path:
     return ledger.with_name(ledger.name + SUFFIX)
+
+
+def is_alone(ledger: Path) -> bool:
+    """Return whether a ledger that was appended to with a counter stands without one: a copy of the file alone.
+
+    A copy that eyechart makes, as in a bundle, is of another kind of file (its journal is no log), and has no counter.
+    """
+    if _beside(ledger).exists():
+        return False
+    try:
+        with ledger.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    return head[_JOURNAL : _JOURNAL + 2] == _LOG and int.from_bytes(head[_FORMAT : _FORMAT + 4]) >= _COUNTED_SINCE
 
 
 def _line(count: Count) -> bytes:

@@ -11,7 +11,7 @@ from typing import Self
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, is_full, printable, why
-from eyechart.ledger.counter import NOTHING, Written, counting, read_counter
+from eyechart.ledger.counter import NOTHING, Written, counting, is_alone, read_counter
 from eyechart.ledger.rows import (
     AGAIN,
     KEY,
@@ -54,7 +54,12 @@ _EVERY_ATTEMPT = (
     f"SELECT a.id, a.number, a.reason, a.request_sha256, a.sent_at, {KEY_OF_CALL} "
     "FROM attempts a JOIN calls c ON c.id = a.call ORDER BY a.id"
 )
-_EVERY_REPLY = f"SELECT r.attempt, r.final, r.closed_at, {REPLY_OF}, r.row_sha256 FROM replies r ORDER BY r.attempt"
+_EVERY_CHECKED = (
+    f"SELECT r.attempt, r.row_sha256, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, r.final, r.closed_at, "
+    f"{REPLY_OF} FROM replies r JOIN attempts a ON a.id = r.attempt JOIN calls c ON c.id = a.call ORDER BY r.attempt"
+)
+_ASKED = OF_KEY + 3
+"""So many columns of what a checksum is of stand before those of the reply."""
 _TAKEN: set[str] = set()
 """Digests of files that were found to be sound, or are taken as they are; the same bytes are not looked into twice."""
 _REQUEST, _REPLY = Written(1, 0), Written(0, 1)
@@ -83,6 +88,7 @@ class Ledger:
             raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run' makes one")
         self.path = path
         self._pending = self._held = NOTHING
+        self._alone = is_alone(path)
         try:
             with ExitStack() as opening:
                 self._sql = self._append(opening) if create else self._read(opening, sound=sound)
@@ -95,6 +101,13 @@ class Ledger:
             raise LedgerError(f"{path} cannot be read: {why(error)}") from error
         if any(self.missing) and not accepting:
             warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=2)
+        elif self._alone:
+            warnings.warn(
+                f"{path} stands without its counter, and nobody can say whether calls are missing: where it was "
+                f"copied, copy {path.name}.counter and {path.name}-wal with it",
+                MissingCallsWarning,
+                stacklevel=2,
+            )
 
     def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
         """Open a copy, and see that it is whole; what was found to be sound once is not looked into again."""
@@ -308,16 +321,18 @@ class Ledger:
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
 
-        Raises LedgerError, and copies nothing, where a call was finished in both.
+        A reply that is older than checksums gets one. Raises LedgerError, and copies nothing, where a call was
+        finished in both.
         """
         if twice := self.finished() & other.finished():
             raise LedgerError(f"{other.path}: {len(twice)} calls are finished in both ledgers, first {min(twice)}")
         with self.together():
             (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
             new = self._sql.executemany(_ADD_CALL, other._sql.execute(f"SELECT {KEY} FROM calls")).rowcount  # noqa: SLF001
-            attempts, replies = map(other._sql.execute, (_EVERY_ATTEMPT, _EVERY_REPLY))  # noqa: SLF001
+            attempts, replies = map(other._sql.execute, (_EVERY_ATTEMPT, _EVERY_CHECKED))  # noqa: SLF001
             self._sql.executemany(_COPY_ATTEMPTS, ((id_ + base, number, base, *row) for id_, number, *row in attempts))
-            self._sql.executemany(_COPY_REPLIES, ((id_ + base, id_ + base, *row) for id_, *row in replies))
+            rows = ((id_ + base, *row[_ASKED:], digest or checksum(row)) for id_, digest, *row in replies)
+            self._sql.executemany(_COPY_REPLIES, ((row[0], *row) for row in rows))
             self._count(_counted(other._sql))  # noqa: SLF001
         return new
 

@@ -3,10 +3,11 @@
 import hashlib
 import shutil
 import sqlite3
-import tempfile
 from contextlib import ExitStack, suppress
 from operator import methodcaller
 from pathlib import Path
+
+from eyechart.scratch import scratch
 
 _COPIES = 20
 """Copies of a ledger that is written meanwhile, until one is whole; then it is read where it is, beside its writer."""
@@ -19,7 +20,7 @@ def open_copy(path: Path, opened: ExitStack) -> tuple[sqlite3.Connection, str | 
     in it; without a log, where the file did not change. Where no copy is, the ledger itself is opened, and there is no
     digest.
     """
-    copy = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="eyechart-ledger-"))) / "ledger.sqlite"
+    copy = opened.enter_context(scratch("ledger")) / "ledger.sqlite"
     log, its_log = (one.with_name(f"{one.name}-wal") for one in (path, copy))
     for _ in range(_COPIES):
         head, file = _head(log), path.stat()

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eyechart.errors import LedgerError, printable
-from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY_OF, checksum
+from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY, REPLY_OF, checksum
+from eyechart.ledger.schema import SINCE_FORMAT_3
 
 _EVERY_ROW = (
     f"SELECT r.attempt, r.call IS a.call, r.row_sha256, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, "
@@ -14,6 +15,8 @@ _EVERY_ROW = (
 )
 _BEFORE = 3
 """So many columns come before those of which the checksum is."""
+_OF_FORMAT_3 = [REPLY.index(name) - len(REPLY) for name in SINCE_FORMAT_3]
+"""Where a row has what no older format keeps."""
 _WITHOUT_CALL = "SELECT id FROM attempts WHERE call NOT IN (SELECT id FROM calls)"
 _MISCOUNTED = "SELECT min(id) FROM attempts GROUP BY call HAVING min(number) != 1 OR max(number) != count(*)"
 
@@ -42,13 +45,17 @@ def require_whole(sql: sqlite3.Connection, path: Path) -> None:
 def damaged(sql: sqlite3.Connection) -> Iterator[str]:
     """Yield in words which rows are not what was written.
 
-    A reply is held against its checksum, where it has one: of format 3 on. Of every row it is asked whether it belongs
-    to a call, and whether the attempts at a call are counted from 1.
+    A reply is held against its checksum. One that has none is of a format before 3: it came before every reply that has
+    one, and says nothing that only format 3 keeps. Of every row it is asked whether it belongs to a call, and whether
+    the attempts at a call are counted from 1.
     """
+    since = False
     for row in sql.execute(_EVERY_ROW):
         attempt, its, digest = row[:_BEFORE]
         written = row[_BEFORE:]
-        if its and (digest is None or checksum(written) == digest) and written[0] is not None:
+        since = since or digest is not None
+        sound = checksum(written) == digest if since else not any(written[at] is not None for at in _OF_FORMAT_3)
+        if its and sound and written[0] is not None:
             continue
         study, model, _, frame, condition, _ = written[:OF_KEY]
         if study is None:

@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 from urllib.parse import unquote, urlsplit
 from urllib.request import getproxies, proxy_bypass
@@ -30,7 +29,7 @@ from aiohttp.connector import Connection
 from eyechart import __version__
 from eyechart.calls import MOST, ErrorKind, Reply
 from eyechart.errors import SpecError, printable
-from eyechart.keys import forms_of
+from eyechart.keys import without_keys
 from eyechart.models.faults import kind_of_status, with_proof
 
 MOST_BYTES = 8_000_000
@@ -176,9 +175,7 @@ class Endpoint:
 
     def scrub(self, text: str) -> str:
         """Return a text without the secrets that went out with the request, encoded ones included."""
-        for form in _forms(self.secrets):
-            text = text.replace(form, "[key removed]")
-        return text
+        return without_keys(text, dict.fromkeys(self.secrets, "[key removed]"))
 
     def scrubbed(self, reply: Reply) -> Reply:
         """Return a reply without secrets, its names cut after that: a server may send back what it was sent."""
@@ -205,12 +202,6 @@ class Endpoint:
                 proxy=self._proxy,
             )
         return self._session
-
-
-@cache
-def _forms(secrets: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the secrets in every form in which a server may write them, long ones first."""
-    return tuple(sorted({form for secret in secrets for form in forms_of(secret)}, key=lambda form: (-len(form), form)))
 
 
 def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:

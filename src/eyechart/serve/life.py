@@ -6,14 +6,12 @@ the process at once.
 
 import asyncio
 import errno
-import logging
 import os
 import signal
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 
-import orjson
 from aiohttp import web
 
 from eyechart.errors import GuardianError
@@ -22,13 +20,11 @@ from eyechart.serve.limits import ServerLimits
 from eyechart.serve.names import Names
 from eyechart.serve.server import Server, application
 
-_QUIET = logging.getLogger("eyechart.serve")
-_QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
 _TELLING_S = 5.0
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
-_LINE_BYTES = 8190
-"""Of the first line of a head, and of each header."""
+_ENDING_S = 0.5
+"""What was not answered by its deadline, as where nobody reads the answer, is ended within twice as long."""
 
 
 async def serve(
@@ -99,40 +95,18 @@ def _signalled(over: asyncio.Event) -> Iterator[None]:
 def _runner(app: web.Application, server: Server) -> web.AppRunner:
     return web.AppRunner(
         app,
-        access_log=None,
-        logger=_QUIET,
-        shutdown_timeout=server.guardian.deadline_s + 1,
+        shutdown_timeout=_ENDING_S,
         lingering_time=_LINGERING_S,
-        max_line_size=_LINE_BYTES,
-        max_field_size=_LINE_BYTES,
-        max_headers=server.limits.headers,
         auto_decompress=False,
+        **server.connections.head(),
     )
-
-
-class _Full(asyncio.Protocol):
-    """A connection too many: it is told so, and closed before anything of it is read."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Write the answer."""
-        assert isinstance(transport, asyncio.WriteTransport)
-        body = orjson.dumps({"error": "too many connections"})
-        head = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nRetry-After: 1\r\n"
-        transport.write(head + b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
-        transport.close()
 
 
 async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -> tuple[asyncio.Server, str]:
     """Listen, and return with it the address; the server then knows its names."""
     handlers = runner.server
     assert handlers is not None
-
-    def connection() -> asyncio.BaseProtocol:
-        if len(handlers.connections) < server.limits.connections:
-            return handlers()
-        server.metrics.requests.labels("503").inc()
-        return _Full()
-
+    connection = server.connections.accepting(handlers, lambda: server.metrics.requests.labels("503").inc())
     loop = asyncio.get_running_loop()
     try:
         listening = await loop.create_server(connection, host, port, start_serving=False)

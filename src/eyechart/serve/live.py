@@ -1,19 +1,21 @@
 """A page that shows a run while it goes on: served on this machine alone, and read from the run's own files.
 
 No model is asked for it, and nothing is written. What it says is how far the run is, and claims nothing. A browser asks
-beside it for the end (``/over``), which is answered when the run ends: a reply that fails is a lost connection, no end.
+beside it for the end (``over``), which is answered when the run ends: a reply that fails is a lost connection, no end.
 """
 
 import asyncio
 import base64
 import hashlib
+import os
+import secrets
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, field
-from functools import cache
+from functools import cache, partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -28,6 +30,7 @@ from eyechart.integrity import ServedChecks
 from eyechart.ledger import Ledger, Sent
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices
+from eyechart.serve.connections import Connections
 from eyechart.serve.names import Names
 from eyechart.spaces.space import AnySpace
 from eyechart.studies import Study, study_of
@@ -45,6 +48,13 @@ _SHARE = 0.01
 """The part of the run's own processor time that later reads may take together."""
 _WINDOW_S = 30.0
 _ENDING_S = 5.0
+_CONNECTIONS = 32
+_IDLE_S = 10.0
+_REAP_S = 1.0
+_BACKLOG = 8
+"""So many connections are accepted in one go, each of which has a descriptor until it is closed."""
+_KEPT = 64
+"""Descriptors that are left to the run: with fewer, a connection is closed at once."""
 _HELD_S = 60.0
 """A request for the end is answered after so long at the latest, with nothing, and is made again."""
 _NOTHING = "No call was written yet."
@@ -238,61 +248,137 @@ def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> 
     return Asked(name, account, dict(decisions.most_common()), tuple(first), tuple(amiss))
 
 
-def application(live: Live, ended: asyncio.Event) -> web.Application:
-    """Return what answers, under this machine's own names: the page at ``/``, and at ``/over`` once more at the end."""
+def application(live: Live, ended: asyncio.Event, token: str, connections: Connections) -> web.Application:
+    """Return what answers, under this machine's own names: the page at ``/TOKEN/``, at ``over`` beside it at the end.
+
+    Whoever does not know the token learns nothing.
+    """
     names = Names()
 
     async def page(request: web.Request) -> web.Response:
-        if (why := names.refuses(request.headers)) is not None:
-            return web.Response(status=421, text=why)
-        if request.path == "/over":
-            try:
-                await asyncio.wait_for(ended.wait(), _HELD_S)
-            except TimeoutError:
-                return web.Response(status=204)
-        html = await asyncio.to_thread(live.html)
-        headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        with connections.answering(request):
+            if (why := names.refuses(request.headers)) is not None:
+                return web.Response(status=421, text=why)
+            if not secrets.compare_digest(request.match_info["token"].encode(), token.encode()):
+                return web.Response(status=404, text="no page is here: open the address that the run printed")
+            if request.path.endswith("/over"):
+                try:
+                    await asyncio.wait_for(ended.wait(), _HELD_S)
+                except TimeoutError:
+                    return web.Response(status=204)
+            html = await asyncio.to_thread(live.html)
+        headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
         return web.Response(body=html, content_type="text/html", charset="utf-8", headers=headers)
 
     app = web.Application()
-    app.router.add_get("/", page)
-    app.router.add_get("/over", page)
+    app.router.add_get("/{token}/", page)
+    app.router.add_get("/{token}/over", page)
     return app
 
 
-@contextmanager
-def watched(live: Live, started: Callable[[str], None]) -> Iterator[None]:
-    """Serve the page on a free port of this machine while the block lasts; ``started`` is told the address.
+@dataclass
+class _Page:
+    """The server of a page, in a thread with an event loop of its own: it may fail, and the run does not notice."""
 
-    It is served from a thread with an event loop of its own; whatever goes wrong there ends no run.
-    """
-    loop, ready = asyncio.new_event_loop(), threading.Event()
-    over = asyncio.Event()
+    live: Live
+    started: Callable[[str], None]
+    failed: Callable[[str], None]
+    ready: threading.Event = field(default_factory=threading.Event)
+    _end: Callable[[], None] = lambda: None
 
-    async def serve() -> None:
-        runner = web.AppRunner(application(live, over), access_log=None, shutdown_timeout=_ENDING_S)
-        await runner.setup()
+    def run(self) -> None:
+        """Serve until the end."""
         try:
-            site = web.TCPSite(runner, "127.0.0.1", 0)
-            await site.start()
-            started(f"http://127.0.0.1:{runner.addresses[0][1]}/")
-            ready.set()
-            await over.wait()
+            with asyncio.Runner() as runner:  # a loop that cannot be made leaves nothing behind
+                runner.run(self._serve())
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
+            self.failed(printable(f"{type(error).__name__}: {error}"))
         finally:
-            ready.set()
+            self.ready.set()
+
+    def end(self) -> None:
+        """Say to who waits for the end that it is here, and serve no more."""
+        with suppress(RuntimeError):  # it ended before
+            self._end()
+
+    async def _serve(self) -> None:
+        loop, over = asyncio.get_running_loop(), asyncio.Event()
+        loop.set_exception_handler(lambda *_: None)  # as of a descriptor that accept did not get: it tries again
+        self._end = partial(loop.call_soon_threadsafe, over.set)
+        token, connections = secrets.token_urlsafe(16), Connections(_CONNECTIONS, _IDLE_S)
+        app = application(self.live, over, token, connections)
+        runner = web.AppRunner(app, shutdown_timeout=_ENDING_S, **connections.head())
+        await runner.setup()
+        handlers = runner.server
+        assert handlers is not None
+        begin = _giving_way(connections.accepting(handlers, lambda: None))
+        try:
+            listening = await loop.create_server(begin, "127.0.0.1", 0, backlog=_BACKLOG)
+            self.started(f"http://127.0.0.1:{listening.sockets[0].getsockname()[1]}/{token}/")
+            self.ready.set()
+            while not over.is_set():
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(over.wait(), _REAP_S)
+                connections.reap(list(handlers.connections))
+            listening.close()
+        finally:
             await runner.cleanup()
 
-    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), name="eyechart-watch", daemon=True)
-    thread.start()
-    ready.wait(_ENDING_S)
+
+def _giving_way(begin: Callable[[], asyncio.BaseProtocol]) -> Callable[[], asyncio.BaseProtocol]:
+    """Return what begins a connection, or closes it where few descriptors are left: they are the run's."""
+
+    def begin_or_close() -> asyncio.BaseProtocol:
+        return begin() if _has_descriptors() else _Closed()
+
+    return begin_or_close
+
+
+def _has_descriptors() -> bool:
+    """Return whether the run has as many descriptors left as are kept for it."""
+    try:
+        import resource  # noqa: PLC0415 - Windows has none, nor so narrow a bound
+    except ImportError:
+        return True
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    try:
+        lowest = os.open(os.devnull, os.O_RDONLY)  # the lowest number that is free
+    except OSError:
+        return False
+    os.close(lowest)
+    return most == resource.RLIM_INFINITY or lowest + _KEPT < most
+
+
+class _Closed(asyncio.Protocol):
+    """A connection that is closed at once."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Close it."""
+        assert isinstance(transport, asyncio.Transport)
+        transport.abort()
+
+
+@contextmanager
+def watched(
+    live: Live, started: Callable[[str], None], failed: Callable[[str], None] = lambda _: None
+) -> Iterator[None]:
+    """Serve the page on a free port of this machine while the block lasts; ``started`` is told the address.
+
+    Whatever goes wrong there ends no run; ``failed`` is told where it is served no more.
+    """
+    page = _Page(live, started, failed)
+    thread = threading.Thread(target=page.run, name="eyechart-watch", daemon=True)
+    try:
+        thread.start()
+        page.ready.wait(_ENDING_S)
+    except RuntimeError as error:
+        failed(str(error))
     ended = "The run was interrupted; the same command goes on with it."
     try:
         yield
         ended = "The run is over."
     finally:
         live.over = ended
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(over.set)
-        thread.join(_ENDING_S)
-        if not thread.is_alive():
-            loop.close()
+        page.end()
+        if thread.ident is not None:
+            thread.join(_ENDING_S)

@@ -3,7 +3,6 @@
 import asyncio
 import math
 import time
-from collections import Counter as Counts
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from eyechart.errors import BankError, encodable
 from eyechart.frames import size_of
 from eyechart.guardian import Assessment, Guardian, Pictures
 from eyechart.records import picked
+from eyechart.serve.connections import Connections
 from eyechart.serve.described import TYPES, openapi
 from eyechart.serve.limits import ServerLimits
 from eyechart.serve.names import Names, crosses
@@ -82,11 +82,11 @@ class Server:
     reading: int = 0
     usual_s: float = 0.1
     lag_s: float = 0.0
-    busy: Counts[object] = field(default_factory=Counts)
-    last: dict[object, float] = field(default_factory=dict)
+    connections: Connections = field(init=False)
 
     def __post_init__(self) -> None:
         self.quiet.set()
+        self.connections = Connections(self.limits.connections, self.limits.idle_s, self.limits.headers)
         self.turns = asyncio.Semaphore(self.limits.concurrency)
         # A turn ends at its deadline, its decoding when it is done: the threads bound what is decoded at once.
         self.decoding = ThreadPoolExecutor(self.limits.concurrency, "eyechart-decoding")
@@ -135,12 +135,12 @@ class Server:
 
         What is not for this server, or comes when it ends, is refused before anything of it is read.
         """
-        self.busy[request.protocol] += 1
         self.under_way += 1
         self.quiet.clear()
         try:
-            self._require_welcome(request)
-            response = await handler(request)
+            with self.connections.answering(request):
+                self._require_welcome(request)
+                response = await handler(request)
         except _Refused as refused:
             response = self._refuse(refused)
         except web.HTTPException as raised:
@@ -155,8 +155,6 @@ class Server:
             self.under_way -= 1
             if not self.under_way:
                 self.quiet.set()
-            self.busy[request.protocol] -= 1
-            self.last[request.protocol] = time.monotonic()
         self.metrics.requests.labels(str(response.status)).inc()
         return response
 
@@ -279,15 +277,7 @@ class Server:
             self.lag_s = max(time.perf_counter() - before - _TICK_S, _FADING * self.lag_s)
             if time.monotonic() >= due:
                 due = time.monotonic() + reap_s
-                self._reap(connections())
-
-    def _reap(self, there: list[web.RequestHandler]) -> None:
-        now = time.monotonic()
-        self.last = {one: self.last.get(one, now) for one in there}
-        self.busy = Counts({one: self.busy[one] for one in there if self.busy[one]})
-        for one in there:
-            if not self.busy[one] and now - self.last[one] > self.limits.idle_s:
-                one.force_close()
+                self.connections.reap(connections())
 
 
 class _Refused(Exception):  # noqa: N818 - an answer, and no error of the server's

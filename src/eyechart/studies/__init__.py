@@ -1,6 +1,5 @@
 """The studies, a module or package each, one door for all: a kind of run, how it is scored, and what comes of it."""
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
 from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices, read_prices
-from eyechart.records import plain
+from eyechart.records import parse_json, plain
 from eyechart.spaces.space import AnySpace
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs needs no verdicts
@@ -369,7 +368,7 @@ def names_of(runs: Sequence[Path]) -> list[str]:
 def run_json(folder: Path) -> Mapping[str, object]:
     """Return what a folder's ``run.json`` says, nothing where there is none that can be read."""
     try:
-        found = json.loads((folder / RUN).read_text(encoding="utf-8"))
+        found = parse_json((folder / RUN).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -36,12 +36,12 @@
     while (!over) {
       const waiting = !lost && Date.now() - begun < 20000 && !document.querySelector("#now td");
       await wait(waiting ? 1000 : 5000);
-      if (!over) await ask("/");
+      if (!over) await ask(".");
     }
   };
   const end = async () => {
     while (!over) {
-      await ask("/over");
+      await ask("over");
       if (!over) await wait(lost ? 5000 : 100);
     }
   };

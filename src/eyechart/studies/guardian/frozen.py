@@ -18,7 +18,7 @@ from eyechart.errors import EyechartError, GuardianError, OutputError, raising, 
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
-from eyechart.records import Name, build, plain
+from eyechart.records import Name, build, parse_json, plain
 from eyechart.stats.committee import Costs, Point
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
@@ -282,7 +282,7 @@ def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
 def _read(path: Path) -> dict[str, object]:
     text = read_at_most(path, _MOST_BYTES, GuardianError, "a guardian")
     with raising(GuardianError, f"{path} is no guardian", of=(ValueError, RecursionError)):
-        raw = json.loads(text)
+        raw = parse_json(text)
     if not isinstance(raw, dict) or raw.get("format") not in [FORMAT, EXPORT_FORMAT]:
         raise GuardianError(f"{path} is no guardian; 'eyechart guardian fit' writes one")
     return raw

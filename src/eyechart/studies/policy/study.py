@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
+from eyechart.channels import CAMERAS
 from eyechart.gate import Gate, Terms, hold_policies
 from eyechart.manifest import read_manifest
 from eyechart.models.prices import Prices
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from eyechart.report.table import Table
+
+
+_OPEN = f"T.matched@{CAMERAS}"
+"""What stands for the cameras where no statistic decided."""
 
 
 class Policies(OfFrames[PolicyScore]):
@@ -47,7 +52,8 @@ class Policies(OfFrames[PolicyScore]):
             left = motions.planned - motions.finished
             state = f"unfinished: {motions.finished} of {motions.planned} calls" if left else ""
             guards = [f"{name}: {why}" for name, why in one.guards.items()]
-            found[spec] = Finding(said.text, said.tone, "camera", one.channels.get("camera"), state, guards)
+            by, statistics = one.camera.by or _OPEN, score.models[spec].statistics
+            found[spec] = Finding(said.text, said.tone, by, statistics.get(by), state, guards)
         return found
 
     def printed(self, score: PolicyScore) -> "Iterator[Table | str]":

@@ -23,7 +23,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
 from eyechart.prompts import scene_prompt
-from eyechart.records import Plain, build, picked, plain
+from eyechart.records import Plain, build, parse_json, picked, plain
 from eyechart.run import Progress
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
@@ -130,7 +130,7 @@ def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
     if not file.is_file():
         return None
     with raising(LedgerError, f"{file} is no record of vetted worlds", of=(ValueError, RecursionError)):
-        found = build(tuple[Vetted, ...], json.loads(file.read_text(encoding="utf-8")))
+        found = build(tuple[Vetted, ...], parse_json(file.read_text(encoding="utf-8")))
     if not any(one.why is None for one in found):
         raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
     return found

@@ -20,7 +20,7 @@ from eyechart.frames import RGB, Frame, Scalar, alone, encode
 from eyechart.models.scripted import see
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View
-from eyechart.records import Plain, build
+from eyechart.records import Plain, build, parse_json
 from eyechart.run import Progress
 from eyechart.simulators import Drive, HalfBlind, Simulator, declared_by, execute
 from eyechart.spaces.discrete import DRIVING
@@ -174,7 +174,7 @@ def read_seen(out: Path) -> tuple[Seen, ...]:
         return ()
     again = "; run the same command again"
     with raising(LedgerError, f"{file} is no record of checked frames", again, of=(ValueError, RecursionError)):
-        return build(tuple[Seen, ...], json.loads(file.read_text(encoding="utf-8")))
+        return build(tuple[Seen, ...], parse_json(file.read_text(encoding="utf-8")))
 
 
 def figures(

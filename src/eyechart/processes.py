@@ -1,0 +1,46 @@
+"""Processes of ours that end with the one that began them, also where that one is killed."""
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor
+
+_PR_SET_PDEATHSIG = 1
+_LOOK_EVERY_S = 1.0
+
+
+def open_pool(processes: int) -> ProcessPoolExecutor:
+    """Return a pool of new interpreters, each of which ends when this process does.
+
+    They are spawned, not forked: a thread, as that of a progress bar, may hold a lock at the moment of a fork.
+    """
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(processes, mp_context=context, initializer=end_with, initargs=(os.getpid(),))
+
+
+def end_with(parent: int) -> None:
+    """Let this process end when its ``parent``, given by number, is no more, whatever it is doing then.
+
+    The system is asked to see to it. Where it cannot, as on macOS, a thread looks every second.
+    """
+    if not _is_ended_by_the_system():
+        threading.Thread(target=_end_after, args=(parent,), name="eyechart-parent", daemon=True).start()
+    elif os.getppid() != parent:  # it went before the system was asked
+        os._exit(1)
+
+
+def _is_ended_by_the_system() -> bool:
+    """Return whether the system now kills this process when its parent ends."""
+    try:
+        return ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) == 0
+    except (AttributeError, OSError, TypeError):  # no such call here, or no library to look it up in
+        return False
+
+
+def _end_after(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK_EVERY_S)
+    os._exit(1)

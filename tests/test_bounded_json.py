@@ -1,0 +1,116 @@
+"""A JSON text from elsewhere takes bounded memory, whatever it says: its values are counted before one is made."""
+
+import ast
+import json
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import eyechart
+from eyechart.episodes import EPISODES, read_episodes
+from eyechart.errors import EyechartError
+from eyechart.frames import open_bank
+from eyechart.importing import Faults, open_log
+from eyechart.manifest import RUN, read_manifest
+from eyechart.records import MOST_VALUES, parse_json
+from eyechart.studies import run_json
+
+ROOT = Path(eyechart.__file__).parent
+WIDE = b"{}," * (MOST_VALUES // 2 + 1)
+HEAD = b'{"eval":{"model":"m"}'
+OWN = {
+    "api/asked.py",
+    "bundle/contents.py",
+    "bundle/pages.py",
+    "bundle/validating.py",
+    "cli/options.py",
+    "importing/lerobot.py",
+    "inspect.py",
+    "ledger/counter.py",
+    "models/faults.py",
+    "models/http.py",
+    "models/huggingface/loading.py",
+    "paper.py",
+    "perception/estimators.py",
+    "probe/sample.py",
+    "records.py",
+    "spaces/motion.py",
+    "spaces/scene.py",
+    "spaces/reader/stated.py",
+    "studies/guardian/frozen.py",
+    "episodes/records.py",
+}
+"""Where JSON is read that is bounded in bytes before (bundles, replies, the counter), or that eyechart itself wrote."""
+
+
+def _header(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "log.eval", "w", zipfile.ZIP_DEFLATED) as log:
+        log.writestr("header.json", HEAD + b',"a":[' + WIDE + b"1]}")
+    open_log(folder / "log.eval")
+
+
+def _sample(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "log.eval", "w", zipfile.ZIP_DEFLATED) as log:
+        log.writestr("header.json", HEAD + b"}")
+        log.writestr("samples/1_epoch_1.json", b'{"a":[' + WIDE + b"1]}")
+    faults = Faults()
+    list(open_log(folder / "log.eval").answers(faults))
+    faults.require_none("log.eval")
+
+
+def _log(folder: Path) -> None:
+    (folder / "log.json").write_bytes(HEAD + b',"samples":[' + WIDE + b"1]}")
+    open_log(folder / "log.json")
+
+
+def _run(folder: Path) -> None:
+    (folder / RUN).write_bytes(b'{"format":[' + WIDE + b"1]}")
+    assert run_json(folder) == {}
+    read_manifest(folder)
+
+
+def _bank(folder: Path) -> None:
+    (folder / "manifest.json").write_bytes(b'{"format":[' + WIDE + b"1]}")
+    open_bank(folder)
+
+
+def _episodes(folder: Path) -> None:
+    (folder / EPISODES).write_bytes(b'{"steps":[' + WIDE + b"1]}\n")
+    list(read_episodes(folder))
+
+
+@pytest.mark.parametrize("read", [_header, _sample, _log, _run, _bank, _episodes])
+def test_a_file_of_many_small_values_is_refused_before_they_are_made(
+    read: Callable[[Path], None], tmp_path: Path
+) -> None:
+    """Before one is made: each of three bytes would take about seventy."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(EyechartError, match=f"it holds more than {MOST_VALUES} values"):
+            read(tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 8 * len(WIDE)
+    finally:
+        tracemalloc.stop()
+
+
+def test_signs_in_a_text_are_no_values_where_few_are_there() -> None:
+    """A long text alone is read, and one value more than may be is not."""
+    assert parse_json(json.dumps(["x" * 100]), 50) == ["x" * 100]
+    with pytest.raises(ValueError, match="it holds more than 3 values"):
+        parse_json("[1,2,3,4]", 3)
+
+
+def test_json_is_read_by_the_bounded_reader() -> None:
+    """But where its bytes are bounded before, or are our own."""
+    found = set()
+    for file in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            call = node.func if isinstance(node, ast.Call) else None
+            if not isinstance(call, ast.Attribute) or call.attr not in {"loads", "load"}:
+                continue
+            if isinstance(call.value, ast.Name) and call.value.id in {"json", "orjson"}:
+                found.add(file.relative_to(ROOT).as_posix())
+    assert found <= OWN
