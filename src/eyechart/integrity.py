@@ -91,12 +91,14 @@ class ServedChecks:
     def __init__(self, mode: RequestMode | None = None) -> None:
         self._probed: Mapping[str, str] = {} if mode is None or mode.measured is None else mode.measured.facts
         self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
+        self._unnamed = 0
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt; what names nothing says nothing."""
+        """Look at an attempt; what names nothing is counted."""
         if one.reply is None or one.reply.error is not None:
             return
         named = names_of(one.reply)
+        self._unnamed += named[0] is None
         if named == (None, None, None):
             return
         if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
@@ -131,6 +133,11 @@ class ServedChecks:
         differs = tuple(name for name, found in several.items() if len(found) > 1 or name in unlike)
         shown = "; ".join(one.words for one in answered[:_SHOWN])
         more = f"; and {len(answered) - _SHOWN} more" if len(answered) > _SHOWN else ""
+        if not differs and self._unnamed and several["model"]:
+            replies = self._unnamed + sum(one.replies for one in answered if one.model)
+            counted = f"{self._unnamed} of {replies} replies do not name their model, and the others do"
+            words = f"{counted}, so that another may have answered: {shown}{more}"
+            return (ServedGuard("served", False, words, answered, ("model",)),)
         if not differs:
             return (ServedGuard("served", True, f"one model answered: {shown}{more}", answered),)
         counted = " and ".join(f"{len(several[name])} {_DIFFERS[name]}" for name in differs if len(several[name]) > 1)
