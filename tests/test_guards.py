@@ -199,3 +199,24 @@ def test_an_end_that_is_not_known_is_said() -> None:
     found = {one.name: one for one in guards(sent, keys(), MODE)}
     assert found["truncation"].holds is None
     assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', a word that is not known")
+
+
+@pytest.mark.parametrize("lost", [1, 4, 10])
+def test_pictures_that_were_dropped_in_the_run_fail_the_guard_whatever_the_probe_saw(lost: int) -> None:
+    """The server counts pictures, as the probe found: a prompt with one that has the tokens of its words lost it."""
+    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
+
+    def say(at: int, condition: str) -> Reply:
+        return replace(fine(at, condition), prompt_tokens=100) if at < lost else fine(at, condition)
+
+    found = guard("picture", sent_with(say), mode)
+    assert found.holds is False
+    assert f"{lost} of 10 prompts with a picture have exactly the tokens of the words alone" in found.because
+
+
+@pytest.mark.parametrize("counted", [None, 0, 3])
+def test_a_server_that_counts_no_pictures_drops_none_by_its_tokens(counted: int | None) -> None:
+    """Its tokens say nothing: the probe saw that pictures arrive."""
+    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=counted))
+    same = sent_with(lambda at, _: replace(fine(at, ""), prompt_tokens=100))
+    assert guard("picture", same, mode).holds is True

@@ -5,9 +5,8 @@ A guard holds, fails, or cannot say. A failed guard marks the verdict wherever i
 
 import re
 import statistics
-from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
@@ -179,7 +178,7 @@ class GuardChecks:
         self._empty = Emptiness()
         self._ends = _Ends()
         self._served = ServedChecks(mode)
-        self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
+        self._tokens: dict[str, dict[str, int]] = {"real": {}, "text_only": {}}
 
     def add(self, one: Sent) -> None:
         """Look at an attempt."""
@@ -196,7 +195,7 @@ class GuardChecks:
             found = self._space.read(reply).action
             self._decided.update([] if found is None else [str(found)])
         if one.key.condition in self._tokens and reply.prompt_tokens:
-            self._tokens[one.key.condition].append(reply.prompt_tokens)
+            self._tokens[one.key.condition][f"{one.key.prompt} {one.key.frame}"] = reply.prompt_tokens
         if one.key.condition in {"real", "real_repeat"}:
             self._repeats.add(one.key.frame, reply)
 
@@ -270,14 +269,23 @@ class _Ends:
         return Guard("truncation", True, f"each of {self.came} answers names its finish reason")
 
 
-def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
-    """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens."""
-    found = mode.measured
+def _picture(shown: Mapping[str, int], bare: Mapping[str, int], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
+    """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens.
+
+    ``shown`` and ``bare`` are the tokens of prompts with the true picture and of the words alone, by frame. A probe saw
+    that the server counts pictures: a prompt with one that has the tokens of its words alone came without it.
+    """
+    found, both = mode.measured, shown.keys() & bare.keys()
+    lost = sum(shown[frame] == bare[frame] for frame in both)
+    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and lost and not unlike:
+        words = f"{lost} of {len(both)} prompts with a picture have exactly the tokens of the words alone"
+        counts = f"the probe's picture added {found.image_tokens}"
+        return Guard("picture", False, f"pictures were dropped on the way: {words}, where {counts}")
     if found is not None and found.sees_image is not None and not unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"
         return Guard("picture", found.sees_image, says)
-    adds = statistics.median(shown) - statistics.median(bare) if shown and bare else None
+    adds = statistics.median(shown.values()) - statistics.median(bare.values()) if shown and bare else None
     if adds is not None and adds >= FEWEST_TOKENS:
         return Guard("picture", True, f"a picture adds {adds:.0f} tokens to the prompt, as the server counts it")
     counted = ""

@@ -3,7 +3,7 @@
 import asyncio
 import re
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
 from eyechart.attempts import close
@@ -71,6 +71,12 @@ class Asker:
                 reply = await self._folded(query, reply)
         return reply
 
+    async def together(self, queries: Sequence[Query]) -> list[Reply]:
+        """Return the replies to queries that are sent at once, each once; a failure is a reply too."""
+        self._require_room(of=len(queries))
+        await self._open(self.mode)
+        return list(await asyncio.gather(*(self._once(query, self.mode) for query in queries)))
+
     async def _folded(self, query: Query, refused: Reply) -> Reply:
         """Return the reply to a refused query with its system words in the user's turn; the refusal if that is too."""
         changed = replace(self.mode, system="user")
@@ -106,8 +112,12 @@ class Asker:
             self.stopped = f"what {spec} costs is not known, so --max-cost cannot hold: give its price with --prices"
         return reply
 
-    def _require_room(self) -> None:
-        if self.stopped is None and self.spent.calls >= self.most:
+    def _require_room(self, of: int = 1) -> None:
+        """Raise LimitReachedError where ``of`` calls at once have no room; each costs what a call cost on the mean."""
+        mean = self.spent.cost_usd / max(1, self.spent.calls)
+        if of > 1 and self.max_cost is not None and self.spent.cost_usd + of * mean > self.max_cost:
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and {of} calls at once may pass --max-cost"
+        if self.stopped is None and self.spent.calls + of > self.most:
             self.stopped = f"{self.spent.calls} calls were sent, and no more are allowed"
         if self.stopped is None and self.max_cost is not None and self.spent.cost_usd >= self.max_cost:
             self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self.max_cost:g}"

@@ -69,6 +69,11 @@ def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
 def _why_blind(sight: Sight) -> list[str]:
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
     found = []
+    if sight.fits_first:
+        found.append(
+            "every answer fits the first picture of its kind: a cache by prefix gives its state to other pictures; "
+            "switch prefix caching off for pictures, or mend the server"
+        )
     if counts is False:
         rise = "do not change" if not adds else f"change by {adds} only"
         found.append(

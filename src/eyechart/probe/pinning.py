@@ -16,6 +16,8 @@ from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import Measured, RequestMode
+from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
+from eyechart.probe.arrival import arrives, dropped, size_of
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
@@ -23,7 +25,7 @@ from eyechart.probe.sight import Sight, look
 from eyechart.records import Written
 from eyechart.seeds import key_seed
 
-MOST_CALLS = 60
+MOST_CALLS = 60 + OF_ARRIVAL
 MOST_TOKENS = 16_384
 """A model whose replies are cut off at this budget is not pinned."""
 MARGIN = 2
@@ -122,6 +124,7 @@ class _Probe:
         matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
         sight = await self._look()
+        await self._require_arrival(sight, came, bare)
         changed = {
             name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed", "system", "stream")
         }
@@ -141,6 +144,15 @@ class _Probe:
         )
         notes = (*asker.notes, *self.notes)
         return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
+
+    async def _require_arrival(self, sight: Sight, came: Sequence[Reply], bare: Reply) -> None:
+        """Raise ProbeError where a model that sees is not shown what the run sends."""
+        size = size_of(self.sample)
+        if size is None or sight.outcome != "sees" or not is_served(self.asker.mode):
+            return
+        fault = dropped(sight, came, bare, size) or await arrives(self.asker, sight, self.sample, self.seed)
+        if fault is not None:
+            raise ProbeError(f"guard '{fault.guard}' fails: {fault.because}", self.asker.spent)
 
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""

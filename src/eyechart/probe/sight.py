@@ -133,6 +133,13 @@ class Sight:
         later = [reply for same in usual for reply in same[1:]]
         return later if len(later) > 2 and all(len({one.text for one in same}) <= 1 for same in usual) else []
 
+    @property
+    def fits_first(self) -> bool:
+        """Return whether every answer of each kind is that of its first picture, as from a cache that keeps one."""
+        by_kind = [[one for one in self.shots if one.question.kind == kind] for kind in CHOICES]
+        several = [shots for shots in by_kind if len(shots) > 1]
+        return bool(several) and all({one.said for one in shots} == {shots[0].question.answer} for shots in several)
+
     def _usual(self, kind: Kind) -> list[Reply]:
         """Return what came to the words that are the same in every question of a kind."""
         return [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
