@@ -45,6 +45,9 @@ _ADDRESS = ("base_url", "query", "key_env", "headers", "timeout_s")
 LEFT_OUT = "left_out"
 """Where ``about`` names what a record held of a mode, and is not read of it."""
 
+ALONE = "repeats alone"
+"""The fact of a probe that says how many repeats are equal that are asked alone at temperature 0, as ``5 of 5``."""
+
 FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
