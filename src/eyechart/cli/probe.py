@@ -40,7 +40,7 @@ def doctor(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Find out in at most 20 calls, without a bank, whether a model sees pictures at all, and if not, why.
+    """Find out in at most 28 calls, without a bank, whether a model sees pictures at all, and if not, why.
 
     Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. With
     --frames, of a policy: whether its answers are motions, which of its channels reach it, whether it answers from a
