@@ -184,7 +184,9 @@ def run_battery(
         given = [held.get(mode.spec, mode) for mode in modes]
         return battery.plan(root, given, Path(out), extent=extent, **named).counting(probes)
 
-    probing = Probing(plan, lambda one: replace(battery.sample_of([one]), at_once=concurrency), battery.keep_probes, [Path(out)])
+    probing = Probing(
+        plan, lambda one: replace(battery.sample_of([one]), at_once=concurrency), battery.keep_probes, [Path(out)]
+    )
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
     planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised

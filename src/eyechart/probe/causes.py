@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 
-from eyechart.calls import Emptiness, ErrorKind, is_cut, is_empty
+from eyechart.calls import Emptiness, ErrorKind, Reply, is_cut, is_empty
 from eyechart.modes import RequestMode
 from eyechart.probe.sight import Sight, picture_counts
 from eyechart.spaces.space import ending
@@ -57,8 +57,12 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
     return tuple(found)
 
 
-_TOO_LONG = re.compile(r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.I)
-_NO_DATA_URL = re.compile(r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.I)
+_TOO_LONG = re.compile(
+    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.I
+)
+_NO_DATA_URL = re.compile(
+    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.I
+)
 
 
 def _why_refused(detail: str) -> str:
@@ -77,14 +81,21 @@ def _why_refused(detail: str) -> str:
     return f"text-only backend: it answers words, and refuses pictures {shown}"
 
 
+def _is_aside(reply: Reply) -> bool:
+    """Return whether a reply calls a tool, refuses, or was filtered: what it lacks has a cause of its own."""
+    return reply.finish_reason == "tool_calls" or ending(reply.finish_reason) == "filtered"
+
+
 def _beside_the_text(sight: Sight) -> list[str]:
     """Return what came in place of an answer in a text: a call of a tool, a refusal, or a filter's end."""
     came = [one.reply for one in sight.shots if one.reply.error is None]
     tools = sum(reply.finish_reason == "tool_calls" for reply in came)
     declined = sum(reply.finish_reason == "refusal" for reply in came)
     filtered = sum(ending(reply.finish_reason) == "filtered" for reply in came) - declined
-    moderated = sum(one.reply.error == "bad_request" and _MODERATED.search(one.reply.error_detail) is not None
-                    for one in sight.shots)
+    moderated = sum(
+        one.reply.error == "bad_request" and _MODERATED.search(one.reply.error_detail) is not None
+        for one in sight.shots
+    )
     found = []
     if tools:
         found.append(
@@ -145,14 +156,9 @@ def _why_blind(sight: Sight) -> list[str]:
 def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     came = [one for one in sight.shots if one.reply.error is None]
     cut = sum(is_cut(one.reply) for one in came)
-    aside = {"tool_calls", "refusal"}
-    silent = [
-        one
-        for one in came
-        if one.said is None and not is_cut(one.reply) and one.reply.finish_reason not in aside
-    ]
-    found, empty = [], Emptiness.of(one.reply for one in came)
-    if empty.empty and not _beside_the_text(sight):
+    silent = [one for one in came if one.said is None and not (is_cut(one.reply) or _is_aside(one.reply))]
+    found, empty = [], Emptiness.of(one.reply for one in came if not _is_aside(one.reply))
+    if empty.empty:
         found.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
     if sight.cut is not None:
@@ -171,7 +177,7 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
             f"{silent[0].reply.text.strip()[:60]!r}): the model is too weak for a question, or was trained for one "
             f"kind of answer; {_dependence(sight)}"
         )
-    if not found:
+    if not found and not _beside_the_text(sight):
         found.append(
             "it is right more often than a blind model is sure to be, and not so often that guessing is excluded: too "
             "weak or too noisy for these questions; another --seed asks others"
