@@ -128,6 +128,8 @@ class Endpoint:
         if picture is None:
             return "STOP" if "STOP" in user else "NONE"
         pixels = decode(picture, "the picture")
+        if "ring" in user:
+            return opening(pixels)
         for kind, look in (("colour", colour), ("side", side), ("How many", count)):
             if kind in user and "STOP" not in user:
                 return look(pixels)
@@ -175,6 +177,17 @@ def side(pixels: RGB) -> str:
     if abs(across) > abs(down):
         return "LEFT" if across < 0 else "RIGHT"
     return "TOP" if down < 0 else "BOTTOM"
+
+
+def opening(pixels: RGB) -> str:
+    """Return on which side a dark ring is open: where its middle row or column has no dark pixel."""
+    dark = pixels.sum(axis=2) < 200
+    rows, columns = np.nonzero(dark)
+    if len(rows) == 0:
+        return "NONE"
+    y, x = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
+    sides = {"LEFT": dark[y, :x], "RIGHT": dark[y, x:], "TOP": dark[:y, x], "BOTTOM": dark[y:, x]}
+    return next((side for side, line in sides.items() if not line.any()), "NONE")
 
 
 def count(pixels: RGB) -> str:

@@ -220,3 +220,32 @@ def test_a_server_that_counts_no_pictures_drops_none_by_its_tokens(counted: int 
     mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=counted))
     same = sent_with(lambda at, _: replace(fine(at, ""), prompt_tokens=100))
     assert guard("picture", same, mode).holds is True
+
+
+def test_a_server_that_counts_only_what_no_cache_held_drops_nothing_by_its_tokens() -> None:
+    """A picture that was asked before, and words that were, both count one token."""
+    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
+
+    def say(at: int, condition: str) -> Reply:
+        known = at % 2 == 0 or condition == "real_repeat"
+        return replace(fine(at, condition), prompt_tokens=1) if known else fine(at, condition)
+
+    assert guard("picture", sent_with(say), mode).holds is True
+
+
+@pytest.mark.parametrize(
+    ("unlike", "alone", "holds"), [(30, "5 of 5", False), (10, "5 of 5", True), (30, "1 of 5", True)]
+)
+def test_repeats_that_differ_in_the_run_and_not_alone_fail_a_guard(unlike: int, alone: str, holds: bool) -> None:  # noqa: FBT001
+    """At temperature 0: pictures of calls under way may be mixed up, which is no finding about the model."""
+    mode = replace(MODE, measured=Measured(sees_image=True, facts={"repeats alone": alone}))
+
+    def say(at: int, condition: str) -> Reply:
+        moved = at + 1 if condition == "real_repeat" and at < unlike else at
+        return fine(moved, condition)
+
+    found = {one.name: one for one in guards(sent_with(say, 40), keys(40), mode)}
+    assert found["load"].holds is holds
+    assert ("--concurrency 1" in found["load"].because) is not holds
+    warm = replace(mode, temperature=0.7)
+    assert "load" not in {one.name for one in guards(sent_with(say, 40), keys(40), warm)}

@@ -5,10 +5,10 @@ Batteries and episodes make their calls here, so that both cost, fail and resume
 
 import contextlib
 from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
+from eyechart.calls import BLOCKED, TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
 from eyechart.loops import asyncio, require_no_loop
@@ -64,7 +64,7 @@ class Caller:
         self._silent = silent
         self._lacks = lacks
         answered = (spec for spec in ledger.models() if any(one.error is None for _, one in ledger.replies(spec)))
-        self._heard = set(answered) if silent else set()
+        self._heard = set(answered)
 
     async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
         """Make a call; return what it came to, or None where a limit kept it from being made.
@@ -85,7 +85,7 @@ class Caller:
                 pace.leave(entered, _NOT_SENT)
                 return made
             attempt = await self._writer.begin(key, digest)
-            reply = await ask(model, query)
+            reply = self._settled(key.model, await ask(model, query), last=number == self._attempts)
             silence = self._is_silence(key.model, reply, last=number == self._attempts)
             await self._writer.close(attempt, reply, silence=silence)
             made = Made(reply, silence or reply.error not in UNFINISHED)
@@ -96,6 +96,12 @@ class Caller:
             if number < self._attempts:
                 await asyncio.sleep(pause_s(number, reply))
         return made
+
+    def _settled(self, spec: str, reply: Reply, *, last: bool) -> Reply:
+        """Return a reply; the last one that holds no answer, as a filter has it, is the refusal of one that answers."""
+        if last and reply.error == "unreadable" and reply.finish_reason == BLOCKED and spec in self._heard:
+            return replace(reply, error=None)
+        return reply
 
     def _is_silence(self, spec: str, reply: Reply, *, last: bool) -> bool:
         if reply.error is None:

@@ -76,6 +76,9 @@ SILENT: frozenset[str] = TRANSIENT - UNASKED - {"rate_limited"}
 """The kinds in which a model says nothing, for a run that counts silence (docs/decisions/0027). A 429 is none: it says
 that the run asks too fast."""
 
+BLOCKED = "blocked"
+"""The finish reason of a failure that may be a filter's: a reply in order, without an answer in it."""
+
 REFUSED: frozenset[str] = frozenset({"bad_request", "gateway"})
 """The kinds in which a server turned a request down, rightly or not."""
 

@@ -13,8 +13,9 @@ from dataclasses import asdict, dataclass, field
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, Sent
-from eyechart.modes import FEWEST_TOKENS, RequestMode, made_elsewhere
+from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
 from eyechart.spaces.space import AnySpace, ending
+from eyechart.stats.guessing import fewer_p
 
 FEWEST = 8
 """Fewer pairs than this are no ground for a suspicion."""
@@ -90,12 +91,14 @@ class ServedChecks:
     def __init__(self, mode: RequestMode | None = None) -> None:
         self._probed: Mapping[str, str] = {} if mode is None or mode.measured is None else mode.measured.facts
         self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
+        self._unnamed = 0
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt; what names nothing says nothing."""
+        """Look at an attempt; what names nothing is counted."""
         if one.reply is None or one.reply.error is not None:
             return
         named = names_of(one.reply)
+        self._unnamed += named[0] is None
         if named == (None, None, None):
             return
         if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
@@ -130,6 +133,11 @@ class ServedChecks:
         differs = tuple(name for name, found in several.items() if len(found) > 1 or name in unlike)
         shown = "; ".join(one.words for one in answered[:_SHOWN])
         more = f"; and {len(answered) - _SHOWN} more" if len(answered) > _SHOWN else ""
+        if not differs and self._unnamed and several["model"]:
+            replies = self._unnamed + sum(one.replies for one in answered if one.model)
+            counted = f"{self._unnamed} of {replies} replies do not name their model, and the others do"
+            words = f"{counted}, so that another may have answered: {shown}{more}"
+            return (ServedGuard("served", False, words, answered, ("model",)),)
         if not differs:
             return (ServedGuard("served", True, f"one model answered: {shown}{more}", answered),)
         counted = " and ".join(f"{len(several[name])} {_DIFFERS[name]}" for name in differs if len(several[name]) > 1)
@@ -198,7 +206,7 @@ class GuardChecks:
         self._space = space
         self._decided: Counter[str] = Counter()
         self._outcomes = _Outcomes()
-        self._repeats = _Repeats()
+        self._repeats = _Repeats(_alone(mode))
         self._texts: set[str] = set()
         self._empty = Emptiness()
         self._ends = _Ends()
@@ -222,7 +230,8 @@ class GuardChecks:
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition][f"{one.key.prompt} {one.key.frame}"] = reply.prompt_tokens
         if one.key.condition in {"real", "real_repeat"}:
-            self._repeats.add(one.key.frame, reply)
+            told = self._space.read(reply).action if self._repeats.alone else None
+            self._repeats.add(one.key.frame, reply, "" if told is None else str(told))
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str, counted: str) -> tuple[Guard, ...]:
         """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked.
@@ -248,6 +257,7 @@ class GuardChecks:
             Guard("geometry", True, same),
             _constant(self._texts, self._decided, self._empty),
             self._repeats.guard(self._mode),
+            *self._repeats.under_load(),
             *([self._ends.guard()] if self._ends.unknown else []),
             *self._served.guards(),
         )
@@ -302,7 +312,8 @@ def _picture(shown: Mapping[str, int], bare: Mapping[str, int], mode: RequestMod
     """
     found, both = mode.measured, shown.keys() & bare.keys()
     lost = sum(shown[frame] == bare[frame] for frame in both)
-    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and lost and not unlike:
+    whole = min(bare.values(), default=0) >= max(FEWEST_TOKENS, max(bare.values(), default=0) / 2)  # none from a cache
+    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and lost and whole and not unlike:
         words = f"{lost} of {len(both)} prompts with a picture have exactly the tokens of the words alone"
         counts = f"the probe's picture added {found.image_tokens}"
         return Guard("picture", False, f"pictures were dropped on the way: {words}, where {counts}")
@@ -375,14 +386,18 @@ class _Outcomes:
 
 @dataclass(slots=True)
 class _Repeats:
-    """Compares real_repeat with real of the same frame: a cache answers the later one at once."""
+    """Compares real_repeat with real of the same frame: a cache answers the later one at once.
 
-    first: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    ``alone`` is how many repeats were equal that a probe asked alone, of how many; None where it says nothing.
+    """
+
+    alone: tuple[int, int] | None = None
+    first: dict[str, tuple[str, str, float, str]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
 
-    def add(self, frame: str, reply: Reply) -> None:
-        """Take one of the two replies about a frame, in the order in which they were asked for."""
-        this = reply.text, reply.reasoning, reply.seconds or 0.0
+    def add(self, frame: str, reply: Reply, told: str = "") -> None:
+        """Take one of the two replies about a frame, in the order in which they were asked for, and its decision."""
+        this = reply.text, reply.reasoning, reply.seconds or 0.0, told
         before = self.first.pop(frame, None)
         if before is None:
             self.first[frame] = this
@@ -390,6 +405,8 @@ class _Repeats:
         same = before[:2] == this[:2]
         self.counts["pairs"] += 1
         self.counts["same"] += same
+        self.counts["decided"] += bool(before[3] and told)
+        self.counts["alike"] += bool(told) and before[3] == told
         self.counts["sudden"] += same and this[2] < SUDDEN * before[2]
 
     def guard(self, mode: RequestMode) -> Guard:
@@ -404,3 +421,25 @@ class _Repeats:
             says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
             return Guard("cache", None, f"{says}, as a cache would have it, or a model that is sure of a short answer")
         return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")
+
+    def under_load(self) -> tuple[Guard, ...]:
+        """Return whether repeats agree in the run as they did alone at temperature 0; none where nobody knows."""
+        alike, decided = self.counts["alike"], self.counts["decided"]
+        if self.alone is None or decided < FEWEST:
+            return ()
+        same, of = self.alone
+        words = f"{alike} of {decided} repeats decide alike in the run, and {same} of {of} did that were asked alone"
+        if 2 * alike < decided and fewer_p(alike, decided, same, of) < _UNLIKELY:
+            why = "pictures may be mixed up where several calls are under way: ask with --concurrency 1"
+            return (Guard("load", False, f"{words}, at temperature 0: {why}"),)
+        return (Guard("load", True, words),)
+
+
+_UNLIKELY = 0.01
+
+
+def _alone(mode: RequestMode) -> tuple[int, int] | None:
+    """Return how many repeats were equal that a probe asked alone at temperature 0, and of how many."""
+    said = "" if mode.measured is None or mode.temperature != 0 else mode.measured.facts.get(ALONE, "")
+    found = re.fullmatch(r"(\d{1,3}) of (\d{1,3})", said)
+    return None if found is None else (int(found.group(1)), int(found.group(2)))

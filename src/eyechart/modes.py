@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, cast
-from urllib.parse import unquote, urlsplit
+from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
 
 import msgspec
 import tomli_w
@@ -39,11 +39,14 @@ _LONG_HEX = 48
 """Shorter hashes in an address name an account or a deployment."""
 _NO_KEY = "an id or a digest goes under a name that says so, as request_id or revision"
 
-_ADDRESS = ("base_url", "key_env", "headers", "timeout_s")
+_ADDRESS = ("base_url", "query", "key_env", "headers", "timeout_s")
 """What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
 
 LEFT_OUT = "left_out"
 """Where ``about`` names what a record held of a mode, and is not read of it."""
+
+ALONE = "repeats alone"
+"""The fact of a probe that says how many repeats are equal that are asked alone at temperature 0, as ``5 of 5``."""
 
 FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
@@ -86,7 +89,8 @@ class Measured:
 class RequestMode:
     """How one model is asked. Raises SpecError for a value that cannot be, or that holds a secret.
 
-    ``base_url`` and ``key_env`` (the name of the variable that holds the key) are the adapter's own where empty;
+    ``query`` is sent behind the address, as Azure's ``api-version``; one in ``base_url`` is moved there. ``base_url``
+    and ``key_env`` (the name of the variable that holds the key) are the adapter's own where empty;
     ``max_tokens`` is the budget of a reply, sent as ``token_field``; ``temperature`` None sends none; ``seed`` says
     whether the call's seed is sent. ``system`` is the role that says the prompt's system words: ``user`` where a server
     refuses the other, they then stand before the user's own. ``answer`` says where the answer stands: ``reasoning``
@@ -98,6 +102,7 @@ class RequestMode:
 
     spec: str
     base_url: str = ""
+    query: Mapping[str, str] = field(default_factory=dict)
     key_env: str = ""
     token_field: TokenField = "max_tokens"  # noqa: S105 - the name of a field
     max_tokens: int = 1024
@@ -116,6 +121,10 @@ class RequestMode:
 
     def __post_init__(self) -> None:
         _require(self, _MODE, f"the mode of {self.spec!r}")
+        if "?" in self.base_url:
+            base_url, query = _without_query(self.base_url)
+            object.__setattr__(self, "base_url", base_url)
+            object.__setattr__(self, "query", {**self.query, **query})
         _refuse_secrets(self)
 
     def same_request(self, other: "RequestMode") -> bool:
@@ -181,7 +190,7 @@ class RequestMode:
         ``from_dict`` does for anything else.
         """
         raw, left = dict(values), []
-        for part in ("headers", "body", "options", "about"):
+        for part in ("query", "headers", "body", "options", "about"):
             kept = raw.get(part)
             if isinstance(kept, Mapping):
                 held = [name for name, value in kept.items() if cls._holds_secret(**{part: {name: value}})]
@@ -250,6 +259,15 @@ def is_address(value: object) -> bool:
     return value == "" or (parts.scheme in {"http", "https"} and host is not None and port > 0)
 
 
+def _without_query(base_url: str) -> tuple[str, dict[str, str]]:
+    """Return an address without its query, and that; raises SpecError where a name in it has two values."""
+    parts = urlsplit(base_url)
+    pairs = parse_qsl(parts.query, keep_blank_values=True)
+    if len(dict(pairs)) < len(pairs):
+        raise SpecError("base_url: a name stands twice in its query: leave one out")
+    return urlunsplit(parts._replace(query="")), dict(pairs)
+
+
 @lru_cache(maxsize=256)
 def plain_address(base_url: str) -> str:
     """Return an address without what makes no difference: the host's case, the usual port, a slash or route."""
@@ -304,6 +322,7 @@ _MODE: dict[str, _Check] = {
     "temperature": (_is(_Number | None), f'a number of at least 0, or "{DEFAULT}"'),
     "seed": (_is(bool), "true or false"),
     "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]), "a number of seconds above 0"),
+    "query": (_is_lines, "a table of lines of text"),
     "headers": (_is_lines, "a table of lines of text"),
     "about": (_is_lines, "a table of lines of text"),
     "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
@@ -360,9 +379,13 @@ def _refuse_secrets(mode: RequestMode) -> None:
     """Raise SecretError, which never quotes the value, where a mode would carry a secret into a file."""
     _refuse_secret_fields(mode)
     parts = urlsplit(mode.base_url)
-    if parts.username or parts.password or parts.query or parts.fragment:
+    if parts.username or parts.password or parts.fragment:
         at = f"{parts.scheme}://{parts.hostname}…"
-        raise SecretError(f"base_url {at} holds a user, a query or a fragment: leave it out")
+        raise SecretError(f"base_url {at} holds a user or a fragment: leave it out")
+    for name, value in mode.query.items():
+        if _names_a_key(name) or looks_like_a_key(name) or looks_like_a_key(value):
+            shown = "a name" if looks_like_a_key(name) else f"'{name}'"
+            raise SecretError(f"{shown} in the query of base_url looks like a secret: send it in a header as $NAME")
     if looks_like_a_key(parts.netloc, hashes=True):
         raise SecretError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
     if any(looks_like_a_key(part, hashes=len(part) < _LONG_HEX) for part in unquote(parts.path).split("/")):
@@ -370,12 +393,17 @@ def _refuse_secrets(mode: RequestMode) -> None:
             f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
             "header as $NAME"
         )
-    held = str([mode.spec, mode.base_url, mode.key_env, mode.headers, mode.body, mode.options, mode.about])
+    held = str([mode.spec, mode.base_url, mode.query, mode.key_env, mode.headers, mode.body, mode.options, mode.about])
     for variable, value in _secrets():
         if value in held:
             raise SecretError(
                 f"the mode holds the value of the environment variable {variable}; write ${variable} in single quotes"
             )
+
+
+def _names_a_key(name: str) -> bool:
+    """Return whether a name in a query is one that keys have there; Azure's functions have ``code``."""
+    return names_a_key(name) or names_a_key(name, header=True) or name.lower() in {"code", "key", "sig", "signature"}
 
 
 def without_secrets(text: str) -> str:

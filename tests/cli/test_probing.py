@@ -174,7 +174,7 @@ def test_the_probe_counts_towards_the_limits_of_its_run(run: Run, tmp_path: Path
     """Calls and dollars; where there is no room for it, nothing is asked."""
     (tmp_path / "prices.toml").write_text(PRICE)
     with served() as server:
-        with pytest.raises(SpecError, match="--max-calls 20 leaves no room to probe openai:m, which may take 60 calls"):
+        with pytest.raises(SpecError, match="--max-calls 20 leaves no room to probe openai:m, which may take 76 calls"):
             run(server, "--max-calls", 20)
         assert server.requests == 0
         prices = ("--prices", tmp_path / "prices.toml")

@@ -18,7 +18,7 @@ from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
 from eyechart.probe.pinning import MOST_CALLS
 from eyechart.probe.sample import Sample
 from faults import FaultServer
-from seeing import Endpoint, read
+from seeing import Endpoint, colour, read
 
 LARGE = (640, 400)
 
@@ -154,3 +154,79 @@ def test_a_cache_by_prefix_is_named_as_the_cause() -> None:
         found = doctor(RequestMode("openai:m", base_url=server.base_url))
     assert found.sight.outcome == "blind"
     assert "a cache by prefix" in found.causes[0]
+
+
+@dataclass
+class Rig(Endpoint):
+    """An endpoint of several cameras. ``hands_on`` says how many pictures of a query the model is shown."""
+
+    hands_on: int = 9
+    counts_all: bool = False
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Name the colours of all pictures that are handed on."""
+        urls = [part["image_url"]["url"] for part in asked["messages"][-1]["content"] if part["type"] == "image_url"]
+        response = await super().__call__(request, asked, attempt)
+        if not isinstance(response, web.Response) or response.status != 200 or "Which colours" not in read(asked)[0]:
+            return response
+        shown = [base64.b64decode(url.partition(",")[2]) for url in urls[: self.hands_on]]
+        said = json.loads(str(response.text))
+        said["choices"][0]["message"]["content"] = ", ".join(colour(decode(one, "one")) for one in shown)
+        count = len(urls) if self.counts_all else len(shown)
+        said["usage"]["prompt_tokens"] = 50 + 85 * count
+        return web.json_response(said)
+
+
+def rig_sample() -> Sample:
+    """Return the sample with two cameras."""
+    plain = default_sample()
+    asked = [
+        (prompt, replace(seen, images={"front": one, "rear": one}))
+        for prompt, seen in plain.asked
+        for one in [enlarged(next(iter(seen.images.values())))]
+    ]
+    return replace(plain, asked=asked)
+
+
+def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
+    """Answers name one of two colours, and the tokens do not grow; a model that looks at one is noted only."""
+    with FaultServer([Rig(hands_on=1)]) as server, pytest.raises(ProbeError, match="'picture' fails: of 2 pictures"):
+        probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
+    for endpoint, noted in ((Rig(), False), (Rig(hands_on=1, counts_all=True), True)):
+        with FaultServer([endpoint]) as server:
+            found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
+            assert server.requests <= MOST_CALLS
+        assert any("one of two colours" in note for note in found.notes) is noted
+
+
+@dataclass
+class Kept(Endpoint):
+    """An endpoint whose cache by prefix takes all pictures of one size for the first."""
+
+    first: dict[object, bytes] = field(default_factory=dict)
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Answer about the first picture of this size."""
+        sent = read(asked)[1]
+        if sent is not None:
+            sent = self.first.setdefault(decode(sent, "one").shape, sent)
+        if sent is not None and "Which action" not in read(asked)[0] and "colour" not in read(asked)[0]:
+            sent = None
+        return await super().__call__(request, with_picture(asked, sent), attempt)
+
+
+def test_a_cache_by_prefix_ends_the_probe_and_a_model_of_one_answer_does_not() -> None:
+    """By two pictures of another size: the first is right there, and the second gets its answer."""
+    with FaultServer([Kept()]) as server, pytest.raises(ProbeError, match="'cache' fails: every answer fits the first"):
+        probe(RequestMode("openai:m", base_url=server.base_url))
+    for seed in range(8):  # in one of eight the first picture has the colour that it always names
+        with FaultServer([Endpoint(sees=False, dumb="")]) as server:
+            assert probe(RequestMode("openai:m", base_url=server.base_url), seed=seed).measured.sees_image is False
+
+
+def test_one_at_a_time_a_server_that_mixes_pictures_serves_a_run() -> None:
+    """As the hint of the fault says."""
+    with FaultServer([OnTheWay(way="mixes")]) as server:
+        sample = replace(large_sample(), at_once=1)
+        found = probe(RequestMode("openai:m", base_url=server.base_url), sample=sample)
+    assert found.measured.facts["repeats alone"] == "5 of 5"

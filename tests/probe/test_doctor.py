@@ -1,10 +1,13 @@
 """The doctor tells endpoints apart whose fault is known, with the evidence and the cause in words."""
 
+import base64
+import io
 import random
 from collections.abc import Callable
 
 import pytest
 from aiohttp import web
+from PIL import Image
 
 from eyechart.calls import Reply
 from eyechart.errors import SpecError
@@ -15,8 +18,8 @@ from eyechart.probe.causes import likely_causes
 from eyechart.probe.doctor import MOST_CALLS
 from eyechart.probe.pictures import CHOICES, NONE, questions
 from eyechart.probe.sight import Shot, Sight, said
-from faults import FaultServer, answer, refuse
-from seeing import served
+from faults import FaultServer, answer, completion, refuse
+from seeing import Endpoint, read, served
 
 PRICED = Prices((Price("openai:m", 1000.0, 1000.0, "2026-01-01", "a test"),))
 
@@ -258,3 +261,107 @@ def test_an_answer_without_a_choice_is_answered_by_nobody() -> None:
 async def _hello(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
     del request, asked, attempt
     return answer("Hello!")
+
+
+VLLM_LONG = "The decoder prompt (length 16601) is longer than the maximum model length of 10000."
+
+
+def doctored(handle: Callable[[bool, int], web.Response | None]) -> Diagnosis:
+    """Return what the doctor finds of a server that answers rightly but where ``handle`` has a response.
+
+    It is told whether a picture was sent, and the number of the call.
+    """
+    seen = Endpoint()
+
+    async def answers(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        numbers.append(0)
+        found = handle(read(asked)[1] is not None, len(numbers))
+        return await seen(request, asked, attempt) if found is None else found
+
+    numbers: list[int] = []
+    with FaultServer([answers]) as server:
+        return doctor(RequestMode("openai:m", base_url=server.base_url))
+
+
+@pytest.mark.parametrize(
+    ("status", "detail", "cause"),
+    [
+        (400, VLLM_LONG, "a picture takes more context than the server gives"),
+        (400, "This model's maximum context length is 4096 tokens.", "a picture takes more context than the server"),
+        (
+            400,
+            "Invalid image_url: only http:// and https:// URLs are allowed, data URLs are not supported",
+            "refuses data URLs",
+        ),
+        (500, 'Failed to parse messages: Unsupported content part type: "image_url"', "text-only backend"),
+        (500, "image input is not supported - hint: you may need to provide the mmproj", "text-only backend"),
+    ],
+)
+def test_why_pictures_are_refused_is_told_apart(status: int, detail: str, cause: str) -> None:
+    """Too long, only by http, or text-only, however it is spelled."""
+    found = doctored(lambda picture, _: refuse(status, detail) if picture else None)
+    assert (found.outcome, found.exit_code) == ("blind", 1)
+    assert cause in found.causes[0]
+
+
+TOOL = {"role": "assistant", "content": None, "tool_calls": [{"id": "x", "type": "function", "function": {}}]}
+DECLINED = {"role": "assistant", "content": None, "refusal": "I'm sorry, I can't assist with that request."}
+
+
+@pytest.mark.parametrize(
+    ("message", "finish", "cause"),
+    [
+        (TOOL, "tool_calls", "14 of 14 replies call a tool, which nobody offered, and hold the answer in tool_calls"),
+        (DECLINED, "stop", "14 of 14 replies refuse to answer"),
+        ({"role": "assistant", "content": ""}, "content_filter", "14 of 14 pictures or replies were filtered"),
+    ],
+)
+def test_what_came_in_place_of_an_answer_is_named_first(message: dict[str, object], finish: str, cause: str) -> None:
+    """And neither called empty nor a weak model."""
+
+    def say(picture: bool, number: int) -> web.Response:
+        del picture, number
+        said = completion("", finish)
+        said["choices"][0]["message"] = message  # type: ignore[index]
+        return web.json_response(said)
+
+    found = doctored(say)
+    assert found.outcome == "cannot_say"
+    assert cause in found.causes[0]
+    assert not any("too weak" in one or "are empty" in one for one in found.causes)
+
+
+def test_pictures_that_a_filter_takes_are_counted_whatever_else_is_seen() -> None:
+    """A part of them, by status 400 or by the end of a reply."""
+    words = "The response was filtered due to the prompt triggering Azure OpenAI's content management policy."
+    status = doctored(
+        lambda picture, at: refuse(400, words, code="content_filter") if picture and at % 4 == 0 else None
+    )
+    ends = doctored(lambda picture, at: answer("", "content_filter") if picture and at % 4 == 0 else None)
+    for found in (status, ends):
+        assert any("of 14 pictures or replies were filtered" in one for one in found.causes)
+
+
+@pytest.mark.parametrize(("by", "smallest"), [(1, 6), (8, 12), (24, 64), (200, None)])
+def test_acuity_is_the_smallest_gap_that_arrives(by: int, smallest: int | None) -> None:
+    """A server that makes pictures smaller loses it; drawn shapes of a quarter of the picture do not tell."""
+    seen = Endpoint()
+
+    async def shrinks(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        picture = read(asked)[1]
+        if picture is not None and "ring" in read(asked)[0]:
+            whole = Image.open(io.BytesIO(picture))
+            small = whole.resize((whole.width // by, whole.height // by), Image.Resampling.BOX)
+            written = io.BytesIO()
+            small.resize(whole.size, Image.Resampling.NEAREST).save(written, "PNG")
+            url = f"data:image/png;base64,{base64.b64encode(written.getvalue()).decode()}"
+            asked["messages"][-1]["content"][0]["image_url"]["url"] = url  # type: ignore[index]
+        return await seen(request, asked, attempt)
+
+    with FaultServer([shrinks]) as server:
+        found = doctor(RequestMode("openai:m", base_url=server.base_url))
+        assert server.requests <= MOST_CALLS
+    assert found.outcome == "sees"
+    assert found.acuity.smallest == smallest
+    assert all(of == 2 for _, _, of in found.acuity.by_gap)
+    assert "2 of 2 at 64" in found.acuity.words or smallest is None

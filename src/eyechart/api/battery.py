@@ -3,7 +3,7 @@
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -184,7 +184,9 @@ def run_battery(
         given = [held.get(mode.spec, mode) for mode in modes]
         return battery.plan(root, given, place, extent=extent, **named).counting(probes)
 
-    probing = Probing(plan, lambda one: battery.sample_of([one]), battery.keep_probes, [place])
+    probing = Probing(
+        plan, lambda one: replace(battery.sample_of([one]), at_once=concurrency), battery.keep_probes, [place]
+    )
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
     planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised

@@ -40,7 +40,7 @@ def doctor(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Find out in at most 20 calls, without a bank, whether a model sees pictures at all, and if not, why.
+    """Find out in at most 28 calls, without a bank, whether a model sees pictures at all, and if not, why.
 
     Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. With
     --frames, of a policy: whether its answers are motions, which of its channels reach it, whether it answers from a
@@ -90,7 +90,7 @@ def probe(
     prices: PriceFile = None,
     json: Json = False,
 ) -> None:
-    """Find how a model is best asked, in at most 60 calls, and write it as a request mode for --mode.
+    """Find how a model is best asked, in at most 76 calls, and write it as a request mode for --mode.
 
     Finds the token budget at which replies complete, which token field the endpoint takes, whether a schema binds,
     whether temperature and seed matter, whether unknown fields are ignored, what a picture and a call take, and
@@ -218,10 +218,11 @@ def plan_probed(
     Exits 1 where none is left. Fields that are ``fixed``, and those that options give, are not changed by a probe.
     """
     from eyechart.probe import ProbeError
+    from eyechart.probe.pinning import MOST_CALLS
     from eyechart.studies import probed
 
     def ask(mode: "RequestMode", sample: "Sample", most: float | None) -> "Found | ProbeError":
-        say(f"{mode.spec} is probed first, in at most 60 calls; --no-probe leaves that out")
+        say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe leaves that out")
         given = {**asked.given, **(fixed or {})}
         try:
             found = _probe_one(mode, given, sample, allowed.prices, seed=_draw(None), max_cost=most)

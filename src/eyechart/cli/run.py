@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from eyechart.limits import Outcome, Spent
     from eyechart.manifest import Manifest
     from eyechart.modes import RequestMode
+    from eyechart.probe import Sample
     from eyechart.run import Plan
     from eyechart.studies.battery import Battery
     from eyechart.studies.probed import Allowed, Asked
@@ -342,7 +343,10 @@ def _make_calls(
     from eyechart.studies import battery as study
     from eyechart.studies.probed import Probing
 
-    probing = Probing(plan, lambda one: study.sample_of([one]), study.keep_probes, [out])
+    def sample(one: "Battery") -> "Sample":
+        return replace(study.sample_of([one]), at_once=concurrency)
+
+    probing = Probing(plan, sample, study.keep_probes, [out])
     planned, failed = plan_probed(probing, asked, allowed)
     early = planned.manifest.stop_early
     expected = study.expected(planned, allowed.prices, concurrency=concurrency)

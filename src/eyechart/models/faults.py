@@ -140,7 +140,7 @@ _NO_MODEL = _any(
 _FIELDS = _any(
     r"\b(?:max_(?:completion_|new_|output_|model_)?(?:tokens|len)|num_(?:ctx|predict)|temperature|top_[pk]|seed"
     r"|response_format|json_schema|schema|image_url|images?|pictures?|vision|multi[- ]?modal|base64|messages?(?=\W)"
-    r"|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
+    r"|aspect[ _]ratio|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
     r"|(?:input|output|prompt|completion|context|requested|image|new|max|maximum) tokens?|tokens? (?:count"
     r"|in the|limit of)"
     r"|\d+ tokens|context[ _](?:length|window|size)|model(?:'s)? (?:length|context)|prompt"
@@ -180,6 +180,7 @@ _ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help
 _AGAIN = frozenset(
     {"retry_after", "retryafter", "retry_after_ms", "retryable", "is_retryable", "retrydelay", "retry_delay"}
 )
+_DELAYS = frozenset({"retry_after", "retryafter", "retry_after_ms", "retrydelay", "retry_delay"})
 _BARE = frozenset(
     {re.sub(r"[^a-z]", "", status.phrase.lower()) for status in HTTPStatus}
     | {"payloadtoolarge", "contenttoolarge", "entitytoolarge", "requestentitytoolarge", "unprocessablecontent"}
@@ -201,7 +202,10 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     texts = [_meant(text) for _, text in entries if isinstance(text, str)]
     words = "\n".join(text for text in texts if text)
     default = _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
-    if status in _SPENDING and _SPENT.search(words):
+    if status == 429 and any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
+        return "quota"
+    paced = status == 429 and _delay_s(entries) is not None  # Gemini speaks of billing, and means a minute
+    if status in _SPENDING and not paced and _SPENT.search(words):
         return "quota"
     passing = _passes(entries, words)
     if status in _MODERATING and _is_moderated(words):
@@ -213,6 +217,24 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     if status not in _PROVING:
         return default
     return _of_the_request(said, words, passing=passing) or default
+
+
+def delay_s(said: object) -> float | None:
+    """Return after how many seconds an error asks to be sent again, by an entry of its own; None where none says so."""
+    return _delay_s([*_entries(said)])
+
+
+def _delay_s(entries: list[tuple[str, object]]) -> float | None:
+    found = (_seconds(value, 1000 if "ms" in name.lower() else 1) for name, value in entries if name.lower() in _DELAYS)
+    return next((one for one in found if one is not None), None)
+
+
+def _seconds(value: object, parts: int) -> float | None:
+    """Return a duration in seconds: a number of ``parts`` of a second, or in the letters of protobuf, ``45.8s``."""
+    if isinstance(value, str) and (said := re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value.strip())):
+        return float(said.group(1)) / (1 if said.group(2) else parts)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) / parts if is_number and 0 <= value < 10**9 else None  # type: ignore[arg-type, operator]
 
 
 def named_field(said: object) -> str:

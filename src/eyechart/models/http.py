@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote, urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
@@ -30,7 +30,7 @@ from eyechart import __version__
 from eyechart.calls import MOST, ErrorKind, Reply
 from eyechart.errors import SpecError, printable
 from eyechart.keys import without_keys
-from eyechart.models.faults import kind_of_status, with_proof
+from eyechart.models.faults import delay_s, kind_of_status, with_proof
 
 MOST_BYTES = 8_000_000
 """A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
@@ -125,13 +125,15 @@ _USED: ContextVar[ResponseHandler | None] = ContextVar("used", default=None)
 class Endpoint:
     """A server that is asked with POST, over one session that is opened with the first request of an event loop.
 
-    ``secrets`` are the values that must not come back in any text, ``headers`` hold them.
+    ``secrets`` are the values that must not come back in any text, ``headers`` hold them. ``query`` goes behind every
+    address.
     """
 
     base_url: str
     timeout_s: float
     headers: Mapping[str, str] = field(default_factory=dict, repr=False)
     secrets: tuple[str, ...] = field(default=(), repr=False)
+    query: Mapping[str, str] = field(default_factory=dict)
     _session: aiohttp.ClientSession | None = field(default=None, repr=False)
     _loop: asyncio.AbstractEventLoop | None = field(default=None, repr=False)
     _proxy: str | None = field(default=None, repr=False)
@@ -148,7 +150,8 @@ class Endpoint:
         start, seen = time.perf_counter(), Response(scrub=self.scrub, payload=payload)
         _USED.set(None)
         try:
-            async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
+            address = f"{self.base_url}{path}?{urlencode(self.query)}" if self.query else self.base_url + path
+            async with self._open().post(address, data=payload, allow_redirects=False) as came:
                 seen.came_over = _USED.get()
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
                 seen.content_type = came.content_type
@@ -218,6 +221,10 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
     if came.status >= 400:
         said, message = _json_of(seen.body), error_message(seen.body, seen.scrub)
         kind = kind_of_status(came.status, said)
+        if seen.retry_after_s is None:
+            seen.retry_after_s = delay_s(said)
+        if seen.retry_after_s is None and kind == "rate_limited":
+            seen.retry_after_s = _reset(came.headers)
         detail = f"HTTP {came.status}: {message or came.reason}"
         return kind, with_proof(detail, came.status, said) if kind == "bad_request" else detail
     return None, ""
@@ -352,7 +359,10 @@ def _is_proxy(address: str) -> bool:
 
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds after which a server wants to be asked again (RFC 9110: a number or a date)."""
+    """Return the seconds after which a server wants to be asked again (RFC 9110: a number or a date; milliseconds)."""
+    parts = number_of(_seconds(headers.get("retry-after-ms", "")))
+    if parts is not None:
+        return min(parts / 1000, MOST["retry_after_s"])
     said = headers.get("Retry-After", "").strip()
     if not said:
         return None
@@ -362,6 +372,37 @@ def _retry_after(headers: Mapping[str, str]) -> float | None:
             wait = max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
     wait = number_of(wait)
     return None if wait is None else min(wait, MOST["retry_after_s"])  # one beyond counts as not reported
+
+
+_RESET = "x-ratelimit-reset"
+_LONGEST_RESET_S = 60.0
+"""A limit that fills up later than this may let a call through before: the usual pauses serve better."""
+_SPAN = re.compile(r"(?:(\d+)h)?(?:(\d+)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)?)ms)?")
+
+
+def _reset(headers: Mapping[str, str]) -> float | None:
+    """Return the seconds until the limits of a server that are used up are reset; all of them where none says so."""
+    waits, spent = [], []
+    for name, value in headers.items():
+        if name.lower().startswith(_RESET) and (wait := _until(value.strip())) is not None:
+            waits.append(wait)
+            left = headers.get(name.lower().replace("-reset", "-remaining"), "").strip()
+            spent += [wait] if left == "0" else []
+    wait = max(spent, default=min(waits, default=None))
+    return wait if wait is not None and wait <= _LONGEST_RESET_S else None
+
+
+def _until(said: str) -> float | None:
+    """Return the seconds of a span (``6m0s``, ``500ms``, ``1.5``), or until a time since 1970, in seconds or parts."""
+    if (number := _seconds(said)) is not None:
+        now = time.time()
+        seconds = number if number < now / 2 else number - now if number < 100 * now else number / 1000 - now
+        return number_of(seconds)
+    span = _SPAN.fullmatch(said)
+    if not said or span is None:
+        return None
+    hours, minutes, seconds, parts = (float(part or 0) for part in span.groups())
+    return 3600 * hours + 60 * minutes + seconds + parts / 1000
 
 
 def _seconds(said: str) -> float | None:

@@ -97,7 +97,7 @@ def open_model(name: str, mode: RequestMode) -> Ollama:
     secrets = tuple(
         part for one, value in headers.items() if value != mode.headers[one] for part in (value, *value.split())
     )
-    endpoint = Endpoint(base_url, mode.timeout_s, headers, secrets)
+    endpoint = Endpoint(base_url, mode.timeout_s, headers, secrets, mode.query)
     server = _Server(base_url, headers, endpoint)
     tags, shown = server.get("/api/tags"), server.show(name)
     facts = _facts(name, tags, shown) | {"endpoint": base_url, "server": _text(server.get("/api/version"), "version")}

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import REFUSED, Query, Reply, concluded
+from eyechart.calls import BLOCKED, REFUSED, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -37,6 +37,7 @@ BASE_URL = "https://api.openai.com/v1"
 KEY = "OPENAI_API_KEY"
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a server that runs here"}
 
+NO_CHOICE = "the JSON has no choice with a message, as where a filter blocks what was asked"
 _PATH = "/chat/completions"
 _VERSIONED = re.compile(r"/v\d+(/|$)")
 _SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)
@@ -99,7 +100,7 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
     if key and not authorised:
         headers["Authorization"] = f"Bearer {key}"
     secrets += [part for value in secrets for part in value.split()] + [key] * bool(key)
-    endpoint = Endpoint(base_url, mode.timeout_s, headers, tuple(secrets))
+    endpoint = Endpoint(base_url, mode.timeout_s, headers, tuple(secrets), mode.query)
     warnings = [*_unpinned(base_url, mode), *_in_the_clear(base_url, key)]
     facts = {"endpoint": base_url, **({"warning": "; ".join(warnings)} if warnings else {})}
     fixed: dict[str, object] = {"model": name, mode.token_field: mode.max_tokens}
@@ -174,7 +175,8 @@ def _read_stream(came: Response) -> Reply:
     came.first_byte_s = first_words_s(came, streamed.first)
     if not streamed.whole and not streamed.body.get("error"):
         return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
-    return _read_body(came, streamed.body)
+    counted = {"choices": []} if "usage" in streamed.body else {}
+    return _read_body(came, {**counted, **streamed.body})
 
 
 def _read_body(came: Response, body: dict[str, object]) -> Reply:
@@ -185,6 +187,8 @@ def _read_body(came: Response, body: dict[str, object]) -> Reply:
     if choice.get("error"):
         return _failed(came, choice["error"])
     message = choice.get("message")
+    if choices == []:
+        return replace(came.failure("unreadable", NO_CHOICE), finish_reason=BLOCKED)
     if not isinstance(message, dict):
         return came.failure("unreadable", "the JSON has no choice with a message")
     try:
@@ -211,7 +215,7 @@ def _hinted(reply: Reply, mode: RequestMode) -> Reply:
     if reply.error in REFUSED and mode.stream == "none" and re.search(r"\bstream", said, re.IGNORECASE):
         hints.append("--stream usage")
     if not hints:
-        where = _misdirected(reply, mode.base_url)
+        where = "" if mode.query else _misdirected(reply, mode.base_url)
         return replace(reply, error_detail=f"{said}; {where}") if where else reply
     return replace(reply, error_detail=f"{said}; ask with {' '.join(hints)}, or let 'eyechart probe' find the mode")
 

@@ -62,7 +62,7 @@ def gather(came: Response) -> Streamed:
             found["error"] = event.get("error") or event or "an error without a word"
         if _add(event, words, choice) and first is None:
             first = end
-    if not words:
+    if not words and "finish_reason" not in choice:
         return Streamed(found, ended, first)
     message = {name: "".join(parts) for name, parts in words.items()} | {
         name: choice.pop(name) for name in _CALLS if name in choice

@@ -1,4 +1,4 @@
-"""What a model does with a picture, and how it is best asked: a doctor in twenty calls, a probe that pins a mode."""
+"""What a model does with a picture, and how it is best asked: a doctor in 28 calls, a probe that pins a mode."""
 
 from eyechart.probe.doctor import Diagnosis, doctor
 from eyechart.probe.pinning import Found, ProbeError, probe

@@ -6,22 +6,26 @@ made together get each other's pictures, and what is wrong again that pictures o
 """
 
 import io
+import random
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from PIL import Image
 
-from eyechart.calls import Reply
+from eyechart.calls import Query, Reply
 from eyechart.frames import decode
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker
+from eyechart.probe.pictures import CHOICES, draw, words
 from eyechart.probe.sample import Sample, plain
 from eyechart.probe.sight import Shot, Sight, said
 from eyechart.seeds import key_seed
 
 AT_ONCE = 8
-"""Calls that are made together, as many as a run makes by default."""
+"""Pictures that are shown together, where the run has so many calls under way at once."""
 MOST_CALLS = 2 * AT_ONCE
+REPEATS = 3
 LOST = 5
 """So many more answers lost than won are no accident: below 3 in 10,000 where each is right in 9 of 10 calls."""
 _GREY = (190, 190, 190)
@@ -75,19 +79,98 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
         plain(one.question.words, key_seed("arrival", seed, number), picture=at_size(one.question.picture, size))
         for number, one in enumerate(alone)
     ]
-    together = _shots(alone, await asker.together(queries))
+    together = _shots(alone, await asker.together(queries, sample.at_once))
     if _lost(alone, together) < LOST:
         return None
     again = _shots(alone, [await asker.ask(query) for query in queries])
     before, one_by_one = (f"{sum(one.right for one in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
-        words = f"pictures of this run's size ({size[0]}×{size[1]}) do not arrive as they are"
+        what = f"pictures of this run's size ({size[0]}×{size[1]}) do not arrive as they are"
         named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
-        return Fault("picture", f"{words}: {named}; {_smaller(size)}")
+        return Fault("picture", f"{what}: {named}; {_smaller(size)}")
     at_once = f"{sum(one.right for one in together)} of {len(together)}"
     named = f"{at_once} are named rightly when they are asked at once, and {one_by_one} one at a time"
-    words = "pictures of calls that are made together are mixed up"
-    return Fault("picture", f"{words}: {named}; ask with --concurrency 1, or mend the server")
+    what = "pictures of calls that are made together are mixed up"
+    return Fault("picture", f"{what}: {named}; ask with --concurrency 1, or mend the server")
+
+
+async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
+    """Return that a cache by prefix gives one picture's state to another, at a size that was not asked before.
+
+    Two calls, where every colour that was named is that of the first picture: the first of the new size is named
+    rightly then, and the second gets the same name.
+    """
+    told = [one.said for one in sight.shots if one.question.kind == "colour"]
+    named = told[0] if told else None
+    if len(told) < 2 or set(told) != {named} or named != sight.shots[0].question.answer:
+        return None
+    dice = random.Random(key_seed("arrival", seed, "reuses"))  # noqa: S311 - no secret
+    first, other = dice.sample([colour for colour in CHOICES["colour"] if colour != named], 2)
+    answers = []
+    for number, colour in enumerate((first, other), 100):
+        picture = at_size(draw("colour", colour, dice), (448, 416))
+        reply = await asker.ask(plain(words("colour"), key_seed("arrival", seed, number), picture=picture))
+        answers.append(said("colour", reply))
+    if answers != [first, first]:
+        return None
+    return Fault(
+        "cache",
+        "every answer fits the first picture of its size: a cache by prefix gives what it kept of one picture to "
+        "others; switch prefix caching off for pictures, or mend the server",
+    )
+
+
+async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, str]:
+    """Return whether pictures of one query are told apart, for a run that has several: a fault, or a note in words.
+
+    Three calls. Two answers that name one of two colours each, and tokens that do not grow with the pictures, show
+    that one of them arrives; where the tokens grow, the model may look at one alone.
+    """
+    size, cameras = size_of(sample), list(sample.asked[0][1].images)
+    if size is None or len(cameras) < 2:
+        return None, ""
+    dice = random.Random(key_seed("arrival", seed, "apart"))  # noqa: S311 - no secret
+    colours = dice.sample(CHOICES["colour"], 4)
+    replies = [
+        await asker.ask(_of_several(cameras, shown, size, key_seed("arrival", seed, 200 + number)))
+        for number, shown in enumerate((colours[:2], colours[2:]))
+    ]
+    if any(one.error is not None for one in replies):
+        failed = next(one.error_detail for one in replies if one.error is not None)
+        return None, f"{len(cameras)} pictures in one query failed: {failed[:200]}"
+    shown_of = zip(replies, (colours[:2], colours[2:]), strict=True)
+    if any(sum(_names(reply, colour) for colour in shown) != 1 for reply, shown in shown_of):
+        return None, ""
+    alone = await asker.ask(_of_several(cameras[:1], colours[:1], size, key_seed("arrival", seed, 202)))
+    if alone.prompt_tokens and replies[0].prompt_tokens and replies[0].prompt_tokens > alone.prompt_tokens:
+        return None, f"it names one of two colours in {len(cameras)} pictures, all of which the server counts"
+    what = f"of {len(cameras)} pictures of one size in one query one arrives: answers name one of two colours"
+    return Fault("picture", f"{what}; mend the server, or run on one camera"), ""
+
+
+def _of_several(cameras: Sequence[str], colours: Sequence[str], size: tuple[int, int], seed: int) -> Query:
+    """Return a query that shows the first colour to the first camera, and the last one to all others."""
+    names = ", ".join(CHOICES["colour"])
+    asked = f"Each picture shows a shape of one colour. Which colours are there? Answer with all of them: {names}."
+    query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
+    drawn = [draw("colour", colours[min(place, len(colours) - 1)], dice) for place in range(len(cameras))]
+    shown = {name: at_size(picture, size) for name, picture in zip(cameras, drawn, strict=True)}
+    return replace(query, stimulus=replace(query.stimulus, images=shown))
+
+
+def _names(reply: Reply, colour: str) -> bool:
+    return re.search(rf"\b{colour}\b", reply.text, re.IGNORECASE) is not None
+
+
+async def repeats(asker: Asker, sight: Sight, sample: Sample) -> str:
+    """Return how many repeats are equal that are asked alone at temperature 0, as "5 of 5"; nothing at another one."""
+    if asker.mode.temperature != 0:
+        return ""
+    first, *again = [await asker.ask(sample.query(0)) for _ in range(1 + REPEATS)]
+    told = [sample.space.read(one).action for one in (first, *again) if one.error is None]
+    same, of = sight.same
+    equal = sum(one == told[0] for one in told[1:])
+    return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(told) - 1)}"
 
 
 def _shots(asked: Sequence[Shot], replies: Sequence[Reply]) -> list[Shot]:

@@ -71,11 +71,20 @@ class Asker:
                 reply = await self._folded(query, reply)
         return reply
 
-    async def together(self, queries: Sequence[Query]) -> list[Reply]:
-        """Return the replies to queries that are sent at once, each once; a failure is a reply too."""
+    async def together(self, queries: Sequence[Query], at_once: int) -> list[Reply]:
+        """Return the replies to queries, ``at_once`` of which are under way at a time, each sent once.
+
+        A failure is a reply too.
+        """
         self._require_room(of=len(queries))
         await self._open(self.mode)
-        return list(await asyncio.gather(*(self._once(query, self.mode) for query in queries)))
+        gate = asyncio.Semaphore(at_once)
+
+        async def one(query: Query) -> Reply:
+            async with gate:
+                return await self._once(query, self.mode)
+
+        return list(await asyncio.gather(*map(one, queries)))
 
     async def _folded(self, query: Query, refused: Reply) -> Reply:
         """Return the reply to a refused query with its system words in the user's turn; the refusal if that is too."""

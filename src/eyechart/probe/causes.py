@@ -1,12 +1,15 @@
 """The likely causes, in words, of what a model did with the drawn pictures."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 
-from eyechart.calls import Emptiness, ErrorKind, is_cut, is_empty
+from eyechart.calls import Emptiness, ErrorKind, Reply, is_cut, is_empty
 from eyechart.modes import RequestMode
 from eyechart.probe.sight import Sight, picture_counts
+from eyechart.spaces.space import ending
 
+_MODERATED = re.compile(r"content[ _-]?(?:filter|policy|management policy)|filtered|moderat", re.IGNORECASE)
 _ERRORS: dict[ErrorKind, str] = {
     "auth": "the key is missing, wrong, or may not use this model: check the environment variable that holds it",
     "quota": "nothing is left to spend on this account",
@@ -30,10 +33,10 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
     """Return why a model sees nothing, or why nobody can say, the most likely cause first; none where all is well."""
     if sight.takes_no_pictures:
         refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
-        return (f"text-only backend: it answers words, and refuses pictures ({refused[:200]})",)
+        return (_why_refused(refused),)
     if not any(reply.error is None for reply in sight.replies):
         return _failures(sight, mode)
-    outcome, found = sight.outcome, []
+    outcome, found = sight.outcome, _beside_the_text(sight)
     if sight.cached_by_words:
         found.append(
             "a cache between here and the model knows replies by their words and not by their picture: every frame of "
@@ -53,6 +56,61 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
     if outcome != "sees" and "warning" in facts:
         found.append(facts["warning"])
     return tuple(found)
+
+
+_TOO_LONG = re.compile(
+    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.I
+)
+_NO_DATA_URL = re.compile(
+    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.I
+)
+
+
+def _why_refused(detail: str) -> str:
+    """Return why every picture is refused where the words alone are answered."""
+    shown = f"({detail[:200]})"
+    if _TOO_LONG.search(detail):
+        return (
+            "a picture takes more context than the server gives: make pictures smaller, lower max_pixels, or raise "
+            f"--max-model-len (num_ctx) where the server runs {shown}"
+        )
+    if _NO_DATA_URL.search(detail):
+        return (
+            "the server takes pictures by an address of http only and refuses data URLs, as eyechart sends them: allow "
+            f"data URLs there, or put a gateway before it that takes them {shown}"
+        )
+    return f"text-only backend: it answers words, and refuses pictures {shown}"
+
+
+def _is_aside(reply: Reply) -> bool:
+    """Return whether a reply calls a tool, refuses, or was filtered: what it lacks has a cause of its own."""
+    return reply.finish_reason == "tool_calls" or ending(reply.finish_reason) == "filtered"
+
+
+def _beside_the_text(sight: Sight) -> list[str]:
+    """Return what came in place of an answer in a text: a call of a tool, a refusal, or a filter's end."""
+    came = [one.reply for one in sight.shots if one.reply.error is None]
+    tools = sum(reply.finish_reason == "tool_calls" for reply in came)
+    declined = sum(reply.finish_reason == "refusal" for reply in came)
+    filtered = sum(ending(reply.finish_reason) == "filtered" for reply in came) - declined
+    moderated = sum(
+        one.reply.error == "bad_request" and _MODERATED.search(one.reply.error_detail) is not None
+        for one in sight.shots
+    )
+    found = []
+    if tools:
+        found.append(
+            f"{tools} of {len(came)} replies call a tool, which nobody offered, and hold the answer in tool_calls: "
+            "switch the tool parser or the chat template's tools off where the server runs"
+        )
+    if declined:
+        found.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
+    if filtered or moderated:
+        found.append(
+            f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such frames "
+            "end as refusals; loosen its content filter where that is yours"
+        )
+    return found
 
 
 def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
@@ -99,8 +157,8 @@ def _why_blind(sight: Sight) -> list[str]:
 def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     came = [one for one in sight.shots if one.reply.error is None]
     cut = sum(is_cut(one.reply) for one in came)
-    silent = [one for one in came if one.said is None and not is_cut(one.reply)]
-    found, empty = [], Emptiness.of(one.reply for one in came)
+    silent = [one for one in came if one.said is None and not (is_cut(one.reply) or _is_aside(one.reply))]
+    found, empty = [], Emptiness.of(one.reply for one in came if not _is_aside(one.reply))
     if empty.empty:
         found.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
@@ -120,7 +178,7 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
             f"{silent[0].reply.text.strip()[:60]!r}): the model is too weak for a question, or was trained for one "
             f"kind of answer; {_dependence(sight)}"
         )
-    if not found:
+    if not found and not _beside_the_text(sight):
         found.append(
             "it is right more often than a blind model is sure to be, and not so often that guessing is excluded: too "
             "weak or too noisy for these questions; another --seed asks others"

@@ -1,4 +1,4 @@
-"""The doctor: at most twenty calls that say whether a model sees, repeats itself, keeps a schema, and has room to end.
+"""The doctor: at most 28 calls that say whether a model sees, and how much, repeats itself, keeps a schema, and has room to end.
 
 It needs no bank. What it finds holds for the way in which the model was asked.
 """
@@ -12,6 +12,8 @@ from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
+from eyechart.probe.acuity import MOST_CALLS as OF_ACUITY
+from eyechart.probe.acuity import Acuity, acuity
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.pictures import CHOICES
@@ -20,7 +22,7 @@ from eyechart.probe.sight import Outcome, Sight, look
 from eyechart.records import picked, plain
 from eyechart.stats.statistic import Statistic
 
-MOST_CALLS = 20
+MOST_CALLS = 20 + OF_ACUITY
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Diagnosis:
     spent: Spent
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
+    acuity: Acuity = Acuity()
     unasked: str = ""
     """Why the driving prompt could not be asked; empty where it was."""
 
@@ -55,6 +58,8 @@ class Diagnosis:
         """Return in words what decided the outcome."""
         if self.outcome == self.sight.outcome:
             return self.sight.because
+        if self.unasked.startswith("exception: not asked"):
+            return f"it sees drawn pictures, and no call was left for the prompt 'baseline': {self.sight.because}"
         return f"it sees drawn pictures, and the prompt 'baseline' cannot be asked: {self.unasked}"
 
     @property
@@ -78,6 +83,10 @@ class Diagnosis:
             "says_no_picture": self.sight.says_none,
             "without_a_picture": [reply.text for _, reply in self.sight.bare],
             "image_tokens": self.sight.image_tokens,
+            "acuity": {
+                "smallest_px": self.acuity.smallest,
+                "by_gap": [dict(zip(("gap_px", "right", "of"), one, strict=True)) for one in self.acuity.by_gap],
+            },
             "same_reply": {"same": same, "of": of},
             "schema": picked(self, "binds=schema_binds because=schema_says"),
             "budget": picked(self, "enough=budget_enough because=budget_says"),
@@ -100,7 +109,7 @@ def doctor(
     max_cost: float | None = None,
     tell: Tell | None = None,
 ) -> Diagnosis:
-    """Ask a model at most twenty questions and return the diagnosis; raises SpecError where it cannot be opened.
+    """Ask a model at most 28 questions and return the diagnosis; raises SpecError where it cannot be opened.
 
     ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
     """
@@ -111,7 +120,7 @@ def doctor(
 async def _examine(asker: Asker, seed: int) -> Diagnosis:
     facts = await asker.facts()
     try:
-        sight = await look(asker, seed, spare=2)
+        sight = await look(asker, seed, spare=2 + OF_ACUITY)
         sample, answer = default_sample(), Reply(error="exception", error_detail="not asked")
         binds, schema_says = None, "not asked"
         if len(sight.shots) > 2:
@@ -121,6 +130,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
                     binds, schema_says = await schema_binds(asker, asker.mode)
                 else:
                     schema_says = "this adapter binds no schema"
+        detail = await acuity(asker, seed) if sight.outcome == "sees" else Acuity()
     finally:
         await asker.close()
     enough, budget_says = _budget(sight, sample, answer, asker.mode)
@@ -136,6 +146,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
         spent=asker.spent,
         facts=facts,
         notes=tuple(asker.notes),
+        acuity=detail,
         unasked="" if answer.error is None else f"{answer.error}: {answer.error_detail}",
     )
 

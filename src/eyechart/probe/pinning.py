@@ -15,9 +15,9 @@ from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ALONE, Measured, RequestMode
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
-from eyechart.probe.arrival import arrives, dropped, size_of
+from eyechart.probe.arrival import apart, arrives, dropped, repeats, reuses, size_of
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
@@ -124,7 +124,7 @@ class _Probe:
         matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
         sight = await self._look()
-        await self._require_arrival(sight, came, bare)
+        alone = await self._require_arrival(sight, came, bare)
         changed = {
             name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed", "system", "stream")
         }
@@ -140,19 +140,32 @@ class _Probe:
             temperature_matters=matters[0],
             seed_matters=matters[1],
             unknown_fields_ignored=ignored,
-            facts={**names_of(facts, came, sight, causes), "seed of the pictures": str(self.seed)},
+            facts={**names_of(facts, came, sight, causes), **alone, "seed of the pictures": str(self.seed)},
         )
         notes = (*asker.notes, *self.notes)
         return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
 
-    async def _require_arrival(self, sight: Sight, came: Sequence[Reply], bare: Reply) -> None:
-        """Raise ProbeError where a model that sees is not shown what the run sends."""
+    async def _require_arrival(self, sight: Sight, came: Sequence[Reply], bare: Reply) -> dict[str, str]:
+        """Return how equal repeats are that are asked alone, as a fact, where a model sees.
+
+        Raises ProbeError where one that sees is not shown what the run sends, or a cache answers for another picture.
+        """
         size = size_of(self.sample)
-        if size is None or sight.outcome != "sees" or not is_served(self.asker.mode):
-            return
-        fault = dropped(sight, came, bare, size) or await arrives(self.asker, sight, self.sample, self.seed)
+        if size is None or not is_served(self.asker.mode):
+            return {}
+        fault = None
+        if sight.outcome == "blind":
+            fault = await reuses(self.asker, sight, self.seed)
+        elif sight.outcome == "sees":
+            fault = dropped(sight, came, bare, size) or await arrives(self.asker, sight, self.sample, self.seed)
+            if fault is None:
+                fault, note = await apart(self.asker, self.sample, self.seed)
+                self.notes += [note] if note else []
         if fault is not None:
-            raise ProbeError(f"guard '{fault.guard}' fails: {fault.because}", self.asker.spent)
+            words = f"guard '{fault.guard}' fails: {fault.because}, and probe again; --no-probe asks all the same"
+            raise ProbeError(words, self.asker.spent)
+        same = await repeats(self.asker, sight, self.sample) if sight.outcome == "sees" else ""
+        return {ALONE: same} if same else {}
 
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""

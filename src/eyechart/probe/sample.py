@@ -24,10 +24,14 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of a prompt and what it is asked of, and the space of the answers."""
+    """What a run will ask: a few pairs of a prompt and what it is asked of, and the space of the answers.
+
+    ``at_once`` is how many calls the run has under way at once.
+    """
 
     asked: Sequence[tuple[Prompt, Stimulus]]
     space: AnySpace = DRIVING
+    at_once: int = 8
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""

@@ -37,7 +37,7 @@ _NO_PICTURE = re.compile(
     r"\b(can(no|')t|do(n't| not)|unable|no|not|without|haven't|didn't)\b.{0,40}\b(images?|pictures?|photos?|see)\b",
     re.IGNORECASE | re.DOTALL,
 )
-_PICTURES = re.compile(r"\b(image|images|vision|multi-?modal|mmproj)\b", re.IGNORECASE)
+_PICTURES = re.compile(r"(?<![a-z])(image|images|image_url|vision|multi-?modal|mmproj)(?![a-z])", re.IGNORECASE)
 _DIGIT = re.compile(r"(?<![\w.-])[1-6](?![\w.-])")
 
 

@@ -30,6 +30,7 @@ def doctor_table(found: "Diagnosis") -> Table:
     others: dict[str, tuple[str, int | str]] = {
         "the same words without a picture": (bare or "—", len(found.sight.bare)),
         "tokens that a picture adds": ("not reported" if adds is None else str(adds), ""),
+        "the smallest detail that arrives": (found.acuity.words, sum(of for _, _, of in found.acuity.by_gap)),
         "the same picture again": (f"{same} of {of} replies the same" if of > 1 else "—", of),
         "a schema binds": (f"{_YES[found.schema_binds]}: {found.schema_says}", ""),
         "the token budget is enough": (f"{_YES[found.budget_enough]}: {found.budget_says}", ""),

@@ -132,7 +132,7 @@ _CUT = (
 )
 _FILTERED = (
     "content_filter content_filtered refusal refused safety image_safety recitation blocklist prohibited_content spii "
-    "guardrail_intervened moderation blocked"
+    "guardrail_intervened moderation blocked image_prohibited_content image_recitation sensitive"
 )
 ENDINGS: Mapping[str, Ending] = {
     **dict.fromkeys(_NORMAL.split(), "normal"),
@@ -146,10 +146,13 @@ ENDINGS: Mapping[str, Ending] = {
 def ending(finish_reason: str | None) -> Ending | None:
     """Return how a reply ended by its finish reason, in whose words and letters it may be; None where nobody can say.
 
-    Nobody can where none is reported, and of a word that is not in `ENDINGS`.
+    Nobody can where none is reported, and of a word that is not in `ENDINGS`. What stands behind the word of a filter
+    (``content_filter: PROHIBITED_CONTENT``) is its reason.
     """
     word = (finish_reason or "").strip().lower().replace("-", "_").replace(" ", "_")
-    return ENDINGS.get(word.removeprefix("finish_reason_"))
+    word = word.removeprefix("finish_reason_")
+    known = ENDINGS.get(word)
+    return "filtered" if known is None and ENDINGS.get(word.partition(":")[0]) == "filtered" else known
 
 
 def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:

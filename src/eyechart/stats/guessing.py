@@ -84,6 +84,16 @@ def right(blocks: Iterable[Block]) -> Statistic:
     return Answered(k / n, n, bounds(k, n), p, method, level=2 * LEVEL - 1, right=k, expected=expected)
 
 
+def fewer_p(right: int, n: int, others_right: int, others: int) -> float:
+    """Return how likely so few of the right ones, or fewer, are among the ``n`` where all are dealt by chance.
+
+    Fisher's exact test, one-sided, of ``right`` of ``n`` against ``others_right`` of ``others``.
+    """
+    known, whole = right + others_right, n + others
+    ways = sum(comb(known, k) * comb(whole - known, n - k) for k in range(right + 1) if n - k <= whole - known)
+    return ways / comb(whole, n)
+
+
 def bounds(k: int, n: int) -> tuple[float, float]:
     """Return the lower and the upper bound, each one-sided at 95 %, of a rate of which k of n were seen.
 
