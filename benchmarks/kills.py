@@ -132,6 +132,9 @@ def kill(command: Command, out: Path, number: int) -> dict[str, object]:
     for each in left:
         os.kill(each, signal.SIGKILL)
     code = begun.wait()
+    if code == 0:  # it came to its end before: the next one begins anew
+        made = WORK / command.makes.replace("OUT", str(out))
+        shutil.rmtree(made) if made.is_dir() else made.unlink(missing_ok=True)
     row = {"signal": one.name, "after_s": round(after, 2), "processes": processes, "exit": code, "left": len(left)}
     return {**row, "ended_before": code in {0, 1} and processes == 0}
 
@@ -177,6 +180,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--only", action="append", choices=list(COMMANDS))
     given = parser.parse_args(arguments)
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell's background job ignores it, and so would all here
     prepare()
     kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {"kills": {}, "ends": {}}
     names = given.only or list(COMMANDS)

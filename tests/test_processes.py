@@ -130,3 +130,22 @@ def test_processes_are_begun_in_two_places_alone() -> None:
 
 def _is_of(name: ast.Attribute, module: str) -> bool:
     return isinstance(name.value, ast.Name) and name.value.id == module
+
+
+def test_a_pool_that_is_interrupted_waits_for_nobody(tmp_path: Path) -> None:
+    """Its workers are at what may take minutes: an interrupt ends them too."""
+    program = tmp_path / "program.py"
+    heeds = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # which a background job ignores
+    )
+    program.write_text(heeds + POOL.replace("WITHOUT_PRCTL", "False").replace("BUSY", "True"))
+    with subprocess.Popen(
+        [sys.executable, str(program)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as parent:
+        assert parent.stdout is not None
+        children = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.send_signal(signal.SIGINT)
+        assert parent.wait(SOON_S) != 0
+        assert not any(map(is_there, children))

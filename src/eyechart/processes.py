@@ -6,19 +6,30 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 
 _PR_SET_PDEATHSIG = 1
 _LOOK_EVERY_S = 1.0
 
 
-def open_pool(processes: int) -> ProcessPoolExecutor:
-    """Return a pool of new interpreters, each of which ends when this process does.
+@contextmanager
+def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Yield a pool of new interpreters, each of which ends when this process does, or is interrupted.
 
     They are spawned, not forked: a thread, as that of a progress bar, may hold a lock at the moment of a fork.
     """
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(processes, mp_context=context, initializer=end_with, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=end_with, initargs=(os.getpid(),))
+    try:
+        yield pool
+    except BaseException:
+        for one in multiprocessing.active_children():  # what they are at may take minutes, and nobody wants it now
+            one.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def end_with(parent: int) -> None:

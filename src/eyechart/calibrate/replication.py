@@ -136,11 +136,8 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
     if processes == 1:
         yield map(_whole, tasks)
         return
-    pool = open_pool(processes)
-    try:
+    with open_pool(processes) as pool:
         yield pool.map(_whole, tasks)
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _whole(task: Task) -> Made:
