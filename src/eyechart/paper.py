@@ -172,8 +172,12 @@ def _beside(runs: Sequence[Path], prices: Prices, reading: Reading, scores: Path
             yield table
     batteries = [run for run in runs if run_json(run).get("study") == "battery"]
     if len(batteries) > 1:
-        options = {"independent": reading.independent, "reread": reading.reread, "resamples": reading.resamples}
-        found = {name: score_battery(run, **options) for run, name in zip(batteries, names_of(batteries), strict=True)}
+        found = {
+            name: score_battery(
+                run, independent=reading.independent, reread=reading.reread, resamples=reading.resamples
+            )
+            for run, name in zip(batteries, names_of(batteries), strict=True)
+        }
         if (told := replications_table(found)) is not None:
             yield told
     if scores is not None:

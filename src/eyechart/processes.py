@@ -46,7 +46,8 @@ def end_with(parent: int) -> None:
 def _is_ended_by_the_system() -> bool:
     """Return whether the system now kills this process when its parent ends."""
     try:
-        return ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) == 0
+        asked = ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        return int(asked) == 0
     except (AttributeError, OSError, TypeError):  # no such call here, or no library to look it up in
         return False
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 
 from eyechart.errors import printable
+from eyechart.records import parse_json
 
 OWN, FILES, FORMERLY = "file_sha256", "files", "formerly"
 """Facts of a callable: the digest of its own file; those of all its files, by their names below its folder, as JSON;
@@ -37,7 +38,7 @@ def version_of(facts: Mapping[str, str], *more: str) -> dict[str, str]:
 
     ``more`` are digests of what else it is made of.
     """
-    own, files = facts[OWN], json.loads(facts[FILES])
+    own, files = facts[OWN], parse_json(facts[FILES])
     whole = own if len(files) == 1 else _digest(json.dumps(sorted(files.items())).encode())
     now, before = ((_digest("".join((one, *more)).encode()) if more else one)[:12] for one in (whole, own))
     return {"version": now} | ({FORMERLY: before} if before != now else {})
@@ -70,7 +71,7 @@ def _some(names: list[str]) -> str:
 
 def _files(facts: Mapping[str, str]) -> dict[str, str]:
     try:
-        found = json.loads(facts.get(FILES, "{}"))
+        found = parse_json(facts.get(FILES, "{}"))
     except ValueError:  # somebody wrote into the run's manifest
         return {}
     return {str(name): str(digest) for name, digest in found.items()} if isinstance(found, dict) else {}

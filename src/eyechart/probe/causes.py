@@ -59,10 +59,10 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
 
 
 _TOO_LONG = re.compile(
-    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.I
+    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.IGNORECASE
 )
 _NO_DATA_URL = re.compile(
-    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.I
+    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.IGNORECASE
 )
 
 

@@ -15,7 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, field
-from functools import cache, partial
+from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -304,7 +304,7 @@ class _Page:
     async def _serve(self) -> None:
         loop, over = asyncio.get_running_loop(), asyncio.Event()
         loop.set_exception_handler(lambda *_: None)  # as of a descriptor that accept did not get: it tries again
-        self._end = partial(loop.call_soon_threadsafe, over.set)
+        self._end = lambda: _say_over(loop, over)
         token, connections = secrets.token_urlsafe(16), Connections(_CONNECTIONS, _IDLE_S)
         app = application(self.live, over, token, connections)
         runner = web.AppRunner(app, shutdown_timeout=_ENDING_S, **connections.head())
@@ -382,3 +382,7 @@ def watched(
         page.end()
         if thread.ident is not None:
             thread.join(_ENDING_S)
+
+
+def _say_over(loop: asyncio.AbstractEventLoop, over: asyncio.Event) -> None:
+    loop.call_soon_threadsafe(over.set)
