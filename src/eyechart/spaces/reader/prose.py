@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from eyechart.spaces.reader.names import Mention, Names
+from eyechart.spaces.reader.marks import Mention
+from eyechart.spaces.reader.names import Names
 from eyechart.spaces.space import Decision, unparsed
 
 Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
