@@ -9,8 +9,6 @@ from eyechart.studies import structured, study_of
 from eyechart.studies.guardian import VIEWS, VoteTable
 from eyechart.studies.structured.study import Structured
 
-"""Resamples of a score of which no interval is read."""
-
 
 @dataclass(frozen=True, slots=True)
 class Member(Plain):
