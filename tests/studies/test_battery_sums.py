@@ -1,7 +1,5 @@
 """What scoring adds up, beside the definitions, frame by frame."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -49,28 +47,18 @@ def test_braking_levels_are_those_of_the_action_space() -> None:
 
 
 def test_sums_by_episode_are_loops_over_frames() -> None:
-    """Both kinds of sum; an episode of which no frame is left has no row."""
-    episodes, rows, columns = np.array([4, 0, 4, 2]), np.array([1, 1, 0, 1]), np.array([7, 5, 7, 7])
+    """An episode of which no frame is left has no row."""
+    episodes = np.array([4, 0, 4, 2])
     values = np.array([[1.0, 2], [3, 4], [5, 6], [7, 8]])
     assert published._sums_by_episode(values, episodes).tolist() == [[3, 4], [7, 8], [6, 8]]
-    tables = np.zeros((3, 2, 2))
-    for frame in range(4):
-        tables[episodes[frame] // 2, rows[frame], int(columns[frame] == 7)] += 1
-    assert np.array_equal(published._counts_by_episode(rows, columns, episodes), tables.reshape(3, 4))
 
 
-def test_the_interval_of_the_median_gaps_is_that_of_all_draws_of_episodes() -> None:
-    """The 27 ordered draws of three episodes, their frames written out; frames without a lead count as the farthest."""
+def test_the_median_gaps_of_three_episodes_have_a_value_and_no_interval() -> None:
+    """Frames without a lead count as the farthest; so few episodes say too little of the medians."""
     found = Published(answers(), Resampling(resamples=99))._gap_order()
     gaps = np.array([40.0 if gap is None else gap for gap in GAPS_M])
-    episode = np.array([place % 4 % 3 for place in range(10)])
     braking = np.isin(np.array(REAL, dtype=str), DRIVING.brake)
     going = np.isin(np.array(REAL, dtype=str), DRIVING.proceed)
-    differences = []
-    for draw in itertools.product(range(3), repeat=3):
-        times = np.bincount(draw, minlength=3)[episode]
-        far, near = np.repeat(gaps[going], times[going]), np.repeat(gaps[braking], times[braking])
-        if len(far) and len(near):
-            differences.append(np.median(far) - np.median(near))
     assert found.value == np.median(gaps[going]) - np.median(gaps[braking])
-    assert found.ci == pytest.approx(tuple(np.quantile(differences, [0.025, 0.975], method="inverted_cdf")))
+    assert found.ci is None
+    assert found.note

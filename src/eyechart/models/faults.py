@@ -140,8 +140,9 @@ _NO_MODEL = _any(
 _FIELDS = _any(
     r"\b(?:max_(?:completion_|new_|output_|model_)?(?:tokens|len)|num_(?:ctx|predict)|temperature|top_[pk]|seed"
     r"|response_format|json_schema|schema|image_url|images?|pictures?|vision|multi[- ]?modal|base64|messages?(?=\W)"
-    r"|aspect[ _]ratio|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
-    r"|(?:input|output|prompt|completion|context|requested|image|new|max|maximum) tokens?|tokens? (?:count"
+    r"|aspect[ _]ratio|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt"
+    r"|instruction)|roles?|(?:input|output|prompt|completion|context|requested|image|new|max|maximum)"
+    r" tokens?|tokens? (?:count"
     r"|in the|limit of)"
     r"|\d+ tokens|context[ _](?:length|window|size)|model(?:'s)? (?:length|context)|prompt"
     r"|inputs? (?:is|are|must|text|length|size|exceeds?|token)"
@@ -202,10 +203,7 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     texts = [_meant(text) for _, text in entries if isinstance(text, str)]
     words = "\n".join(text for text in texts if text)
     default = _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
-    if status == 429 and any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
-        return "quota"
-    paced = status == 429 and _delay_s(entries) is not None  # Gemini speaks of billing, and means a minute
-    if status in _SPENDING and not paced and _SPENT.search(words):
+    if _is_spent(status, entries, words):
         return "quota"
     passing = _passes(entries, words)
     if status in _MODERATING and _is_moderated(words):
@@ -214,9 +212,18 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
         return "gateway"
     if status in _SPENDING - {429} and _ALLOWANCE.search(words):
         return "quota"
-    if status not in _PROVING:
-        return default
-    return _of_the_request(said, words, passing=passing) or default
+    proven = _of_the_request(said, words, passing=passing) if status in _PROVING else None
+    return proven or default
+
+
+def _is_spent(status: int, entries: list[tuple[str, object]], words: str) -> bool:
+    """Return whether an error says that nothing is left to spend; a 429 that gives a time to wait does not."""
+    if status == 429:
+        if any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
+            return True
+        if _delay_s(entries) is not None:  # Gemini speaks of billing, and means a minute
+            return False
+    return status in _SPENDING and _SPENT.search(words) is not None
 
 
 def delay_s(said: object) -> float | None:

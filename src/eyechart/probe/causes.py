@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from eyechart.calls import Emptiness, ErrorKind, Reply, is_cut, is_empty
 from eyechart.modes import RequestMode
@@ -107,8 +107,8 @@ def _beside_the_text(sight: Sight) -> list[str]:
         found.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
     if filtered or moderated:
         found.append(
-            f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such frames "
-            "end as refusals; loosen its content filter where that is yours"
+            f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such "
+            "frames end as refusals; loosen its content filter where that is yours"
         )
     return found
 
@@ -162,16 +162,7 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     if empty.empty:
         found.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
-    if sight.cut is not None:
-        found.append(f"the questions ended early: {sight.cut}")
-    if len(came) < len(sight.shots):
-        kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
-        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
-    if cut:
-        found.append(
-            f"{cut} of {len(came)} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, "
-            "or let 'eyechart probe' find the budget"
-        )
+    found += _cut_short(sight, cut, len(came), mode)
     if silent:
         found.append(
             f"{len(silent)} of {len(came)} replies name none of the choices (the first: "
@@ -184,6 +175,20 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
             "weak or too noisy for these questions; another --seed asks others"
         )
     return found
+
+
+def _cut_short(sight: Sight, cut: int, came: int, mode: RequestMode) -> Iterator[str]:
+    """Yield what ended early: the questions, the calls that failed, the ``cut`` of the replies that ``came``."""
+    if sight.cut is not None:
+        yield f"the questions ended early: {sight.cut}"
+    if came < len(sight.shots):
+        kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
+        yield "calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    if cut:
+        yield (
+            f"{cut} of {came} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, or "
+            "let 'eyechart probe' find the budget"
+        )
 
 
 def _dependence(sight: Sight) -> str:
