@@ -128,9 +128,7 @@ class Endpoint:
         if picture is None:
             return "STOP" if "STOP" in user else "NONE"
         pixels = decode(picture, "the picture")
-        if "ring" in user:
-            return opening(pixels)
-        for kind, look in (("colour", colour), ("side", side), ("How many", count)):
+        for kind, look in (("ring", opening), ("colour", colour), ("side", side), ("How many", count)):
             if kind in user and "STOP" not in user:
                 return look(pixels)
         return ACTIONS[hashlib.sha256(picture).digest()[0] % 5]

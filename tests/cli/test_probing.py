@@ -65,7 +65,7 @@ def test_doctor_answers_with_its_exit_code_and_words(what: dict[str, object], co
     assert result.exit_code == code
     assert says in result.stdout.replace("\n", " ")
     assert "all questions" in result.stdout
-    assert "at most, if a call takes 1000 tokens in and 100 out: openai:m: 20 calls, 20,000 tokens in" in result.stderr
+    assert "at most, if a call takes 1000 tokens in and 100 out: openai:m: 28 calls, 28,000 tokens in" in result.stderr
     assert "20 calls," in result.stdout
 
 

@@ -319,8 +319,7 @@ DECLINED = {"role": "assistant", "content": None, "refusal": "I'm sorry, I can't
 def test_what_came_in_place_of_an_answer_is_named_first(message: dict[str, object], finish: str, cause: str) -> None:
     """And neither called empty nor a weak model."""
 
-    def say(picture: bool, number: int) -> web.Response:
-        del picture, number
+    def say(*_: object) -> web.Response:
         said = completion("", finish)
         said["choices"][0]["message"] = message  # type: ignore[index]
         return web.json_response(said)

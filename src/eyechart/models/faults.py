@@ -140,7 +140,8 @@ _NO_MODEL = _any(
 _FIELDS = _any(
     r"\b(?:max_(?:completion_|new_|output_|model_)?(?:tokens|len)|num_(?:ctx|predict)|temperature|top_[pk]|seed"
     r"|response_format|json_schema|schema|image_url|images?|pictures?|vision|multi[- ]?modal|base64|messages?(?=\W)"
-    r"|aspect[ _]ratio|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
+    r"|aspect[ _]ratio"
+    r"|tools|tool_choice|stream(?:_options|ing)?|(?:system|developer|user) (?:role|message|prompt|instruction)|roles?"
     r"|(?:input|output|prompt|completion|context|requested|image|new|max|maximum) tokens?|tokens? (?:count"
     r"|in the|limit of)"
     r"|\d+ tokens|context[ _](?:length|window|size)|model(?:'s)? (?:length|context)|prompt"
@@ -202,10 +203,7 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     texts = [_meant(text) for _, text in entries if isinstance(text, str)]
     words = "\n".join(text for text in texts if text)
     default = _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
-    if status == 429 and any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
-        return "quota"
-    paced = status == 429 and _delay_s(entries) is not None  # Gemini speaks of billing, and means a minute
-    if status in _SPENDING and not paced and _SPENT.search(words):
+    if status in _SPENDING and _is_spent(status, entries, words):
         return "quota"
     passing = _passes(entries, words)
     if status in _MODERATING and _is_moderated(words):
@@ -217,6 +215,13 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     if status not in _PROVING:
         return default
     return _of_the_request(said, words, passing=passing) or default
+
+
+def _is_spent(status: int, entries: list[tuple[str, object]], words: str) -> bool:
+    """Return whether nothing is left to spend; Gemini speaks of billing where it means a minute, with a delay."""
+    if status == 429 and any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
+        return True
+    return _SPENT.search(words) is not None and (status != 429 or _delay_s(entries) is None)
 
 
 def delay_s(said: object) -> float | None:

@@ -175,7 +175,7 @@ def _read_stream(came: Response) -> Reply:
     came.first_byte_s = first_words_s(came, streamed.first)
     if not streamed.whole and not streamed.body.get("error"):
         return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
-    counted = {"choices": []} if "usage" in streamed.body else {}
+    counted: dict[str, object] = {"choices": []} if "usage" in streamed.body else {}
     return _read_body(came, {**counted, **streamed.body})
 
 

@@ -51,9 +51,13 @@ class Acuity:
         return f"{found} in {wide} × {high} ({counted})"
 
 
+NOT_ASKED = Acuity()
+
+
 async def acuity(asker: Asker, seed: int) -> Acuity:
     """Ask where the gap of a ring is, twice a size, until one size is not seen; a limit ends it early."""
-    dice, found = random.Random(key_seed("acuity", seed)), []  # noqa: S311 - no secret
+    dice = random.Random(key_seed("acuity", seed))  # noqa: S311 - no secret
+    found: list[tuple[int, int, int]] = []
     for gap in GAPS:
         right = of = 0
         for number, answer in enumerate(dice.sample(list(SIDES), EACH)):

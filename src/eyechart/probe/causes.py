@@ -58,10 +58,10 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
 
 
 _TOO_LONG = re.compile(
-    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.I
+    r"(prompt|input)[^.]{0,60}\b(long|length|exceed)|context[ _](length|window|size)|model length", re.IGNORECASE
 )
 _NO_DATA_URL = re.compile(
-    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.I
+    r"data[ -]?ur[il]s?\b|only https?\b|\bhttps?:// (and|or) https?://|must be an? https? url", re.IGNORECASE
 )
 
 
@@ -106,8 +106,8 @@ def _beside_the_text(sight: Sight) -> list[str]:
         found.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
     if filtered or moderated:
         found.append(
-            f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such frames "
-            "end as refusals; loosen its content filter where that is yours"
+            f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such "
+            "frames end as refusals; loosen its content filter where that is yours"
         )
     return found
 

@@ -1,4 +1,4 @@
-"""The doctor: at most 28 calls that say whether a model sees, and how much, repeats itself, keeps a schema, and has room to end.
+"""The doctor: at most 28 calls that say whether a model sees, how much, and whether its replies may be used.
 
 It needs no bank. What it finds holds for the way in which the model was asked.
 """
@@ -13,7 +13,7 @@ from eyechart.loops import in_own_loop
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.probe.acuity import MOST_CALLS as OF_ACUITY
-from eyechart.probe.acuity import Acuity, acuity
+from eyechart.probe.acuity import NOT_ASKED, Acuity, acuity
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.pictures import CHOICES
@@ -44,7 +44,7 @@ class Diagnosis:
     spent: Spent
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
-    acuity: Acuity = Acuity()
+    acuity: Acuity = NOT_ASKED
     unasked: str = ""
     """Why the driving prompt could not be asked; empty where it was."""
 
@@ -130,7 +130,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
                     binds, schema_says = await schema_binds(asker, asker.mode)
                 else:
                     schema_says = "this adapter binds no schema"
-        detail = await acuity(asker, seed) if sight.outcome == "sees" else Acuity()
+        detail = await acuity(asker, seed) if sight.outcome == "sees" else NOT_ASKED
     finally:
         await asker.close()
     enough, budget_says = _budget(sight, sample, answer, asker.mode)
