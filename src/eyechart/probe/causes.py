@@ -161,11 +161,7 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     if empty.empty:
         found.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
-    if sight.cut is not None:
-        found.append(f"the questions ended early: {sight.cut}")
-    if len(came) < len(sight.shots):
-        kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
-        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
+    found += _why_missing(sight)
     if cut:
         found.append(
             f"{cut} of {len(came)} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, "
@@ -182,6 +178,15 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
             "it is right more often than a blind model is sure to be, and not so often that guessing is excluded: too "
             "weak or too noisy for these questions; another --seed asks others"
         )
+    return found
+
+
+def _why_missing(sight: Sight) -> list[str]:
+    """Return why questions have no reply."""
+    found = [] if sight.cut is None else [f"the questions ended early: {sight.cut}"]
+    kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
+    if kinds:
+        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
     return found
 
 
