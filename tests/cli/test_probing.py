@@ -66,7 +66,7 @@ def test_doctor_answers_with_its_exit_code_and_words(what: dict[str, object], co
     assert says in result.stdout.replace("\n", " ")
     assert "all questions" in result.stdout
     assert "at most, if a call takes 1000 tokens in and 100 out: openai:m: 28 calls, 28,000 tokens in" in result.stderr
-    assert f"{28 if code == 0 else 20} calls," in result.stdout
+    assert ("28 calls," if code == 0 else "20 calls,") in result.stdout  # acuity is asked of one that sees
 
 
 def test_doctor_prints_json_for_a_program() -> None:

@@ -162,7 +162,12 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     if empty.empty:
         found.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
-    found += _cut_short(sight, cut, len(came), mode)
+    found += _why_missing(sight)
+    if cut:
+        found.append(
+            f"{cut} of {len(came)} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, "
+            "or let 'eyechart probe' find the budget"
+        )
     if silent:
         found.append(
             f"{len(silent)} of {len(came)} replies name none of the choices (the first: "
@@ -177,18 +182,13 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     return found
 
 
-def _cut_short(sight: Sight, cut: int, came: int, mode: RequestMode) -> Iterator[str]:
-    """Yield what ended early: the questions, the calls that failed, the ``cut`` of the replies that ``came``."""
-    if sight.cut is not None:
-        yield f"the questions ended early: {sight.cut}"
-    if came < len(sight.shots):
-        kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
-        yield "calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-    if cut:
-        yield (
-            f"{cut} of {came} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, or "
-            "let 'eyechart probe' find the budget"
-        )
+def _why_missing(sight: Sight) -> list[str]:
+    """Return why questions have no reply."""
+    found = [] if sight.cut is None else [f"the questions ended early: {sight.cut}"]
+    kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
+    if kinds:
+        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
+    return found
 
 
 def _dependence(sight: Sight) -> str:
