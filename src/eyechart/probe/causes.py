@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from eyechart.calls import Emptiness, ErrorKind, Reply, is_cut, is_empty
 from eyechart.modes import RequestMode
