@@ -318,7 +318,7 @@ def test_with_other_versions_truth_is_compared_and_nothing_is_said_to_hold(run: 
     """The first step that differs in the third decimal is named; the outcome is neither "holds" nor "differs"."""
     other = tmp_path / "other"
     other.mkdir()
-    for name in (RUN, EPISODES, "ledger.sqlite"):
+    for name in (RUN, EPISODES, "ledger.sqlite", "ledger.sqlite.counter"):
         (other / name).write_bytes((run / name).read_bytes())
     held = read_manifest(other)
     name, here = next(iter(held.world.items()))

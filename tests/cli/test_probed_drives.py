@@ -93,11 +93,11 @@ def test_the_probe_of_a_run_of_drives_counts_towards_its_limit(tmp_path: Path) -
     """Also when it is resumed, and what is left says so."""
     words = ("run", "closed-loop", "--simulator", "tiny", "--scenarios", "whole", "--seeds", 4, "--policy", MODEL)
     with served() as server:
-        words = (*words, "--base-url", server.base_url, "--out", tmp_path / "run", "--max-calls", 61)
+        words = (*words, "--base-url", server.base_url, "--out", tmp_path / "run", "--max-calls", 77)
         for _ in range(2):
             told = call(*words)
-            assert (told.exit_code, server.requests) == (3, 61)
-            assert "61 calls were sent, and --max-calls is 61" in told.stderr
+            assert (told.exit_code, server.requests) == (3, 77)
+            assert "77 calls were sent, and --max-calls is 77" in told.stderr
 
 
 @pytest.mark.parametrize("name", ["closed-loop", "structured"])
@@ -181,11 +181,11 @@ def test_what_a_probe_took_that_failed_counts_towards_the_limit_of_every_repeat(
     words = ("run", "hierarchy", "--policy") if name == "hierarchy" else words_of(name, bank)
     with FaultServer([Locked()]) as server:
         words = (*words, MODEL, "--base-url", server.base_url, "--out", tmp_path / "run")
-        assert call(*words, "--max-calls", 60).exit_code == 1
+        assert call(*words, "--max-calls", 76).exit_code == 1
         made = server.requests
         assert made > 0
-        with pytest.raises(SpecError, match="--max-calls 60 leaves no room to probe openai:m"):
-            call(*words, "--max-calls", 60)
+        with pytest.raises(SpecError, match="--max-calls 76 leaves no room to probe openai:m"):
+            call(*words, "--max-calls", 76)
         assert server.requests == made
         if name in {"closed-loop", "structured"}:
             assert call(*words, "--max-calls", 60 + made).exit_code == 1

@@ -377,7 +377,7 @@ def test_reading_asks_for_the_reader_that_began_the_run(run: Path, tmp_path: Pat
     values = json.loads((run / "run.json").read_text(encoding="utf-8"))
     copy = tmp_path / "run"
     copy.mkdir()
-    for name in ("ledger.sqlite",):
+    for name in ("ledger.sqlite", "ledger.sqlite.counter"):
         (copy / name).write_bytes((run / name).read_bytes())
     (copy / "bank").symlink_to(run / "bank")
     (copy / "run.json").write_text(json.dumps({**values, "reader": 0}), encoding="utf-8")

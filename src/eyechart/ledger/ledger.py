@@ -99,14 +99,22 @@ class Ledger:
             raise LedgerError(f"{path} is no ledger: {printable(str(error))}") from error
         except OSError as error:
             raise LedgerError(f"{path} cannot be read: {why(error)}") from error
+        try:
+            self._warn(accepting=accepting)
+        except MissingCallsWarning:  # where warnings are errors, nothing stays open
+            self._opened.close()
+            raise
+
+    def _warn(self, *, accepting: bool) -> None:
+        """Warn where calls are missing, or nobody can say whether they are."""
         if any(self.missing) and not accepting:
-            warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=2)
+            warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=4)
         elif self._alone:
             warnings.warn(
-                f"{path} stands without its counter, and nobody can say whether calls are missing: where it was "
-                f"copied, copy {path.name}.counter and {path.name}-wal with it",
+                f"{self.path} stands without its counter, and nobody can say whether calls are missing: where it was "
+                f"copied, copy {self.path.name}.counter and {self.path.name}-wal with it",
                 MissingCallsWarning,
-                stacklevel=2,
+                stacklevel=4,
             )
 
     def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
