@@ -188,7 +188,7 @@ def test_what_a_probe_took_that_failed_counts_towards_the_limit_of_every_repeat(
             call(*words, "--max-calls", 76)
         assert server.requests == made
         if name in {"closed-loop", "structured"}:
-            assert call(*words, "--max-calls", 60 + made).exit_code == 1
+            assert call(*words, "--max-calls", 76 + made).exit_code == 1
             assert server.requests == 2 * made
 
 
