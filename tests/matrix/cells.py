@@ -1,0 +1,476 @@
+"""The cells of the matrix: an exercise under one fault, and whether it kept to the invariant.
+
+Everywhere: words (exit 1, 2 or 3, no traceback), or the same result as without the fault; nothing is lost, nothing is
+left running or in the temporary folder, memory and time are bounded.
+"""
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from matrix import guests, materials, mutations, stand_in
+from matrix.exercises import EXERCISES, Exercise, as_json
+from matrix.stage import Ended, Hook, Limits, begin, finish, in_session
+from matrix.tripwire import WIRES, Trace, Tripwire
+
+MORE_KB = 450_000
+"""kB that a fault may take beside what the exercise takes without it."""
+KEY = "zq7RkT4w9LmXc2Vb8NsY"
+WORDS_LOST = "Traceback (most recent", "Exception ignored", "exception was never retrieved", "was never awaited"
+SAME, WORDS = "same", "words"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An exercise under a fault: what changes its folder, its limits and its process, and what is then asked of it.
+
+    ``strict``: what ends well made the same; else only words, bounds and an end are asked for. ``never``: it is to be
+    refused. ``mended`` is what is done before the same command is given again, which then makes the same.
+    """
+
+    exercise: Exercise
+    fault: str
+    case: str
+    change: Callable[[Path], None] | None = None
+    limits: Limits = Limits()
+    hook: Callable[..., Hook] | None = None
+    strict: bool = False
+    never: bool = False
+    again: bool = False
+    form: str = ""
+    manner: str = "polite"
+    idle: int = 0
+
+    @property
+    def name(self) -> str:
+        """Return the cell's name, which is kept with its result."""
+        return f"{self.exercise.name} | {self.fault} | {self.case}"
+
+
+@dataclass
+class Matrix:
+    """The exercises of a source tree without a fault, and the cells that follow from what they did."""
+
+    source: Path
+    work: Path
+    arrow: bool
+
+    def __post_init__(self) -> None:
+        self.stock = self.work / "stock"
+        if not self.stock.exists():
+            materials.prepare(self.stock, arrow=self.arrow)
+        self.plain: dict[str, tuple[Ended, str]] = {}
+
+    def exercises(self) -> list[Exercise]:
+        """Return the exercises that can be done here."""
+        return [one for one in EXERCISES.values() if self.arrow or not one.arrow]
+
+    def fresh(self, exercise: Exercise, manner: str = "polite") -> Path:
+        """Return a new folder with an exercise's materials; the one before it is cleared away."""
+        folder = self.work / "cell"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        materials.copy(self.stock, exercise.needs, folder)
+        self.invite(folder, exercise, manner)
+        return folder
+
+    def invite(self, folder: Path, exercise: Exercise, manner: str) -> None:
+        """Write the guests of a cell."""
+        if "guests.py" in exercise.needs:
+            shutil.copyfile(self.stock / "png", folder / "png")
+            guests.invite(folder, manner)
+
+    def perform(self, cell: Cell, folder: Path, hook: Hook | None = None) -> Ended:
+        """Do an exercise; where it is of several commands, up to the first that does not end well."""
+        with ExitStack() as opened:
+            url = opened.enter_context(stand_in.serving(cell.form)) if cell.exercise.asks else ""
+            environment = {"OPENAI_API_KEY": KEY} if cell.form else {}
+            out, ended = [], None
+            for words in cell.exercise.commands:
+                told = [url if word == "URL" else word for word in words]
+                told += ["--key-env", "OPENAI_API_KEY"] if cell.form else []
+                child = begin(told, folder, limits=cell.limits, environment=environment, hook=hook)
+                with ExitStack() as held:
+                    if cell.idle:
+                        connect(child, folder, cell.idle, held)
+                    ended = finish(child, folder, limits=cell.limits)
+                out.append((ended.out, ended.err))
+                if ended.code != 0:
+                    break
+            assert ended is not None
+            return replace(ended, out="".join(one for one, _ in out), err="".join(one for _, one in out))
+
+    def seen(self, exercise: Exercise, folder: Path, ended: Ended) -> str:
+        """Return what an exercise made, or why that cannot be told."""
+        try:
+            return as_json(exercise.seen(folder, ended)).replace(str(folder), "HERE")
+        except Exception as error:  # noqa: BLE001 - what was made cannot be read: it is not the same
+            return f"{type(error).__name__}: {error}"
+
+    def without(self, exercise: Exercise) -> tuple[Ended, str]:
+        """Return how an exercise ends without a fault and what it makes, done once."""
+        if exercise.name not in self.plain:
+            folder = self.fresh(exercise)
+            ended = self.perform(Cell(exercise, "none", ""), folder)
+            self.plain[exercise.name] = ended, self.seen(exercise, folder, ended)
+        return self.plain[exercise.name]
+
+    def doors(self, exercise: Exercise) -> list[str]:
+        """Return the functions of the source that an exercise calls, as ``module:function``."""
+        folder = self.fresh(exercise)
+        cell = Cell(exercise, "none", "", limits=Limits(clock_s=300, cpu_s=300))
+        passed: set[str] = set()
+
+        def hook() -> Callable[[], None]:
+            end = Trace(folder, self.source)()
+            return lambda: (end(), os.replace(folder / "hits", folder / f"hits-{time.time_ns()}"))[0]
+
+        self.perform(cell, folder, hook)
+        for path in folder.glob("hits-*"):
+            passed |= set(json.loads(path.read_text()))
+        return sorted(passed)
+
+    # ------------------------------------------------------------------------------------------- which cells
+
+    def cells(self, *, most: int, only: Sequence[str] = ()) -> Iterator[Cell]:
+        """Yield every cell, or those whose names a pattern finds.
+
+        Of kinds without an end, as broken bytes and the n-th opening, there are at most so many a file.
+        """
+        for exercise in self.exercises():
+            for fault, kind in self._kinds(exercise, most).items():
+                if can_match(f"{exercise.name} | {fault} | ", only):
+                    yield from (one for one in kind() if not only or any(re.search(text, one.name) for text in only))
+
+    def _kinds(self, exercise: Exercise, most: int) -> dict[str, Callable[[], Iterator[Cell]]]:
+        """Return the kinds of faults that fit an exercise, each with what yields its cells."""
+        if exercise.parents:
+            return {"killed parent": lambda: iter([Cell(exercise, "killed parent", "SIGKILL")])}
+        kinds: dict[str, Callable[[], Iterator[Cell]]] = {
+            "(full disk|few descriptors|little memory)": lambda: self._starved(exercise),
+            **{f"failing {wire}": lambda wire=wire: self._wires(exercise, wire, most) for wire in WIRES},
+            "(broken bytes|contradiction|cells|templates|values|numbers|wide and deep|emptied record|named pipe)": (
+                lambda: self._written(exercise, most)
+            ),
+            "(link out|cache of the Hub)": lambda: self._links(exercise),
+        }
+        if exercise.guests:
+            kinds["guest"] = lambda: self._guests(exercise)
+        if exercise.serves:
+            limits = Limits(descriptors=256)
+            cell = Cell(exercise, "idle connections", "300", limits=limits, idle=300, strict=True)
+            kinds["idle connections"] = lambda: iter([cell])
+        if exercise.asks:
+            forms = [one for one in stand_in.FORMS if one not in stand_in.UNPROMISED]
+            kinds["echoed key"] = lambda: (Cell(exercise, "echoed key", form, form=form) for form in forms)
+        return kinds
+
+    def _starved(self, exercise: Exercise) -> Iterator[Cell]:
+        """Yield little room on the disk, few descriptors, little memory."""
+        for size in (0, 1_000, 20_000, 100_000):
+            yield Cell(exercise, "full disk", str(size), limits=Limits(file_bytes=size), strict=True, again=True)
+        for most in (6, 9, 12, 16, 24):
+            yield Cell(exercise, "few descriptors", str(most), limits=Limits(descriptors=most), strict=True, again=True)
+        used = addresses()
+        for more in (8, 48):
+            limits = Limits(addresses=used + more * 1_000_000)
+            yield Cell(exercise, "little memory", f"{more} MB", limits=limits, strict=True, again=True)
+
+    def _wires(self, exercise: Exercise, wire: str, most: int) -> Iterator[Cell]:
+        """Yield a wire's n-th passing failing: for every door that passes it once, and some others."""
+        passed = self.count(exercise, wire)
+        firsts = {door: nth for nth, door in reversed(list(enumerate(passed, 1)))}
+        chosen = sorted(firsts.values())
+        others = [nth for nth in range(1, len(passed) + 1) if nth not in chosen]
+        random.Random(exercise.name + wire).shuffle(others)  # noqa: S311 - which ones, no secret
+        for nth in [*chosen, *others[:most]]:
+            for number in WIRES[wire]:
+                hook = partial(Tripwire, wire, nth, number, source=self.source)
+                case = f"{nth}: {os.strerror(number)} in {passed[nth - 1]}"
+                yield Cell(exercise, f"failing {wire}", case, hook=hook, strict=True, again=True)
+
+    def count(self, exercise: Exercise, wire: str) -> list[str]:
+        """Return the doors that pass a wire in an exercise's first command, in their order."""
+        folder = self.fresh(exercise)
+        self.perform(Cell(replace(exercise, commands=exercise.commands[:1]), "none", ""), folder,
+                     Tripwire(wire, 0, 0, folder, self.source))  # fmt: skip
+        found: list[str] = json.loads((folder / "hits").read_text())
+        return found
+
+    def _written(self, exercise: Exercise, most: int) -> Iterator[Cell]:
+        """Yield what others may have written into the files that an exercise reads."""
+        stock = self.stock
+        for name in mutations.files_of(stock, exercise.foreign, {*mutations.TEXTS, ".parquet", ".zip", ".eval"}):
+            path = stock / name
+            kinds = [("broken bytes", list(mutations.noise(path, most)), {})]
+            if path.suffix in mutations.RECORDS:
+                kinds.append(("contradiction", list(mutations.contradictions(path)), {"strict": True}))
+            if path.suffix == ".parquet":
+                kinds.append(("cells", list(mutations.cells(path)), {}))
+            if path.suffix in mutations.TEXTS:
+                kinds.append(("templates", list(mutations.templates(path)), {"limits": Limits(addresses=4 << 30)}))
+            if path.suffix in {".json", ".jsonl"}:
+                kinds.append(("values", list(mutations.values(path))[: 4 * most], {}))
+            if path.suffix == ".json":
+                kinds.append(("numbers", list(mutations.numbers(path)), {}))
+            kinds.append(("wide and deep", list(mutations.wide(path)), {}))
+            if path.suffix == ".jsonl" and exercise.truth:
+                kinds.append(("emptied record", list(mutations.emptied(path)), {"strict": True}))
+            kinds.append(("named pipe", [("", mutations.pipe)], {"strict": True, "limits": Limits(clock_s=20)}))
+            for fault, changes, more in kinds:
+                for case, change in changes:
+                    yield Cell(
+                        exercise,
+                        fault,
+                        f"{name}: {case}",
+                        change=lambda folder, change=change, name=name: change(folder / name),
+                        **more,
+                    )
+
+    def _links(self, exercise: Exercise) -> Iterator[Cell]:
+        """Yield links that lead out of a folder, and a folder as a cache of the Hub has it."""
+        for root in exercise.foreign:
+            if root not in {"set", "bank", "table"}:
+                continue
+            for name in mutations.files_of(self.stock, (root,), {*mutations.TEXTS, ".parquet", ".mp4", ".png"}):
+                yield Cell(
+                    exercise,
+                    "link out",
+                    name,
+                    change=lambda folder, name=name: mutations.link_out(folder / name),
+                    never=True,
+                )
+            if root == "set":
+                yield Cell(
+                    exercise,
+                    "cache of the Hub",
+                    root,
+                    change=lambda folder, root=root: mutations.as_in_a_cache(folder / root),
+                    strict=True,
+                    never=False,
+                )
+
+    def _guests(self, exercise: Exercise) -> Iterator[Cell]:
+        """Yield each manner of a guest."""
+        for manner in guests.MANNERS:
+            if manner != "polite":
+                yield Cell(exercise, "guest", manner, manner=manner, strict=True, again=bool(exercise.makes))
+
+    # ------------------------------------------------------------------------------------------- what is asked
+
+    def wrong(self, cell: Cell) -> list[str]:
+        """Do a cell, and return what it did not keep to."""
+        if cell.exercise.parents:
+            return self._orphans(cell.exercise)
+        plain, made = self.without(cell.exercise)
+        folder = self.fresh(cell.exercise, cell.manner)
+        if cell.change is not None:
+            os.environ["MATRIX_OUTSIDE"] = str(folder / "outside")
+            try:
+                cell.change(folder)
+            except (ValueError, TypeError, OverflowError, KeyError) as error:
+                return [] if "pyarrow" in type(error).__module__ or not cell.never else [f"not tried: {error}"]
+            except Exception as error:
+                if "arrow" in type(error).__name__.lower():
+                    return []  # the kind of file cannot hold it
+                raise
+        ended = self.perform(cell, folder, cell.hook(folder=folder) if cell.hook else None)
+        found = list(self._broken(cell, ended, plain))
+        if cell.form:
+            found += leaked(folder, ended, cell.form)
+        elif cell.never:
+            found += [] if ended.code in {1, 2} else [f"exit {ended.code}: what leads outside is read"]
+        elif cell.fault == "guest":
+            found += self._guest(cell, folder, ended, plain, made)
+        elif cell.strict and ended.code == plain.code:
+            now = self.seen(cell.exercise, folder, ended)
+            silent = not says_more(ended, plain)
+            if cell.exercise.truth and cell.change is not None:
+                found += [f"exit {ended.code}, and nothing is said of it"] if silent else []
+            elif now != made and silent:
+                found.append(f"exit {ended.code} with another result, and nothing is said: {difference(made, now)}")
+            elif cell.fault == "cache of the Hub" and now != made:
+                found.append("another result")
+        elif cell.fault in {"cache of the Hub", "idle connections"}:
+            found.append(f"exit {ended.code}: {ended.err.strip()[-200:]}")
+        if cell.again and not found:
+            found += self._again(cell, folder, made, plain)
+        return found
+
+    def _broken(self, cell: Cell, ended: Ended, plain: Ended) -> Iterator[str]:
+        """Yield what no fault excuses."""
+        if ended.code is None:
+            yield f"no end within {cell.limits.clock_s:.0f} s"
+        elif ended.code < 0 or ended.code > 3:
+            yield f"exit {ended.code}: {ended.err.strip()[-300:]}"
+        for one in WORDS_LOST:
+            if one in ended.err:
+                yield f"{one}: {ended.err.strip()[-300:]}"
+                break
+        else:
+            if ended.code in {1, 2} and not ended.err.strip() and ended.code != plain.code:
+                yield f"exit {ended.code} without a word"
+        if ended.peak_kb > plain.peak_kb + MORE_KB:
+            yield f"{ended.peak_kb // 1000} MB, where {plain.peak_kb // 1000} are enough"
+        if ended.processes:
+            yield f"left running: {', '.join(ended.processes)}"
+        if ended.temporary and ended.code is not None:
+            yield f"left in the temporary folder: {', '.join(ended.temporary)}"
+
+    def _guest(self, cell: Cell, folder: Path, ended: Ended, plain: Ended, made: str) -> Iterator[str]:
+        """Yield what a guest's manners changed for others: replies, output, files, and calls that nobody asked."""
+        if not cell.exercise.makes:
+            try:
+                json.loads(ended.out)
+            except ValueError:
+                if ended.code in {0, plain.code}:
+                    yield f"the output is no JSON: {ended.out[:60]!r}"
+            return
+        asked = (folder / "asked").read_text().split() if (folder / "asked").exists() else []
+        final = finals(folder / "out" / "ledger.sqlite")
+        if final.get(materials.RUDE, 0) > asked.count("rude"):
+            yield f"{final[materials.RUDE]} calls are finished, of which {asked.count('rude')} were asked"
+        if cell.manner in {"interrupts"}:
+            return
+        if ended.code in {0, 1} and (now := self.seen(cell.exercise, folder, ended)) != made:
+            yield f"the other's replies changed: {difference(made, now)}"
+        elif ended.code not in {0, 1}:
+            yield f"exit {ended.code}: {ended.err.strip()[-200:]}"
+        if "unfinished" in ended.err and "hang" not in cell.manner:
+            yield f"unfinished: {ended.err.strip()[-200:]}"
+
+    def _again(self, cell: Cell, folder: Path, made: str, plain: Ended) -> Iterator[str]:
+        """Give the same command again, without the fault; yield where it does not come to the same."""
+        self.invite(folder, cell.exercise, "polite")
+        if cell.exercise.makes and cell.exercise.makes[0].endswith((".zip", ".html", ".xml", ".toml")):
+            for name in cell.exercise.makes:
+                with suppress(FileNotFoundError):
+                    (folder / name).unlink()
+        elif cell.exercise.makes == ("out",) and "run" not in cell.exercise.commands[0][:1] and (folder / "out").exists():
+            return  # a bank or an export is there whole, and is not made twice
+        elif cell.exercise.commands[0][0] in {"merge", "paper"} and (folder / "out").exists():
+            return
+        ended = self.perform(Cell(cell.exercise, "none", ""), folder)
+        now = self.seen(cell.exercise, folder, ended)
+        if now != made:
+            yield f"given again without the fault: exit {ended.code}, {difference(made, now)} {ended.err.strip()[-200:]}"
+
+    def _orphans(self, exercise: Exercise) -> list[str]:
+        """Kill the parent of a command with processes once they are there; return what lives ten seconds later."""
+        folder = self.fresh(exercise)
+        (folder / "tmp").mkdir()
+        own = {"PYTHONPATH": str(self.source), "TMPDIR": str(folder / "tmp")}
+        words = [sys.executable, "-m", "eyechart", *exercise.commands[0]]
+        with (folder / "stderr").open("wb") as err:
+            begun = subprocess.Popen(  # noqa: S603 - the command itself
+                words, cwd=folder, env={**os.environ, **own}, stdout=err, stderr=err, start_new_session=True
+            )
+        end = time.monotonic() + 60
+        while len(in_session(begun.pid)) < 3 and begun.poll() is None and time.monotonic() < end:
+            time.sleep(0.1)
+        time.sleep(1.5)
+        met = len(in_session(begun.pid)) - 1
+        if begun.poll() is not None or met < 2:
+            begun.kill()
+            begun.wait()
+            return [f"not tried: {met} processes, exit {begun.returncode}: {(folder / 'stderr').read_text()[-200:]}"]
+        begun.kill()
+        begun.wait()
+        end = time.monotonic() + 10
+        while in_session(begun.pid) and time.monotonic() < end:
+            time.sleep(0.1)
+        left = in_session(begun.pid)
+        for one in left:
+            with suppress(ProcessLookupError):
+                os.kill(int(one.split()[0]), signal.SIGKILL)
+        return [f"{len(left)} of {met} processes live 10 s after their parent was killed"] if left else []
+
+
+def can_match(prefix: str, only: Sequence[str]) -> bool:
+    """Return whether a cell whose name begins so can be one that is asked for, as ``exercise | fault | case``."""
+    if not only:
+        return True
+    exercise, fault, _ = prefix.split(" | ")
+    for one in only:
+        parts = one.split(" | ")
+        kinds = fault.strip("()").split("|")
+        if not re.search(parts[0].lstrip("^"), exercise):
+            continue
+        if len(parts) < 2 or any(re.search(parts[1], kind) for kind in kinds):
+            return True
+    return False
+
+
+def addresses() -> int:
+    """Return the bytes of addresses of this process, which a child has too."""
+    found = re.search(r"VmSize:\s+(\d+)", Path("/proc/self/status").read_text())
+    assert found is not None
+    return int(found.group(1)) * 1024
+
+
+def connect(child: int, folder: Path, count: int, held: ExitStack) -> None:
+    """Open idle connections to the page that a command names, as soon as it does."""
+    end = time.monotonic() + 20
+    while time.monotonic() < end and os.path.exists(f"/proc/{child}"):
+        with suppress(FileNotFoundError):
+            if found := re.search(r"http://127\.0\.0\.1:(\d+)/(?!v1)", (folder / "stderr").read_text()):
+                break
+        time.sleep(0.005)
+    else:
+        return
+    for _ in range(count):
+        try:
+            one = socket.create_connection(("127.0.0.1", int(found.group(1))), timeout=2)
+        except OSError:
+            return
+        held.enter_context(closing(one))
+
+
+def finals(ledger: Path) -> dict[str, int]:
+    """Return how many calls of each model are finished."""
+    import sqlite3  # noqa: PLC0415
+
+    with suppress(sqlite3.Error), closing(sqlite3.connect(ledger)) as sql:
+        rows = sql.execute("SELECT c.model, COUNT(*) FROM calls c JOIN replies r ON r.call = c.id WHERE final = 1 GROUP BY 1")
+        return dict(rows.fetchall())
+    return {}
+
+
+def leaked(folder: Path, ended: Ended, form: str) -> list[str]:
+    """Return where a key stands that a server echoed, in the form in which it did."""
+    written = stand_in.FORMS[form](KEY)
+    parts = [written] if "\n" not in written else written.split("\n")
+    inside = {"output": ended.out, "standard error": ended.err}
+    for path in folder.rglob("*"):
+        if path.is_file() and path.name not in {"stdout", "stderr"}:
+            inside[path.relative_to(folder).as_posix()] = path.read_bytes().decode(errors="replace")
+    forms = {part for one in parts for part in (one, json.dumps(one)[1:-1])}
+    return sorted({f"the key stands in {name}" for name, text in inside.items() if any(one in text for one in forms)})
+
+
+def says_more(ended: Ended, plain: Ended) -> bool:
+    """Return whether a command says something, numbers aside, that it does not say without the fault."""
+
+    def lines(one: Ended) -> set[str]:
+        texts = re.sub(r"[\d.,]+(e[+-]\d+)?", "#", one.err + one.out).splitlines()
+        return {re.sub(r"\W+", " ", line).strip() for line in texts if "calls/s" not in line and "#/s" not in line}
+
+    return bool(lines(ended) - lines(plain) - {""})
+
+
+def difference(made: str, now: str) -> str:
+    """Return where two texts part, for a reader."""
+    at = next((at for at, (one, two) in enumerate(zip(made, now, strict=False)) if one != two), min(len(made), len(now)))
+    return f"…{made[max(0, at - 20) : at + 60]!r} is …{now[max(0, at - 20) : at + 60]!r}"
