@@ -102,16 +102,23 @@ class Exercise:
     """Whether what it prints is a judgement of what it reads: a record that is made empty is to be named."""
 
 
-def battery(*more: str, out: str = "out", models: Words = (RUDE, HONEST)) -> Words:
-    """Return the words of a battery of callables."""
-    asked = [word for model in models for word in ("--model", model)]
-    return ("run", "battery", *asked, *ASKED, "--concurrency", "1", *more, "--out", out)
-
-
 _LIST = (
-    Exercise("battery", (battery("--timeout", "1"),), ("bank", "guests.py"), replies("out"), ("out",), ("bank",), True),
     Exercise(
-        "resume", (battery(models=(HONEST,), out="cut"),), ("bank", "guests.py", "cut"), replies("cut"), (), ("cut",)
+        "battery",
+        (
+            (
+                *("run", "battery", "--model", RUDE, "--model", HONEST, "--frames", "bank", "--out", "out"),
+                *("--conditions", "real,blank,text_only", "--concurrency", "4", "--timeout", "0.5"),
+            ),
+        ),
+        ("bank", "guests.py"),
+        replies("out"),
+        ("out",),
+        ("bank",),
+        guests=True,
+    ),
+    Exercise(
+        "resume", (("run", "battery", "--model", HONEST, *ASKED, "--out", "cut"),), ("bank", "guests.py", "cut"), replies("cut"), (), ("cut",)
     ),
     Exercise(
         "mode",
@@ -143,7 +150,7 @@ _LIST = (
         asks=True,
         serves=True,
     ),
-    Exercise("doctor", (("doctor", RUDE, "--seed", "1", "--json"),), ("guests.py",), without_numbers, guests=True),
+    Exercise("doctor", (("doctor", RUDE, "--seed", "1", "--timeout", "1", "--json"),), ("guests.py",), without_numbers, guests=True),
     Exercise(
         "doctor of an endpoint",
         (("doctor", "openai:m", "--base-url", "URL", "--seed", "1", "--json"),),

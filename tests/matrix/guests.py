@@ -62,6 +62,8 @@ MANNERS: dict[str, tuple[str, str]] = {
     "leaves a process": ("", "import subprocess; subprocess.Popen(['sleep', '1'])"),
 }
 """What a guest does, as (when it is imported, when it is called)."""
+PASSING = {"hangs"}
+"""Manners that pass: the same command, given again to a polite guest, has every call answered."""
 
 
 def invite(folder: Path, manner: str) -> None:

@@ -128,7 +128,7 @@ def _perform(
     for number, name in ((0, os.devnull), (1, "stdout"), (2, "stderr")):
         place = name if number == 0 else str(folder / name)
         os.dup2(os.open(place, os.O_RDWR | os.O_CREAT | os.O_TRUNC), number)
-    sys.stdin, sys.stdout, sys.stderr = (os.fdopen(os.dup2(number, number), mode) for number, mode in enumerate("rww"))
+    sys.stdin, sys.stdout, sys.stderr = (open(number, mode, 1, closefd=False) for number, mode in enumerate("rww"))
     os.closerange(3, 64)
     os.environ.update({"TMPDIR": str(folder / "tmp"), "HOME": str(folder / "tmp"), "COLUMNS": "200", **environment})
     sys.path.insert(0, str(folder))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import signal
+import socket
 import urllib.parse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -71,10 +72,17 @@ def handler(form: str, pause_s: float) -> type[BaseHTTPRequestHandler]:
     return Answer
 
 
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
 @contextmanager
-def serving(form: str = "", pause_s: float = 0.0) -> Iterator[str]:
-    """Serve in a child while the block lasts; gives the base URL."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), handler(form, pause_s))
+def serving(port: int, form: str = "", pause_s: float = 0.0) -> Iterator[str]:
+    """Serve in a child while the block lasts, at a port that stays that of a run; gives the base URL."""
+    server = ThreadingHTTPServer(("127.0.0.1", port), handler(form, pause_s))
     child = os.fork()
     if child == 0:
         try:

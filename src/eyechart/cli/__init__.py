@@ -2,12 +2,13 @@
 
 import gc
 import os
+import sqlite3
 import sys
 from contextlib import suppress
 from typing import NoReturn
 
 from eyechart.cli.terminal import as_typed, end_as_interrupted, how_it_ends, was_told_to_end
-from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, printable
+from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, printable, why
 
 _ASCII = str.maketrans(
     {
@@ -37,6 +38,8 @@ _READING = frozenset(
 """The commands that ask nobody, so that no arithmetic is done but eyechart's own."""
 _MADE = 100_000
 """So many new objects let the collector of cycles look again: at 700, what modules and rows make has it look often."""
+
+_NO_MEMORY = "there is not enough memory: end other programs or raise this one's limit, and give the same command again"
 
 
 def main() -> None:
@@ -83,6 +86,11 @@ def _command() -> None:
         full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
         said = full if isinstance(error, OSError) and is_full(error) else str(error)
         _end(2, "eyechart: " + "\n".join(map(printable, as_typed(said).split("\n"))))
+    except (MemoryError, sqlite3.Error) as error:
+        if debug:
+            raise
+        said = f"a database cannot be read or written: {why(error)}" if isinstance(error, sqlite3.Error) else _NO_MEMORY
+        _end(2, f"eyechart: {said}")
 
 
 def _calls() -> frozenset[object]:

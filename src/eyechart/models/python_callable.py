@@ -134,7 +134,10 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
             loop.call_soon_threadsafe(settle, ending)
 
     thread = threading.Thread(target=work, name=_CALL, daemon=True)
-    thread.start()
+    try:
+        thread.start()
+    except RuntimeError as error:  # the system has no room for one more
+        raise NotCalledError(f"not called: {error}") from error
     try:
         return await done
     except asyncio.CancelledError:
