@@ -87,12 +87,12 @@ test-slow: $(DEV)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "slow and not models and not browser"
 
 test-models: $(MODELS)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
+	EYECHART_EXTRAS=required $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
 
 test-browser: $(BROWSER)
 	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
 	  { echo "Chromium is not there: 'apt-get install chromium', or EYECHART_CHROMIUM=/path/to/one make test-browser"; exit 1; }
-	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m browser
+	EYECHART_EXTRAS=required EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m browser
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -23,7 +23,7 @@ import eyechart
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "falls.json"
 FALLS = ROOT / "tests" / "falls.toml"
-LONGEST_S = 900
+LONGEST_S = 300
 _LEFT_OUT = ("cacheprovider", "randomly")
 _FELL = {"failed", "cannot be imported", "cannot be collected"}
 
@@ -32,9 +32,12 @@ def run_on(source: Path, test: str) -> str:
     """Return what became of a test on a source: passed, failed, or could not be imported."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(source), str(ROOT / "tests")])}
     words = [sys.executable, "-m", "pytest", "-q", "-x", "-W", "ignore", *(f"-pno:{name}" for name in _LEFT_OUT), test]
-    done = subprocess.run(
-        words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
-    )
+    try:
+        done = subprocess.run(
+            words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
+        )
+    except subprocess.TimeoutExpired:  # as where a test hangs on what the older version waits for
+        return "failed"
     if done.returncode == 0 and " passed" in done.stdout:
         return "passed"
     if done.returncode in {1, 2, 4} and ("ImportError" in done.stdout or "ModuleNotFoundError" in done.stdout):

@@ -6,6 +6,7 @@ import re
 import signal
 from collections import Counter
 from collections.abc import Generator, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imported, here and in every child
@@ -46,13 +47,58 @@ _WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|slow)
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out the files that have no test of what is asked for: to import them takes a while, and may need extras."""
     asked = config.option.markexpr
-    if asked not in {"models", "browser", SLOW, CORE} or not collection_path.name.startswith("test_"):
-        return None
-    if collection_path.suffix != ".py":
+    if collection_path.suffix != ".py" or not collection_path.name.startswith("test_"):
         return None
     text = collection_path.read_text(encoding="utf-8")
-    without = _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked.split()[0]}" not in text
-    return True if without else None
+    if asked in {"models", "browser", SLOW, CORE}:
+        without = (
+            _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked.split()[0]}" not in text
+        )
+        if without:
+            return True
+    lacking = {name for name in _IMPORTS.findall(text) if name in MISSING}
+    if lacking:
+        LEFT_OUT[collection_path.name] = lacking
+        return True
+    return None
+
+
+EXTRAS = {
+    "models": ("datasets", "pyarrow", "av", "torch", "transformers", "safetensors", "ray"),
+    "browser": ("playwright", "axe_playwright_python"),
+}
+"""The modules that the tests of a mark need, and that only an extra installs."""
+_IMPORTS = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
+MISSING = (
+    frozenset[str]()
+    if os.environ.get("EYECHART_EXTRAS") == "required"
+    else frozenset(name for many in EXTRAS.values() for name in many if find_spec(name) is None)
+)
+"""Modules without which tests are left out, by name; none where the extras are required: a test then fails."""
+LEFT_OUT: dict[str, set[str]] = {}
+"""What was left out, a file or a test, and the modules that it lacks."""
+
+
+def _leave_out(items: list[pytest.Item], config: pytest.Config) -> None:
+    """Take out the tests whose mark needs a module that is not installed."""
+    lacking = {
+        item: {name for mark, many in EXTRAS.items() if item.get_closest_marker(mark) for name in many} & MISSING
+        for item in items
+    }
+    out = [item for item in items if lacking[item]]
+    LEFT_OUT.update({item.nodeid: lacking[item] for item in out})
+    if out:
+        config.hook.pytest_deselected(items=out)
+        items[:] = [item for item in items if not lacking[item]]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say what was left out for want of an extra, and which."""
+    if LEFT_OUT:
+        names = ", ".join(sorted({name for many in LEFT_OUT.values() for name in many}))
+        files = sum("::" not in name for name in LEFT_OUT)
+        said = f"left out: {files} files and {len(LEFT_OUT) - files} tests that need {names}"
+        terminalreporter.write_line(f"{said}: make test-models and make test-browser install and run them")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -67,8 +113,9 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the long files first, then the others by how many tests they have."""
+def pytest_collection_modifyitems(items: list[pytest.Item], config: pytest.Config) -> None:
+    """Put the long files first, then the others by how many tests they have; leave out what lacks an extra."""
+    _leave_out(items, config)
     tests = Counter(item.path for item in items)
     places = {name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: (places.get(item.path.name, len(FIRST)), -tests[item.path], item.path))

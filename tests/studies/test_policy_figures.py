@@ -93,8 +93,8 @@ def collisions(figure: Figure) -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("plane", [False, True], ids=["joints", "plane"])
-@pytest.mark.parametrize("cameras", [0, 1, 2, 3, 4])
-@pytest.mark.parametrize("joints", [1, 2, 6, 14, 20])
+@pytest.mark.parametrize("cameras", [0, 1, 4])
+@pytest.mark.parametrize("joints", [1, 6, 20])
 def test_no_words_lie_upon_a_picture_nor_upon_others(joints: int, cameras: int, plane: bool) -> None:  # noqa: FBT001
     """Of any number of joints, with names as robots have them, and cameras as data sets name them."""
     if plane and joints < 2:
