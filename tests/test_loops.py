@@ -53,6 +53,6 @@ def test_a_call_with_a_loop_of_its_own_works_inside_of_another() -> None:
     """In a thread."""
 
     async def cell() -> int:
-        return in_own_loop(lambda: asyncio.run(seven()))
+        return in_own_loop(seven())
 
-    assert asyncio.run(cell()) == in_own_loop(lambda: asyncio.run(seven())) == 7
+    assert asyncio.run(cell()) == in_own_loop(seven()) == 7

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import stat
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -152,6 +153,14 @@ def raising(
         yield
     except of as error:
         raise kind(f"{what}: {(words or (why if of is OSError else str))(error)}{then}") from error
+
+
+def plain_file(path: Path) -> Path:
+    """Return a path of a file that has an end; raises OSError where a pipe or a device stands there, or nothing."""
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "a pipe or a device is no file", os.fspath(path))
+    return path
 
 
 def read_at_most(path: Path, most: int, kind: "type[EyechartError]", what: str) -> bytes:

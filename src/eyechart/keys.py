@@ -151,6 +151,8 @@ def _decoded(text: str) -> Iterator[tuple[str, Places]]:
     """Yield what a text says in each encoding of which it has enough signs."""
     if _ESCAPE.search(text):
         yield _unescaped(text)
+    if "\n" in text:
+        yield _in_one_line(text)
     for found in _CODES.finditer(text):
         yield _of_codes(found)
     for run, bits, decode in ((_HEX_RUN, 4, bytes.fromhex), (_BASE64_RUN, 6, _of_base64), (_BASE32_RUN, 5, _of_base32)):
@@ -158,6 +160,12 @@ def _decoded(text: str) -> Iterator[tuple[str, Places]]:
             at = [found.start() + place for place, sign in enumerate(found[0]) if sign not in _BETWEEN]
             signs = "".join(text[one] for one in at)
             yield from _aligned(signs, at, bits, decode)
+
+
+def _in_one_line(text: str) -> tuple[str, Places]:
+    """Return a text without its line breaks."""
+    at = [place for place, sign in enumerate(text) if sign not in "\r\n"]
+    return "".join(text[one] for one in at), lambda sign: (at[sign], at[sign] + 1)
 
 
 def _of_codes(found: re.Match[str]) -> tuple[str, Places]:

@@ -1,10 +1,10 @@
 """Calls are made in an event loop of their own; where one is running already, as in a notebook, in another thread."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from typing import TYPE_CHECKING, TypeVar
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from eyechart.errors import SpecError
 
@@ -43,12 +43,18 @@ def require_no_loop() -> None:
         )
 
 
-def in_own_loop(call: Callable[[], T]) -> T:
-    """Return what a call gives that runs an event loop: in a thread where one is running already."""
+def in_own_loop(run: "Coroutine[Any, Any, T]") -> T:
+    """Return what a coroutine comes to in an event loop of its own: in a thread where one is running already."""
     if not running():
-        return call()
+        return to_its_end(run)
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(call).result()
+        return thread.submit(to_its_end, run).result()
+
+
+def to_its_end(run: "Coroutine[Any, Any, T]") -> T:
+    """Return what a coroutine comes to in an event loop of its own; it is closed where there can be no loop."""
+    with closing(run):
+        return asyncio.run(run)
 
 
 def make_calls(run: Callable[..., T], progress: Progress | None) -> T:

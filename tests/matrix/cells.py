@@ -229,7 +229,8 @@ class Matrix:
             kinds.append(("wide and deep", list(mutations.wide(path)), {}))
             if path.suffix == ".jsonl" and exercise.truth:
                 kinds.append(("emptied record", list(mutations.emptied(path)), {"strict": True}))
-            kinds.append(("named pipe", [("", mutations.pipe)], {"strict": True, "limits": Limits(clock_s=20)}))
+            if "/" in name:  # one that its user names may be a pipe on purpose
+                kinds.append(("named pipe", [("", mutations.pipe)], {"strict": True, "limits": Limits(clock_s=20)}))
             for fault, changes, more in kinds:
                 for case, change in changes:
                     yield Cell(

@@ -17,6 +17,8 @@ Words = tuple[str, ...]
 _TABLE = ("--map", "gap=lidar_m", "--map", "file=photo", "--map", "episode=drive", "--map", "step=tick")
 _TABLE = (*_TABLE, "--threshold", "18", "--unit", "m", "--mirror", "horizontal", "--actions", "rover.toml")
 
+_RIGGED = (*_TABLE[:2], *_TABLE[4:12], *_TABLE[14:])
+
 
 def replies(run: str) -> Callable[[Path, Ended], object]:
     """Return what reads the finished calls of the models that are not rude."""
@@ -200,8 +202,28 @@ _LIST = (
         ("drives",),
         truth=True,
     ),
-    Exercise("film", (("film", "run", "--frame", "dense-0-0", "--out", "film.html"),), ("run", "bank"), files("film.html"),
-             ("film.html",), ("run",)),
+    Exercise("film", (("film", "run", "--frame", "dense-0-0", "--out", "film.gif"),), ("run", "bank"), files("film.gif"),
+             ("film.gif",), ("run",)),
+    Exercise("film of a drive", (("film", "drives", "--episode", "constant:SLOW", "--out", "film.html"),), ("drives",),
+             files("film.html"), ("film.html",), ("drives",)),
+    Exercise("film of a drive in MP4", (("film", "drives", "--episode", "constant:SLOW", "--out", "film.mp4"),), ("drives",),
+             files("film.mp4"), ("film.mp4",), arrow=True),
+    Exercise("index", (("report", ".", "--out", "pages"),), ("run", "drives", "bank"), files("pages"), ("pages",)),
+    Exercise("list", (("list", "models"), ("list", "modes"), ("list", "modes", "structured-qwen3.5-9b")), (), printed),
+    Exercise("fit", (("guardian", "fit", "votes.csv", "--about", "votes.toml", "--calibration", "ids.txt", "--out", "fit.json"),
+                     ("guardian", "export", "fit.json", "--out", "stack.json")), ("votes.csv", "votes.toml", "ids.txt"),
+             files("fit.json", "stack.json"), ("fit.json", "stack.json"), ("votes.csv", "votes.toml", "ids.txt")),
+    Exercise("import of a rig", (("frames", "import", "photos", "--table", "photos.csv", *_RIGGED, "--rig", "rig.toml", "--out", "out"),),
+             ("photos", "photos.csv", "rover.toml", "rig.toml"), files("out"), ("out",), ("rig.toml",)),
+    Exercise("import for policies", (("frames", "import", "arm", "--format", "lerobot", "--horizon", "2", "--kind", "absolute",
+                                      "--every", "2", "--out", "out"),), ("arm",), files("out"), ("out",), ("arm",), arrow=True),
+    Exercise("estimates", (("run", "structured", "--model", "scripted:scene_positive_control", "--frames", "road", "--limit", "4",
+                            "--out", "out"), ("score", "out", "--json")), ("road",), replies("out"), ("out",)),
+    Exercise("estimates that drive", (("run", "online", "--model", "scripted:scene_side_blind", "--episodes", "1", "--out", "out"),),
+             (), episodes("out"), ("out",)),
+    Exercise("answers validated", (("run", "import", "answers.jsonl", "--model", "mine", *ASKED, "--out", "out"),
+                                   ("bundle", "out", "--out", "out.zip"), ("validate", "out.zip")),
+             ("bank", "answers.jsonl"), printed, ("out", "out.zip")),
     Exercise("import", (("frames", "import", "photos", "--table", "photos.csv", *_TABLE, "--out", "out"),),
              ("photos", "photos.csv", "rover.toml"), files("out"), ("out",), ("photos.csv", "rover.toml", "photos")),
     Exercise("import of lines", (("frames", "import", "photos", "--table", "photos.jsonl", *_TABLE, "--out", "out"),),

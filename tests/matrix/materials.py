@@ -18,6 +18,7 @@ ASKED = ("--frames", "bank", "--conditions", "real,blank", "--limit", "6")
 HONEST, RUDE = "python:guests:honest", "python:guests:rude"
 MODE = 'spec = "python:guests:honest"\ntimeout_s = 30.0\nheaders = { X-Name = "a" }\n'
 PROMPT = 'name = "mine"\nuser = "Choose one of {actions}."\n'
+RIG = '[[camera]]\nname = "front"\ncolumn = "photo"\nmirror_axis = "horizontal"\n'
 SCORES = "model,score\npython:guests:honest,0.5\npython:guests:rude,0.25\n"
 
 
@@ -35,15 +36,17 @@ def prepare(stock: Path, *, arrow: bool) -> None:
     png = next(iter(sorted((bank.root / "images").iterdir()))).read_bytes()
     (stock / "png").write_bytes(png)
     guests.invite(stock, "polite")
-    for name, text in (("mode.toml", MODE), ("mine.toml", PROMPT), ("scores.csv", SCORES)):
+    for name, text in (("mode.toml", MODE), ("mine.toml", PROMPT), ("scores.csv", SCORES), ("rig.toml", RIG)):
         (stock / name).write_text(text)
     _runs(stock)
     _tables(stock)
     _answers(stock)
     votes, about = published_votes.write(published_votes.published(), stock)
+    (stock / "ids.txt").write_text("".join(f"{one}\n" for one in published_votes.published().part("calibration").frames))
     made(stock, "guardian", "fit", votes.name, "--about", about.name, "--out", "guardian.json")
     if arrow:
         data_sets.lerobot(stock / "set", episodes=4, length=6)
+        data_sets.reach(stock / "arm", {"observation.state": ["x", "y"], "action": ["x", "y"]})
         rows = photographs.rows(drives=2, ticks=3)
         data_sets.write_table(stock / "photos.parquet", {name: [row[name] for row in rows] for name in rows[0]})
     shutil.rmtree(stock / "tmp")
@@ -62,6 +65,7 @@ def _runs(stock: Path) -> None:
     made(stock, *DRIVES, "--out", "drives")
     made(stock, "bundle", "run", "--out", "run.zip")
     made(stock, "frames", "build", "tabletop", "--steps", "4", "--seeds", "0,1", "--out", "table")
+    made(stock, "frames", "build", "highway", "--out", "road")
     made(stock, "run", "policy", "--policy", "trained:sees", "--frames", "table", "--limit", "4", "--out", "policy")
 
 

@@ -52,8 +52,10 @@ def _own_descriptor() -> Iterator[TextIO]:
     own = os.fdopen(number, "w", encoding=usual.encoding, errors=usual.errors, buffering=lines)
     os.dup2(2, 1)
     try:
-        yield own
-        own.flush()
+        try:
+            yield own
+        finally:
+            own.flush()  # whatever the command ends with: what is not written is said
     except BrokenPipeError:
         raise BrokenPipeError from None  # without a number, by which click would end the command in its own way
     finally:

@@ -29,7 +29,7 @@ from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, p
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
-from eyechart.loops import asyncio
+from eyechart.loops import asyncio, to_its_end
 from eyechart.manifest import (
     EPISODES,
     LEDGER,
@@ -410,7 +410,7 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Co
         replace(key, policy="constant", seed=planned.manifest.seeds[0])
         for key in {key.scenario: key for key in left}.values()
     ]
-    length = asyncio.run(_lengths(setup, first, constants))
+    length = to_its_end(_lengths(setup, first, constants))
     each = 2 if planned.manifest.reflected else 1
     with Ledger(planned.out / LEDGER, absent=True) as ledger:
         made = {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
@@ -464,7 +464,7 @@ def sample_of(planned: Episodes, most: int = _PICTURES) -> "Sample":
 
     keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
     found, why = list[Stimulus](), ""
-    for shown in asyncio.run(_shown(planned.setup, keys)):
+    for shown in to_its_end(_shown(planned.setup, keys)):
         if isinstance(shown, str):
             why = shown
             continue

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-from eyechart.errors import BankError, EyechartError, SpecError, raising, why
+from eyechart.errors import BankError, EyechartError, SpecError, plain_file, raising, why
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -53,13 +53,26 @@ def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
     work = out.with_name(f".{out.name[:50]}.part")
     if work.is_symlink() or (work.exists() and not (work / _LOCK).is_file()):
         raise error(f"{work} is in the way, and eyechart did not make it: remove it, or choose another place")
+    fresh = not work.exists()
     work.mkdir(exist_ok=True)
-    with locked(work / _LOCK, error(f"another process is writing {out}; wait for it, or choose another place")):
+    taken = error(f"another process is writing {out}; wait for it, or choose another place")
+    with _removed_unless_locked(work, fresh=fresh), locked(work / _LOCK, taken):
         try:
             _clear(work, keep=_LOCK)
             yield work
         finally:
             shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def _removed_unless_locked(work: Path, *, fresh: bool) -> Iterator[None]:
+    """Remove a fresh folder that could not be locked: without a lock in it, it would be taken for somebody else's."""
+    try:
+        yield
+    finally:
+        if fresh and not (work / _LOCK).exists():
+            with suppress(OSError):
+                work.rmdir()
 
 
 @contextmanager
@@ -138,7 +151,7 @@ def read_bank_manifest(root: Path) -> BankManifest:
     """Read what a bank declares of itself, without its frames; raises BankError naming the file at fault."""
     path = root / "manifest.json"
     try:
-        raw = _plain(path.read_text(encoding="utf-8"))
+        raw = _plain(plain_file(path).read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
             raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
         kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
@@ -175,7 +188,7 @@ def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
     with raising(BankError, f"{path} cannot be read"):
-        lines = path.read_bytes().splitlines()
+        lines = plain_file(path).read_bytes().splitlines()
     for number, line in enumerate(lines, 1):
         try:
             frames.append(_frame_from_row(_plain(line.decode()), manifest))

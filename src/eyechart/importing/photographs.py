@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from eyechart.errors import BankError, SourceError, raising, whole_number
+from eyechart.errors import BankError, SourceError, plain_file, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
 
 _MOST_NAME = 1_000
@@ -125,7 +125,7 @@ class Photographs:
                 raise BankError(f"there is no picture '{file}' in {self.folder}")
             if path.stat().st_size > MAX_IMAGE_BYTES:
                 raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
-            return path.read_bytes()
+            return plain_file(path).read_bytes()
 
 
 def _require_plain(picture: bytes, file: str) -> None:

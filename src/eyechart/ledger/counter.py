@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from eyechart.errors import LedgerError
+from eyechart.errors import LedgerError, plain_file
 
 SUFFIX = ".counter"
 _LENGTH = 160
@@ -66,7 +66,7 @@ def read_counter(ledger: Path) -> Count:
     path = _beside(ledger)
     for look in range(_LOOKS):
         try:
-            line = path.read_bytes()
+            line = plain_file(path).read_bytes()
         except FileNotFoundError:
             return Count()
         if (found := _read(line)) is not None:

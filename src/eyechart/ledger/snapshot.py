@@ -7,6 +7,7 @@ from contextlib import ExitStack, suppress
 from operator import methodcaller
 from pathlib import Path
 
+from eyechart.errors import plain_file
 from eyechart.scratch import scratch
 
 _COPIES = 20
@@ -56,5 +57,5 @@ def _head(log: Path) -> bytes | None:
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
+    with plain_file(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

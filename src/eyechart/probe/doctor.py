@@ -3,7 +3,6 @@
 It needs no bank. What it finds holds for the way in which the model was asked.
 """
 
-import asyncio
 import contextlib
 from dataclasses import dataclass
 
@@ -114,7 +113,7 @@ def doctor(
     ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
     """
     asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, max_cost=max_cost, tell=tell)
-    return in_own_loop(lambda: asyncio.run(_examine(asker, seed)))
+    return in_own_loop(_examine(asker, seed))
 
 
 async def _examine(asker: Asker, seed: int) -> Diagnosis:

@@ -4,7 +4,6 @@ Nothing is taken from what a server claims: a schema is contradicted, a seed is 
 are complete, and a picture is left out to see what it costs.
 """
 
-import asyncio
 import datetime as dt
 import statistics
 from collections.abc import Collection, Sequence
@@ -83,7 +82,7 @@ def probe(
     Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
     asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, fixed=fixed, max_cost=max_cost, tell=tell)
-    return in_own_loop(lambda: asyncio.run(_Probe(asker, sample or default_sample(), fixed, seed).find()))
+    return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed).find())
 
 
 @dataclass

@@ -1,6 +1,5 @@
 """The doctor of policies: in at most twenty calls, whether what they are given reaches them, and what they answer."""
 
-import asyncio
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -105,7 +104,7 @@ def examine_policy(
         raise BankError(f"the bank {bank.root} does not say what a motion is, so no answer can be held against it")
     require_channels(spec, declared := _declared(model), bank)
     calls = _Calls(model, _Asked(bank, space), tell)
-    return in_own_loop(lambda: asyncio.run(_examine(spec, calls, declared)))
+    return in_own_loop(_examine(spec, calls, declared))
 
 
 def _declared(model: Model) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from eyechart.costs import ALL, Account, Unread, unread
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, plain_file
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
@@ -368,7 +368,7 @@ def names_of(runs: Sequence[Path]) -> list[str]:
 def run_json(folder: Path) -> Mapping[str, object]:
     """Return what a folder's ``run.json`` says, nothing where there is none that can be read."""
     try:
-        found = parse_json((folder / RUN).read_text(encoding="utf-8"))
+        found = parse_json(plain_file(folder / RUN).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
