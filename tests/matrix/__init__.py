@@ -1,1 +1,1 @@
-"""Every door of eyechart under every fault that fits it: the finder of doors, their registry, the faults and the matrix."""
+"""Every door of eyechart under every fault that fits it: the finder of doors, their registry, faults, the matrix."""

@@ -1,4 +1,4 @@
-"""Run cells of the matrix on a source tree: ``python -m matrix --src SRC --out ROWS.json``; a row is kept as it is made."""
+"""Run cells of the matrix on a source tree, and keep each row: ``python -m matrix --src SRC --out ROWS.json``."""
 
 import argparse
 import json
@@ -23,7 +23,9 @@ def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--src", type=Path, default=TESTS.parent / "src", help="the tree that is tried")
     parser.add_argument("--out", type=Path, required=True, help="the file of the rows, which goes on where it stands")
-    parser.add_argument("--only", action="append", default=[], help="only cells whose name this pattern finds; again for more")
+    parser.add_argument(
+        "--only", action="append", default=[], help="only cells whose name this pattern finds; again for more"
+    )
     parser.add_argument("--most", type=int, default=3, help="of a kind without an end, so many a file")
     parser.add_argument("--part", default="0/1", help="i/n: only these cells")
     parser.add_argument("--doors", action="store_true", help="which doors each exercise passes, and no cell")

@@ -11,6 +11,7 @@ import re
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
@@ -29,7 +30,11 @@ MORE_KB = 450_000
 """kB that a fault may take beside what the exercise takes without it."""
 KEY = "zq7RkT4w9LmXc2Vb8NsY"
 WORDS_LOST = "Traceback (most recent", "Exception ignored", "exception was never retrieved", "was never awaited"
-SAME, WORDS = "same", "words"
+ORDINARY = Limits()
+MUST_PASS = {"cache of the Hub", "idle connections"}
+"""Faults under which the same is to be made: nothing is wrong that could be said."""
+_LIMITS = {"templates": Limits(addresses=4 << 30)}
+_OF_A_LOOP = re.compile(r"Exception ignored in: <function BaseEventLoop.__del__.*?attribute '_ssock'\n", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class Cell:
     fault: str
     case: str
     change: Callable[[Path], None] | None = None
-    limits: Limits = Limits()
+    limits: Limits = ORDINARY
     hook: Callable[..., Hook] | None = None
     strict: bool = False
     never: bool = False
@@ -57,6 +62,10 @@ class Cell:
     def name(self) -> str:
         """Return the cell's name, which is kept with its result."""
         return f"{self.exercise.name} | {self.fault} | {self.case}"
+
+
+def _in_place(change: Callable[[Path], None], name: str, folder: Path) -> None:
+    change(folder / name)
 
 
 @dataclass
@@ -96,7 +105,11 @@ class Matrix:
     def perform(self, cell: Cell, folder: Path, hook: Hook | None = None) -> Ended:
         """Do an exercise; where it is of several commands, up to the first that does not end well."""
         with ExitStack() as opened:
-            url = opened.enter_context(stand_in.serving(self.port, cell.form, 0.3 * bool(cell.idle))) if cell.exercise.asks else ""
+            url = (
+                opened.enter_context(stand_in.serving(self.port, cell.form, 0.3 * bool(cell.idle)))
+                if cell.exercise.asks
+                else ""
+            )
             environment = {"OPENAI_API_KEY": KEY} if cell.form else {}
             out, ended = [], None
             for words in cell.exercise.commands:
@@ -136,7 +149,7 @@ class Matrix:
 
         def hook() -> Callable[[], None]:
             end = Trace(folder, self.source)()
-            return lambda: (end(), os.replace(folder / "hits", folder / f"hits-{time.time_ns()}"))[0]
+            return lambda: (end(), (folder / "hits").rename(folder / f"hits-{time.time_ns()}"))[0]
 
         self.perform(cell, folder, hook)
         for path in folder.glob("hits-*"):
@@ -197,10 +210,10 @@ class Matrix:
         others = [nth for nth in range(1, len(passed) + 1) if nth not in chosen]
         random.Random(exercise.name + wire).shuffle(others)  # noqa: S311 - which ones, no secret
         for nth in [*chosen, *others[:most]]:
-            for number in WIRES[wire]:
-                hook = partial(Tripwire, wire, nth, number, source=self.source)
-                case = f"{nth}: {os.strerror(number)} in {passed[nth - 1]}"
-                yield Cell(exercise, f"failing {wire}", case, hook=hook, strict=True, again=True)
+            number = WIRES[wire][nth % len(WIRES[wire])]
+            hook = partial(Tripwire, wire, nth, number, source=self.source)
+            case = f"{nth}: {os.strerror(number)} in {passed[nth - 1]}"
+            yield Cell(exercise, f"failing {wire}", case, hook=hook, strict=True, again=True)
 
     def count(self, exercise: Exercise, wire: str) -> list[str]:
         """Return the doors that pass a wire in an exercise's first command, in their order."""
@@ -212,39 +225,27 @@ class Matrix:
 
     def _written(self, exercise: Exercise, most: int) -> Iterator[Cell]:
         """Yield what others may have written into the files that an exercise reads."""
-        stock = self.stock
-        for name in mutations.files_of(stock, exercise.foreign, {*mutations.TEXTS, ".parquet", ".zip", ".eval"}):
-            path = stock / name
-            kinds = [("broken bytes", list(mutations.noise(path, most)), {})]
-            if path.suffix in mutations.RECORDS:
-                kinds.append(("contradiction", list(mutations.contradictions(path)), {"strict": True}))
-            if path.suffix == ".parquet":
-                kinds.append(("cells", list(mutations.cells(path)), {}))
-            if path.suffix in mutations.TEXTS:
-                kinds.append(("templates", list(mutations.templates(path)), {"limits": Limits(addresses=4 << 30)}))
-            if path.suffix in {".json", ".jsonl"}:
-                kinds.append(("values", list(mutations.values(path))[: 4 * most], {}))
-            if path.suffix == ".json":
-                kinds.append(("numbers", list(mutations.numbers(path)), {}))
-            kinds.append(("wide and deep", list(mutations.wide(path)), {}))
-            if path.suffix == ".jsonl" and exercise.truth:
-                kinds.append(("emptied record", list(mutations.emptied(path)), {"strict": True}))
-            if "/" in name:  # one that its user names may be a pipe on purpose
-                kinds.append(("named pipe", [("", mutations.pipe)], {"strict": True, "limits": Limits(clock_s=20)}))
-            for fault, changes, more in kinds:
+        for name in mutations.files_of(self.stock, exercise.foreign, {*mutations.TEXTS, ".parquet", ".zip", ".eval"}):
+            for fault, changes in mutations.kinds(self.stock / name, most, truth=exercise.truth).items():
                 for case, change in changes:
                     yield Cell(
                         exercise,
                         fault,
                         f"{name}: {case}",
-                        change=lambda folder, change=change, name=name: change(folder / name),
-                        **more,
+                        change=partial(_in_place, change, name),
+                        limits=_LIMITS.get(fault, ORDINARY),
+                        strict=fault in {"contradiction", "emptied record"},
                     )
+            if "/" in name:  # one that its user names may be a pipe on purpose
+                change = partial(_in_place, mutations.pipe, name)
+                yield Cell(exercise, "named pipe", name, change=change, limits=Limits(clock_s=10), strict=True)
 
     def _links(self, exercise: Exercise) -> Iterator[Cell]:
         """Yield links that lead out of a folder, and a folder as a cache of the Hub has it."""
         for root in exercise.foreign:
-            kinds = {"set": {*mutations.TEXTS, ".parquet", ".mp4"}, "bank": {".png"}, "table": {".png"}}.get(root, set())
+            kinds = {"set": {*mutations.TEXTS, ".parquet", ".mp4"}, "bank": {".png"}, "table": {".png"}}.get(
+                root, set()
+            )
             for name in mutations.files_of(self.stock, (root,), kinds) if kinds else ():
                 yield Cell(
                     exercise,
@@ -277,38 +278,32 @@ class Matrix:
             return self._orphans(cell.exercise)
         plain, made = self.without(cell.exercise)
         folder = self.fresh(cell.exercise, cell.manner)
-        if cell.change is not None:
-            os.environ["MATRIX_OUTSIDE"] = str(folder / "outside")
-            try:
-                cell.change(folder)
-            except (ValueError, TypeError, OverflowError, KeyError) as error:
-                return [] if "pyarrow" in type(error).__module__ or not cell.never else [f"not tried: {error}"]
-            except Exception as error:
-                if "arrow" in type(error).__name__.lower():
-                    return []  # the kind of file cannot hold it
-                raise
+        if cell.change is not None and not changed(cell.change, folder):
+            return []  # the kind of file cannot hold it
         ended = self.perform(cell, folder, cell.hook(folder=folder) if cell.hook else None)
-        found = list(self._broken(cell, ended, plain))
-        if cell.form:
-            found += leaked(folder, ended, cell.form)
-        elif cell.never:
-            found += [] if ended.code in {1, 2} else [f"exit {ended.code}: what leads outside is read"]
-        elif cell.fault == "guest":
-            found += self._guest(cell, folder, ended, plain, made)
-        elif cell.strict and ended.code == plain.code:
-            now = self.seen(cell.exercise, folder, ended)
-            silent = not says_more(ended, plain)
-            if cell.exercise.truth and cell.change is not None:
-                found += [f"exit {ended.code}, and nothing is said of it"] if silent else []
-            elif now != made and silent:
-                found.append(f"exit {ended.code} with another result, and nothing is said: {difference(made, now)}")
-            elif cell.fault == "cache of the Hub" and now != made:
-                found.append("another result")
-        elif cell.fault in {"cache of the Hub", "idle connections"}:
-            found.append(f"exit {ended.code}: {ended.err.strip()[-200:]}")
+        found = [*self._broken(cell, ended, plain), *self._other(cell, folder, ended, plain, made)]
         if cell.again and not found:
-            found += self._again(cell, folder, made, plain)
+            found += self._again(cell, folder, made)
         return found
+
+    def _other(self, cell: Cell, folder: Path, ended: Ended, plain: Ended, made: str) -> Iterator[str]:
+        """Yield where a command made something else without a word, or did what it is to refuse."""
+        if cell.form:
+            yield from leaked(folder, ended, cell.form)
+        elif cell.never:
+            if ended.code not in {1, 2}:
+                yield f"exit {ended.code}: what leads outside is read"
+        elif cell.fault == "guest":
+            yield from self._guest(cell, folder, ended, plain, made)
+        elif cell.fault in MUST_PASS:
+            if ended.code != plain.code or self.seen(cell.exercise, folder, ended) != made:
+                yield f"exit {ended.code}: {ended.err.strip()[-200:]}"
+        elif cell.strict and ended.code == plain.code and not says_more(ended, plain):
+            now = self.seen(cell.exercise, folder, ended)
+            if cell.exercise.truth and cell.change is not None:
+                yield f"exit {ended.code}, and nothing is said of it"
+            elif now != made:
+                yield f"exit {ended.code} with another result, and nothing is said: {difference(made, now)}"
 
     def _broken(self, cell: Cell, ended: Ended, plain: Ended) -> Iterator[str]:
         """Yield what no fault excuses."""
@@ -341,21 +336,23 @@ class Matrix:
         final = finals(folder / "out" / "ledger.sqlite")
         if final.get(materials.RUDE, 0) > asked.count("rude"):
             yield f"{final[materials.RUDE]} calls are finished, of which {asked.count('rude')} were asked"
-        if cell.manner in {"interrupts"}:
+        if cell.manner == "interrupts":
             return
         if ended.code in {0, 1} and (now := self.seen(cell.exercise, folder, ended)) != made:
             yield f"the other's replies changed: {difference(made, now)}"
         elif ended.code not in {0, 1}:
             yield f"exit {ended.code}: {ended.err.strip()[-200:]}"
 
-    def _again(self, cell: Cell, folder: Path, made: str, plain: Ended) -> Iterator[str]:
+    def _again(self, cell: Cell, folder: Path, made: str) -> Iterator[str]:
         """Give the same command again, without the fault; yield where it does not come to the same."""
         self.invite(folder, cell.exercise, "polite")
         if cell.exercise.makes and cell.exercise.makes[0].endswith((".zip", ".html", ".xml", ".toml")):
             for name in cell.exercise.makes:
                 with suppress(FileNotFoundError):
                     (folder / name).unlink()
-        elif cell.exercise.makes == ("out",) and "run" not in cell.exercise.commands[0][:1] and (folder / "out").exists():
+        elif (
+            cell.exercise.makes == ("out",) and "run" not in cell.exercise.commands[0][:1] and (folder / "out").exists()
+        ):
             return  # a bank or an export is there whole, and is not made twice
         elif cell.exercise.commands[0][0] in {"merge", "paper"} and (folder / "out").exists():
             return
@@ -364,7 +361,7 @@ class Matrix:
         if cell.manner in guests.PASSING and finals(folder / "out" / "ledger.sqlite", failed=True):
             yield "a fault that passed is a final failure of calls"
         if now != made:
-            yield f"given again without the fault: exit {ended.code}, {difference(made, now)} {ended.err.strip()[-200:]}"
+            yield f"given again: exit {ended.code}, {difference(made, now)} {ended.err.strip()[-200:]}"
 
     def _orphans(self, exercise: Exercise) -> list[str]:
         """Kill the parent of a command with processes once they are there; return what lives ten seconds later."""
@@ -373,7 +370,7 @@ class Matrix:
         own = {"PYTHONPATH": str(self.source), "TMPDIR": str(folder / "tmp")}
         words = [sys.executable, "-m", "eyechart", *exercise.commands[0]]
         with (folder / "stderr").open("wb") as err:
-            begun = subprocess.Popen(  # noqa: S603 - the command itself
+            begun = subprocess.Popen(
                 words, cwd=folder, env={**os.environ, **own}, stdout=err, stderr=err, start_new_session=True
             )
         end = time.monotonic() + 60
@@ -412,9 +409,8 @@ def can_match(exercise: str, faults: str, case: str | None, only: Sequence[str])
 
 
 def unexcused(err: str) -> str | None:
-    """Return what stands on standard error that is no words; what CPython itself says of a loop that it lacked
-    descriptors for is its own."""
-    own = re.sub(r"Exception ignored in: <function BaseEventLoop.__del__.*?has no attribute '_ssock'\n", "", err, flags=re.DOTALL)
+    """Return what of standard error is no words; of a loop that has no descriptors CPython says some of its own."""
+    own = _OF_A_LOOP.sub("", err)
     return next((one for one in WORDS_LOST if one in own), None)
 
 
@@ -425,10 +421,24 @@ def addresses() -> int:
     return int(found.group(1)) * 1024
 
 
+def changed(change: Callable[[Path], None], folder: Path) -> bool:
+    """Change a cell's folder; return whether its files can hold the change, as a column of Parquet not every value."""
+    os.environ["MATRIX_OUTSIDE"] = str(folder / "outside")
+    try:
+        change(folder)
+    except (ValueError, TypeError, OverflowError):  # most of pyarrow's errors are
+        return False
+    except Exception as error:
+        if "Arrow" not in type(error).__name__:
+            raise
+        return False
+    return True
+
+
 def connect(child: int, folder: Path, count: int, held: ExitStack) -> None:
     """Open idle connections to the page that a command names, as soon as it does."""
     end = time.monotonic() + 20
-    while time.monotonic() < end and os.path.exists(f"/proc/{child}"):
+    while time.monotonic() < end and Path(f"/proc/{child}").exists():
         with suppress(FileNotFoundError):
             if found := re.search(r"http://127\.0\.0\.1:(\d+)/(?!v1)", (folder / "stderr").read_text()):
                 break
@@ -445,12 +455,11 @@ def connect(child: int, folder: Path, count: int, held: ExitStack) -> None:
 
 def finals(ledger: Path, *, failed: bool = False) -> dict[str, int]:
     """Return how many calls of each model are finished, or ended in a failure."""
-    import sqlite3  # noqa: PLC0415
-
     with suppress(sqlite3.Error), closing(sqlite3.connect(ledger)) as sql:
         rows = sql.execute(
             "SELECT c.model, COUNT(*) FROM calls c JOIN replies r ON r.call = c.id"
-            f" WHERE final = 1 {'AND r.error IS NOT NULL' if failed else ''} GROUP BY 1"
+            " WHERE final = 1 AND (r.error IS NOT NULL OR NOT ?) GROUP BY 1",
+            (failed,),
         )
         return dict(rows.fetchall())
     return {}
@@ -480,5 +489,7 @@ def says_more(ended: Ended, plain: Ended) -> bool:
 
 def difference(made: str, now: str) -> str:
     """Return where two texts part, for a reader."""
-    at = next((at for at, (one, two) in enumerate(zip(made, now, strict=False)) if one != two), min(len(made), len(now)))
+    at = next(
+        (at for at, (one, two) in enumerate(zip(made, now, strict=False)) if one != two), min(len(made), len(now))
+    )
     return f"…{made[max(0, at - 20) : at + 60]!r} is …{now[max(0, at - 20) : at + 60]!r}"

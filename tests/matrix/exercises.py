@@ -80,14 +80,14 @@ def episodes(run: str) -> Callable[[Path, Ended], object]:
 
     def read(folder: Path, ended: Ended) -> object:
         del ended
-        return sorted((folder / run / "episodes.jsonl").read_text().splitlines())
+        return sorted(set((folder / run / "episodes.jsonl").read_text().splitlines()))
 
     return read
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """Commands, what they need, what they make and how that is told from another; ``foreign``: what others may write."""
+    """Commands, what they need and make, and how that is told from another; ``foreign``: what others may write."""
 
     name: str
     commands: tuple[Words, ...]
@@ -120,7 +120,12 @@ _LIST = (
         guests=True,
     ),
     Exercise(
-        "resume", (("run", "battery", "--model", HONEST, *ASKED, "--out", "cut"),), ("bank", "guests.py", "cut"), replies("cut"), (), ("cut",)
+        "resume",
+        (("run", "battery", "--model", HONEST, *ASKED, "--out", "cut"),),
+        ("bank", "guests.py", "cut"),
+        replies("cut"),
+        (),
+        ("cut",),
     ),
     Exercise(
         "mode",
@@ -152,7 +157,13 @@ _LIST = (
         asks=True,
         serves=True,
     ),
-    Exercise("doctor", (("doctor", RUDE, "--seed", "1", "--timeout", "1", "--json"),), ("guests.py",), without_numbers, guests=True),
+    Exercise(
+        "doctor",
+        (("doctor", RUDE, "--seed", "1", "--timeout", "1", "--json"),),
+        ("guests.py",),
+        without_numbers,
+        guests=True,
+    ),
     Exercise(
         "doctor of an endpoint",
         (("doctor", "openai:m", "--base-url", "URL", "--seed", "1", "--json"),),
@@ -164,19 +175,36 @@ _LIST = (
         "probe",
         (("probe", "openai:m", "--base-url", "URL", "--frames", "bank", "--out", "found.toml"),),
         ("bank",),
-        lambda folder, _: re.sub(r"[\d.]+", "#", (folder / "found.toml").read_text()),
+        lambda folder, _: re.findall(
+            r"(?m)^(?:spec|max_tokens|token_field|stream|system) = .*", (folder / "found.toml").read_text()
+        ),
         ("found.toml",),
         asks=True,
     ),
-    Exercise("merge", (("merge", "shard-1", "shard-2", "--out", "out"),), ("shard-1", "shard-2"), replies("out"), ("out",)),
+    Exercise(
+        "merge", (("merge", "shard-1", "shard-2", "--out", "out"),), ("shard-1", "shard-2"), replies("out"), ("out",)
+    ),
     Exercise("verdict", (("verdict", "run", "--json"),), ("run",), printed, (), ("run",)),
     Exercise("score", (("score", "run", "--json"), ("costs", "run", "--json")), ("run",), printed, (), ("run",)),
-    Exercise("gate", (("gate", "run", "--require", "depth", "--junit", "junit.xml"),), ("run",), printed, ("junit.xml",)),
+    Exercise(
+        "gate", (("gate", "run", "--require", "depth", "--junit", "junit.xml"),), ("run",), printed, ("junit.xml",)
+    ),
     Exercise("compare", (("compare", "run", "cut"),), ("run", "cut", "bank"), printed),
-    Exercise("transfer", (("transfer", "run", "--scores", "scores.csv"),), ("run", "scores.csv"), printed, (), ("scores.csv",)),
+    Exercise(
+        "transfer",
+        (("transfer", "run", "--scores", "scores.csv"),),
+        ("run", "scores.csv"),
+        printed,
+        (),
+        ("scores.csv",),
+    ),
     Exercise("report", (("report", "run", "--out", "page.html"),), ("run", "bank"), files("page.html"), ("page.html",)),
-    Exercise("paper", (("paper", "run", "drives", "--out", "paper"),), ("run", "drives", "bank"), files("paper"), ("paper",)),
-    Exercise("bundle", (("bundle", "run", "--out", "out.zip"),), ("run", "bank"), packed("out.zip"), ("out.zip",), ("run",)),
+    Exercise(
+        "paper", (("paper", "run", "drives", "--out", "paper"),), ("run", "drives", "bank"), files("paper"), ("paper",)
+    ),
+    Exercise(
+        "bundle", (("bundle", "run", "--out", "out.zip"),), ("run", "bank"), packed("out.zip"), ("out.zip",), ("run",)
+    ),
     Exercise("validate", (("validate", "run.zip"),), ("run.zip",), printed, (), ("run.zip",)),
     Exercise(
         "drives",
@@ -187,7 +215,12 @@ _LIST = (
     ),
     Exercise(
         "drives resumed",
-        ((*DRIVES, "--out", "drives"), ("score", "drives"), ("audit", "drives"), ("report", "drives", "--out", "p.html")),
+        (
+            (*DRIVES, "--out", "drives"),
+            ("score", "drives"),
+            ("audit", "drives"),
+            ("report", "drives", "--out", "p.html"),
+        ),
         ("drives",),
         episodes("drives"),
         (),
@@ -202,34 +235,140 @@ _LIST = (
         ("drives",),
         truth=True,
     ),
-    Exercise("film", (("film", "run", "--frame", "dense-0-0", "--out", "film.gif"),), ("run", "bank"), files("film.gif"),
-             ("film.gif",), ("run",)),
-    Exercise("film of a drive", (("film", "drives", "--episode", "constant:SLOW", "--out", "film.html"),), ("drives",),
-             files("film.html"), ("film.html",), ("drives",)),
-    Exercise("film of a drive in MP4", (("film", "drives", "--episode", "constant:SLOW", "--out", "film.mp4"),), ("drives",),
-             files("film.mp4"), ("film.mp4",), arrow=True),
+    Exercise(
+        "film",
+        (("film", "run", "--frame", "dense-0-0", "--out", "film.gif"),),
+        ("run", "bank"),
+        files("film.gif"),
+        ("film.gif",),
+        ("run",),
+    ),
+    Exercise(
+        "film of a drive",
+        (("film", "drives", "--episode", "constant:SLOW", "--out", "film.html"),),
+        ("drives",),
+        files("film.html"),
+        ("film.html",),
+        ("drives",),
+    ),
+    Exercise(
+        "film of a drive in MP4",
+        (("film", "drives", "--episode", "constant:SLOW", "--out", "film.mp4"),),
+        ("drives",),
+        files("film.mp4"),
+        ("film.mp4",),
+        arrow=True,
+    ),
     Exercise("index", (("report", ".", "--out", "pages"),), ("run", "drives", "bank"), files("pages"), ("pages",)),
     Exercise("list", (("list", "models"), ("list", "modes"), ("list", "modes", "structured-qwen3.5-9b")), (), printed),
-    Exercise("fit", (("guardian", "fit", "votes.csv", "--about", "votes.toml", "--calibration", "ids.txt", "--out", "fit.json"),
-                     ("guardian", "export", "fit.json", "--out", "stack.json")), ("votes.csv", "votes.toml", "ids.txt"),
-             files("fit.json", "stack.json"), ("fit.json", "stack.json"), ("votes.csv", "votes.toml", "ids.txt")),
-    Exercise("import of a rig", (("frames", "import", "photos", "--table", "photos.csv", *_RIGGED, "--rig", "rig.toml", "--out", "out"),),
-             ("photos", "photos.csv", "rover.toml", "rig.toml"), files("out"), ("out",), ("rig.toml",)),
-    Exercise("import for policies", (("frames", "import", "arm", "--format", "lerobot", "--horizon", "2", "--kind", "absolute",
-                                      "--every", "2", "--out", "out"),), ("arm",), files("out"), ("out",), ("arm",), arrow=True),
-    Exercise("estimates", (("run", "structured", "--model", "scripted:scene_positive_control", "--frames", "road", "--limit", "4",
-                            "--out", "out"), ("score", "out", "--json")), ("road",), replies("out"), ("out",)),
-    Exercise("estimates that drive", (("run", "online", "--model", "scripted:scene_side_blind", "--episodes", "1", "--out", "out"),),
-             (), episodes("out"), ("out",)),
-    Exercise("answers validated", (("run", "import", "answers.jsonl", "--model", "mine", *ASKED, "--out", "out"),
-                                   ("bundle", "out", "--out", "out.zip"), ("validate", "out.zip")),
-             ("bank", "answers.jsonl"), printed, ("out", "out.zip")),
-    Exercise("import", (("frames", "import", "photos", "--table", "photos.csv", *_TABLE, "--out", "out"),),
-             ("photos", "photos.csv", "rover.toml"), files("out"), ("out",), ("photos.csv", "rover.toml", "photos")),
-    Exercise("import of lines", (("frames", "import", "photos", "--table", "photos.jsonl", *_TABLE, "--out", "out"),),
-             ("photos", "photos.jsonl", "rover.toml"), files("out"), ("out",), ("photos.jsonl",)),
-    Exercise("import of Parquet", (("frames", "import", "photos", "--table", "photos.parquet", *_TABLE, "--out", "out"),),
-             ("photos", "photos.parquet", "rover.toml"), files("out"), ("out",), ("photos.parquet",), arrow=True),
+    Exercise(
+        "fit",
+        (
+            ("guardian", "fit", "votes.csv", "--about", "votes.toml", "--calibration", "ids.txt", "--out", "fit.json"),
+            ("guardian", "export", "fit.json", "--out", "stack.json"),
+        ),
+        ("votes.csv", "votes.toml", "ids.txt"),
+        files("fit.json", "stack.json"),
+        ("fit.json", "stack.json"),
+        ("votes.csv", "votes.toml", "ids.txt"),
+    ),
+    Exercise(
+        "import of a rig",
+        (("frames", "import", "photos", "--table", "photos.csv", *_RIGGED, "--rig", "rig.toml", "--out", "out"),),
+        ("photos", "photos.csv", "rover.toml", "rig.toml"),
+        files("out"),
+        ("out",),
+        ("rig.toml",),
+    ),
+    Exercise(
+        "import for policies",
+        (
+            (
+                "frames",
+                "import",
+                "arm",
+                "--format",
+                "lerobot",
+                "--horizon",
+                "2",
+                "--kind",
+                "absolute",
+                "--every",
+                "2",
+                "--out",
+                "out",
+            ),
+        ),
+        ("arm",),
+        files("out"),
+        ("out",),
+        ("arm",),
+        arrow=True,
+    ),
+    Exercise(
+        "estimates",
+        (
+            (
+                "run",
+                "structured",
+                "--model",
+                "scripted:scene_positive_control",
+                "--frames",
+                "road",
+                "--limit",
+                "4",
+                "--out",
+                "out",
+            ),
+            ("score", "out", "--json"),
+        ),
+        ("road",),
+        replies("out"),
+        ("out",),
+    ),
+    Exercise(
+        "estimates that drive",
+        (("run", "online", "--model", "scripted:scene_side_blind", "--episodes", "1", "--out", "out"),),
+        (),
+        episodes("out"),
+        ("out",),
+    ),
+    Exercise(
+        "answers validated",
+        (
+            ("run", "import", "answers.jsonl", "--model", "mine", *ASKED, "--out", "out"),
+            ("bundle", "out", "--out", "out.zip"),
+            ("validate", "out.zip"),
+        ),
+        ("bank", "answers.jsonl"),
+        printed,
+        ("out", "out.zip"),
+    ),
+    Exercise(
+        "import",
+        (("frames", "import", "photos", "--table", "photos.csv", *_TABLE, "--out", "out"),),
+        ("photos", "photos.csv", "rover.toml"),
+        files("out"),
+        ("out",),
+        ("photos.csv", "rover.toml", "photos"),
+    ),
+    Exercise(
+        "import of lines",
+        (("frames", "import", "photos", "--table", "photos.jsonl", *_TABLE, "--out", "out"),),
+        ("photos", "photos.jsonl", "rover.toml"),
+        files("out"),
+        ("out",),
+        ("photos.jsonl",),
+    ),
+    Exercise(
+        "import of Parquet",
+        (("frames", "import", "photos", "--table", "photos.parquet", *_TABLE, "--out", "out"),),
+        ("photos", "photos.parquet", "rover.toml"),
+        files("out"),
+        ("out",),
+        ("photos.parquet",),
+        arrow=True,
+    ),
     Exercise(
         "import of LeRobot",
         (
@@ -244,28 +383,108 @@ _LIST = (
         ("set",),
         arrow=True,
     ),
-    Exercise("build", (("frames", "build", "tabletop", "--steps", "4", "--seeds", "0,1", "--out", "out"),), (), files("out"), ("out",)),
+    Exercise(
+        "build",
+        (("frames", "build", "tabletop", "--steps", "4", "--seeds", "0,1", "--out", "out"),),
+        (),
+        files("out"),
+        ("out",),
+    ),
     Exercise("check", (("frames", "check", "bank"),), ("bank",), printed, (), ("bank",)),
-    Exercise("export", (("frames", "export", *ASKED[1:], "--out", "out"),), ("bank",), files("out"), ("out",), ("bank",)),
-    Exercise("answers", (("run", "import", "answers.jsonl", "--model", "mine", *ASKED, "--out", "out"),),
-             ("bank", "answers.jsonl"), replies("out"), ("out",), ("answers.jsonl",)),
-    Exercise("log", (("run", "import", "log.eval", *ASKED, "--out", "out"),), ("bank", "log.eval"), replies("out"), ("out",),
-             ("log.eval",)),
-    Exercise("log in JSON", (("run", "import", "log.json", *ASKED, "--out", "out"),), ("bank", "log.json"), replies("out"),
-             ("out",), ("log.json",)),
-    Exercise("policies", (("run", "policy", "--policy", "trained:sees", "--frames", "table", "--limit", "4", "--out", "out"),),
-             ("table",), replies("out"), ("out",), ("table",)),
-    Exercise("policies scored", (("verdict", "policy", "--json"), ("score", "policy", "--json")), ("policy", "table"), printed,
-             (), ("policy",)),
-    Exercise("guardian", (("guardian", "score", "guardian.json", "votes.csv", "--about", "votes.toml"),),
-             ("guardian.json", "votes.csv", "votes.toml"), printed, (), ("guardian.json", "votes.csv", "votes.toml")),
-    Exercise("calibrate", (("calibrate", "--processes", "1", "--setting", "small_10", "--replications", "1", "--keep", "kept", "--json"),),
-             (), printed, ("kept",)),
-    Exercise("calibrate in processes", (("calibrate", "--processes", "2", "--replications", "40"),), (), printed, parents=True),
-    Exercise("calibrate policies", (("calibrate", "--policies", "--processes", "2", "--replications", "40"),), (), printed, parents=True),
-    Exercise("ladder in processes", (("ladder", "--simulator", "rover", "--seeds", "8", "--processes", "2", "--out", "out"),), (),
-             episodes("out"), ("out",), parents=True),
-)  # fmt: skip
+    Exercise(
+        "export", (("frames", "export", *ASKED[1:], "--out", "out"),), ("bank",), files("out"), ("out",), ("bank",)
+    ),
+    Exercise(
+        "answers",
+        (("run", "import", "answers.jsonl", "--model", "mine", *ASKED, "--out", "out"),),
+        ("bank", "answers.jsonl"),
+        replies("out"),
+        ("out",),
+        ("answers.jsonl",),
+    ),
+    Exercise(
+        "log",
+        (("run", "import", "log.eval", *ASKED, "--out", "out"),),
+        ("bank", "log.eval"),
+        replies("out"),
+        ("out",),
+        ("log.eval",),
+    ),
+    Exercise(
+        "log in JSON",
+        (("run", "import", "log.json", *ASKED, "--out", "out"),),
+        ("bank", "log.json"),
+        replies("out"),
+        ("out",),
+        ("log.json",),
+    ),
+    Exercise(
+        "policies",
+        (("run", "policy", "--policy", "trained:sees", "--frames", "table", "--limit", "4", "--out", "out"),),
+        ("table",),
+        replies("out"),
+        ("out",),
+        ("table",),
+    ),
+    Exercise(
+        "policies scored",
+        (("verdict", "policy", "--json"), ("score", "policy", "--json")),
+        ("policy", "table"),
+        printed,
+        (),
+        ("policy",),
+    ),
+    Exercise(
+        "guardian",
+        (("guardian", "score", "guardian.json", "votes.csv", "--about", "votes.toml"),),
+        ("guardian.json", "votes.csv", "votes.toml"),
+        printed,
+        (),
+        ("guardian.json", "votes.csv", "votes.toml"),
+    ),
+    Exercise(
+        "calibrate",
+        (
+            (
+                "calibrate",
+                "--processes",
+                "1",
+                "--setting",
+                "small_10",
+                "--replications",
+                "1",
+                "--keep",
+                "kept",
+                "--json",
+            ),
+        ),
+        (),
+        printed,
+        ("kept",),
+    ),
+    Exercise(
+        "calibrate in processes",
+        (("calibrate", "--processes", "2", "--replications", "40"),),
+        (),
+        printed,
+        parents=True,
+    ),
+    Exercise(
+        "calibrate policies",
+        (("calibrate", "--policies", "--processes", "2", "--replications", "40"),),
+        (),
+        printed,
+        parents=True,
+    ),
+    Exercise(
+        "ladder in processes",
+        (("ladder", "--simulator", "rover", "--seeds", "8", "--processes", "2", "--out", "out"),),
+        (),
+        episodes("out"),
+        ("out",),
+        parents=True,
+    ),
+)
 EXERCISES = {one.name: one for one in _LIST}
 
 

@@ -1,4 +1,4 @@
-"""Finds the doors of a source tree from its syntax: where bytes, paths, connections, foreign code or processes enter."""
+"""Finds the doors of a source tree from its syntax: where bytes, paths, connections, code or processes enter."""
 
 import ast
 from collections.abc import Iterator
@@ -26,10 +26,32 @@ CALLS = {
     },
     "code": {"import_module", "importlib.import_module", "spec_from_file_location", "__import__"},
     "parser": {
-        *("json.loads", "json.load", "orjson.loads", "msgspec.convert", "msgspec.json.decode", "msgspec.msgpack.decode"),
+        *(
+            "json.loads",
+            "json.load",
+            "orjson.loads",
+            "msgspec.convert",
+            "msgspec.json.decode",
+            "msgspec.msgpack.decode",
+        ),
         *("tomllib.loads", "tomllib.load", "csv.reader", "csv.DictReader", "Image.open", "zipfile.ZipFile", "np.load"),
-        *("numpy.load", "av.open", "h5py.File", "pq.ParquetFile", "pq.read_table", "pa.ipc.open_file", "ast.literal_eval"),
-        *("pickle.loads", "yaml.safe_load", "ElementTree.parse", "zlib.decompressobj", "gzip.decompress", "pa.decompress"),
+        *(
+            "numpy.load",
+            "av.open",
+            "h5py.File",
+            "pq.ParquetFile",
+            "pq.read_table",
+            "pa.ipc.open_file",
+            "ast.literal_eval",
+        ),
+        *(
+            "pickle.loads",
+            "yaml.safe_load",
+            "ElementTree.parse",
+            "zlib.decompressobj",
+            "gzip.decompress",
+            "pa.decompress",
+        ),
     },
     "temporary": {
         *("tempfile.TemporaryDirectory", "tempfile.mkdtemp", "tempfile.mkstemp", "tempfile.NamedTemporaryFile"),
@@ -97,8 +119,7 @@ def _in_module(tree: ast.Module) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.Call) and (kind := kind_of(node, renamed)):
             yield ".".join(inside) or "<module>", kind
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            for named in node.decorator_list:
-                left.append((named, inside))
+            left += [(one, inside) for one in node.decorator_list]
             inside = (*inside, node.name)
             left += [(one, inside) for one in ast.iter_child_nodes(node) if one not in node.decorator_list]
         else:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-GUESTS = '''
+GUESTS = """
 import _io, hashlib, os, sys, time
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -35,8 +35,8 @@ def rude(prompt, images, state):
     said = {"said": answer(prompt, images)}
     exec(DOES, {**globals(), "images": images, "state": state, "prompt": prompt}, said)
     return said["said"]
-'''
-"""Callables of ``python:guests:honest`` and ``python:guests:rude``; the manner stands beside, so that no digest changes."""
+"""
+"""Callables of ``python:guests:honest`` and ``python:guests:rude``; the manner stands beside: no digest changes."""
 
 MANNERS: dict[str, tuple[str, str]] = {
     "polite": ("", "pass"),

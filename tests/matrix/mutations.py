@@ -19,14 +19,33 @@ WIDE_BYTES = 48_000_000
 """Bytes of what is wide and empty: so many small objects take some thirty times as much in memory."""
 TEXTS = {".json", ".jsonl", ".csv", ".tsv", ".toml"}
 RECORDS = {".jsonl", ".csv", ".parquet"}
-TEMPLATES = ("{%s:>3000000000}", "{%s:.999999999f}", "{%s[0]}", "{%s[abc]}", "{%s.__class__.__mro__}", "{%s!r:>2000000000}")
-CELLS: tuple[Any, ...] = ("x", "9" * 5_000, 0.5, -1, 2**62, float("nan"), float("inf"), 1e300, 1e-308, "../../x", "{0.__class__}")
+TEMPLATES = (
+    "{%s:>3000000000}",
+    "{%s:.999999999f}",
+    "{%s[0]}",
+    "{%s[abc]}",
+    "{%s.__class__.__mro__}",
+    "{%s!r:>2000000000}",
+)
+CELLS: tuple[Any, ...] = (
+    "x",
+    "9" * 5_000,
+    0.5,
+    -1,
+    2**62,
+    float("nan"),
+    float("inf"),
+    1e300,
+    1e-308,
+    "../../x",
+    "{0.__class__}",
+)
 
 Change = Callable[[Path], None]
 
 
 def files_of(folder: Path, names: Sequence[str], endings: set[str]) -> list[str]:
-    """Return the files of inputs that end so, of every folder of alike names the first: as paths in the cell's folder."""
+    """Return the files of inputs that end so, the first of those whose names differ in numbers alone."""
     found: dict[str, str] = {}
     for name in names:
         root = folder / name
@@ -77,7 +96,29 @@ def other(value: object) -> Any:  # noqa: ANN401 - of the value's kind
             return str(float(value) + 2.0)
         except ValueError:
             return f"{value}x"
-    return value
+    if isinstance(value, dict) and value:
+        *before, last = value
+        return {**{name: value[name] for name in before}, last: other(value[last])}
+    return value[:-1] if isinstance(value, list) and value else "x"
+
+
+def kinds(path: Path, most: int, *, truth: bool) -> dict[str, list[tuple[str, Change]]]:
+    """Return the kinds of changes that fit a file, by their names; ``most`` of those without an end."""
+    found: dict[str, list[tuple[str, Change]]] = {}
+    found["broken bytes"], found["wide and deep"] = list(noise(most)), list(wide(path))
+    if path.suffix in RECORDS:
+        found["contradiction"] = list(contradictions(path))
+    if path.suffix == ".parquet":
+        found["cells"] = list(cells(path))
+    if path.suffix in TEXTS:
+        found["templates"] = list(templates(path))
+    if path.suffix in {".json", ".jsonl"}:
+        found["values"] = list(values())[: 4 * most]
+    if path.suffix == ".json":
+        found["numbers"] = list(numbers(path))
+    if path.suffix == ".jsonl" and truth:
+        found["emptied record"] = list(emptied(path))
+    return found
 
 
 def contradictions(path: Path) -> Iterator[tuple[str, Change]]:
@@ -165,7 +206,7 @@ def templates(path: Path) -> Iterator[tuple[str, Change]]:
         yield f"templates are {one % 'x'}", change
 
 
-def values(path: Path) -> Iterator[tuple[str, Change]]:
+def values() -> Iterator[tuple[str, Change]]:
     """Yield one strange value at one place of JSON after the other; the place follows from the value's number."""
     for number, value in enumerate(STRANGE):
 
@@ -223,7 +264,7 @@ def repack(path: Path, name: str, change: Callable[[bytes], bytes]) -> None:
             archive.writestr(one, text)
 
 
-def noise(path: Path, count: int) -> Iterator[tuple[str, Change]]:
+def noise(count: int) -> Iterator[tuple[str, Change]]:
     """Yield so many changes of bytes: cut, doubled, moved, or with tokens that nobody expects."""
     for number in range(count):
 

@@ -131,32 +131,65 @@ DRIVEN: dict[tuple[str, str], str] = {
 """(module, function) to the exercise that drives it."""
 
 NOT_DRIVEN: dict[tuple[str, str], str] = {
-    ("eyechart.bundle.comparing", "_compare_csv"): "reads a table of a bundle only where its bytes differ: tests/bundle",
+    (
+        "eyechart.bundle.comparing",
+        "_compare_csv",
+    ): "reads a table of a bundle only where its bytes differ: tests/bundle",
     ("eyechart.bundle.pages", "_compare_data"): "reads a page of a bundle only where its bytes differ: tests/bundle",
-    ("eyechart.bundle.validating", "_compare_file"): "reads a file of a bundle only where its bytes differ: tests/bundle",
-    ("eyechart.bundle.validating", "_read_results"): "reads results that differ in their bytes; mutated bundles: tests/mutated_files.py",
+    (
+        "eyechart.bundle.validating",
+        "_compare_file",
+    ): "reads a file of a bundle only where its bytes differ: tests/bundle",
+    (
+        "eyechart.bundle.validating",
+        "_read_results",
+    ): "reads results that differ in their bytes; mutated bundles: tests/mutated_files.py",
     ("eyechart.cli.options", "_json"): "reads what the user types after --body",
     ("eyechart.destination", "_head"): "reads a marker where a destination exists: tests/cli",
-    ("eyechart.episodes.ray_workers", "RayWorker.__init__"): "begins a worker of Ray, whose cluster ends it: tests/extras",
+    (
+        "eyechart.episodes.ray_workers",
+        "RayWorker.__init__",
+    ): "begins a worker of Ray, whose cluster ends it: tests/extras",
     ("eyechart.episodes.ray_workers", "join"): "joins a cluster of Ray: tests/extras",
     ("eyechart.episodes.records", "recorded"): "reads drives for a page: tests/episodes",
     ("eyechart.frames.folder", "BankWriter.leave_out"): "removes a picture that an import leaves out: tests/extras",
     ("eyechart.inspect", "_batch"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
     ("eyechart.inspect", "_rows"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
-    ("eyechart.ledger.ledger", "Ledger._migrate"): "opens a ledger of an older version: tests/test_old.py, tests/test_full_disk.py",
+    (
+        "eyechart.ledger.ledger",
+        "Ledger._migrate",
+    ): "opens a ledger of an older version: tests/test_old.py, tests/test_full_disk.py",
     ("eyechart.ledger.loss", "_set_aside"): "follows --accept-loss: tests/test_ledger_counter.py",
-    ("eyechart.models.energy", "_Package.__call__"): "reads a counter of the processor, which few machines show: tests/models",
+    (
+        "eyechart.models.energy",
+        "_Package.__call__",
+    ): "reads a counter of the processor, which few machines show: tests/models",
     ("eyechart.models.energy", "gpu_counters"): "reads a counter of a GPU: tests/models",
-    ("eyechart.models.energy", "processor_counters"): "reads a counter of the processor, which few machines show: tests/models",
+    (
+        "eyechart.models.energy",
+        "processor_counters",
+    ): "reads a counter of the processor, which few machines show: tests/models",
     ("eyechart.models.faults", "_inner"): "parses an error inside an error, in bounded length: tests/models",
-    ("eyechart.models.huggingface.checkpoint", "digest"): "reads a checkpoint of Transformers, which its user names: tests/extras",
-    ("eyechart.models.huggingface.loading", "_header"): "reads the header of a checkpoint in bounded length: tests/extras",
+    (
+        "eyechart.models.huggingface.checkpoint",
+        "digest",
+    ): "reads a checkpoint of Transformers, which its user names: tests/extras",
+    (
+        "eyechart.models.huggingface.loading",
+        "_header",
+    ): "reads the header of a checkpoint in bounded length: tests/extras",
     ("eyechart.models.ollama", "_fetched"): "asks Ollama of its model, as its user names it: tests/models",
     ("eyechart.perception.estimators", "_silent_when_free"): "parses what eyechart wrote itself",
     ("eyechart.probe.arrival", "at_size"): "opens a picture that eyechart drew itself",
     ("eyechart.report.page", "unpack"): "reads a page of a bundle only where its bytes differ: tests/bundle",
-    ("eyechart.serve.life", "_listen"): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
-    ("eyechart.serve.life", "_runner"): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
+    (
+        "eyechart.serve.life",
+        "_listen",
+    ): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
+    (
+        "eyechart.serve.life",
+        "_runner",
+    ): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
     ("eyechart.simulators.banks", "redraw"): "draws older banks again: tests/simulators",
     ("eyechart.simulators.drone.aviary", "_muted"): "mutes a simulator that only its extra has: tests/simulators",
     ("eyechart.simulators.gym.action_map", "read_map"): "converts what read_toml read: tests/simulators",

@@ -1,4 +1,4 @@
-"""A stage on which a command of eyechart runs: a forked child with a folder, limits and hooks of its own, and what it left.
+"""A stage on which a command of eyechart runs: a forked child with a folder, limits and hooks of its own.
 
 All of eyechart is imported once, and every command is a fork of that: a start costs milliseconds and not seconds.
 """
@@ -128,7 +128,8 @@ def _perform(
     for number, name in ((0, os.devnull), (1, "stdout"), (2, "stderr")):
         place = name if number == 0 else str(folder / name)
         os.dup2(os.open(place, os.O_RDWR | os.O_CREAT | os.O_TRUNC), number)
-    sys.stdin, sys.stdout, sys.stderr = (open(number, mode, 1, closefd=False) for number, mode in enumerate("rww"))
+    streams = (open(number, mode, 1, closefd=False) for number, mode in enumerate("rww"))  # noqa: SIM115 - they stay
+    sys.stdin, sys.stdout, sys.stderr = streams
     os.closerange(3, 64)
     os.environ.update({"TMPDIR": str(folder / "tmp"), "HOME": str(folder / "tmp"), "COLUMNS": "200", **environment})
     sys.path.insert(0, str(folder))
@@ -191,6 +192,4 @@ def perform(
     hook: Hook | None = None,
 ) -> Ended:
     """Run a command to its end."""
-    return finish(
-        begin(words, folder, limits=limits, environment=environment, hook=hook), folder, limits=limits
-    )
+    return finish(begin(words, folder, limits=limits, environment=environment, hook=hook), folder, limits=limits)

@@ -2,6 +2,7 @@
 
 import base64
 import codecs
+import ctypes
 import hashlib
 import json
 import os
@@ -33,6 +34,8 @@ FORMS: dict[str, Callable[[str], str]] = {
     "rot13": lambda key: codecs.encode(key, "rot13"),
 }
 """Ways in which a server can write a key that it was sent. Of the last two nobody promises that they are found."""
+_PARENT_DIED = 1
+"""The option of Linux's prctl: the signal that a process gets when its parent has ended."""
 UNPROMISED = {"reversed", "rot13"}
 
 
@@ -42,7 +45,7 @@ def handler(form: str, pause_s: float) -> type[BaseHTTPRequestHandler]:
     class Answer(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
-        def do_POST(self) -> None:  # noqa: N802 - the name of the library
+        def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
             key = (self.headers.get("Authorization") or "").removeprefix("Bearer ")
             number = hashlib.sha256(body).digest()[0]
@@ -52,7 +55,7 @@ def handler(form: str, pause_s: float) -> type[BaseHTTPRequestHandler]:
             signal.sigtimedwait([], pause_s) if pause_s else None
             self.send(status, said)
 
-        def do_GET(self) -> None:  # noqa: N802
+        def do_GET(self) -> None:
             self.send(404, "no such place")
 
         def send(self, status: int, said: str) -> None:
@@ -85,6 +88,8 @@ def serving(port: int, form: str = "", pause_s: float = 0.0) -> Iterator[str]:
     server = ThreadingHTTPServer(("127.0.0.1", port), handler(form, pause_s))
     child = os.fork()
     if child == 0:
+        ctypes.CDLL(None).prctl(_PARENT_DIED, signal.SIGKILL)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # of clients that break off
         try:
             server.serve_forever()
         finally:

@@ -1,4 +1,4 @@
-"""Has the n-th opening, change, lock, statement or start of a process fail within eyechart, as a full machine has it."""
+"""Has the n-th opening, change, lock, statement or start of a process within eyechart fail."""
 
 import builtins
 import errno
@@ -58,7 +58,7 @@ class Tripwire:
 
     def trip(self, path: object = "") -> bool:
         """Count one; return whether it is the one that fails."""
-        if isinstance(path, str | os.PathLike) and (text := os.fspath(path)) and os.path.isabs(text):
+        if isinstance(path, str | os.PathLike) and (text := os.fspath(path)) and Path(text).is_absolute():
             if not str(text).startswith(str(self.folder)):
                 return False
         elif not isinstance(path, str | os.PathLike):
@@ -101,12 +101,12 @@ class Tripwire:
         wire, usual = self, sqlite3.connect
 
         class Failing(sqlite3.Connection):
-            def execute(self, *given: Any) -> sqlite3.Cursor:  # type: ignore[override]
+            def execute(self, *given: Any) -> sqlite3.Cursor:  # type: ignore[override]  # noqa: ANN401
                 if wire.trip(""):
                     raise sqlite3.OperationalError(_SQL[wire.number])
                 return super().execute(*given)
 
-        def connect(*given: Any, **named: Any) -> sqlite3.Connection:
+        def connect(*given: Any, **named: Any) -> sqlite3.Connection:  # noqa: ANN401 - SQLite's own
             return usual(*given, **{"factory": Failing, **named})
 
         sqlite3.connect = connect  # type: ignore[assignment]

@@ -153,7 +153,10 @@ def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROW
 
     So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError goes through.
     """
-    with raising(SourceError, f"{path} cannot be read as Parquet", of=_MalformedError), plain_file(path).open("rb") as file:
+    with (
+        raising(SourceError, f"{path} cannot be read as Parquet", of=_MalformedError),
+        plain_file(path).open("rb") as file,
+    ):
         size = file.seek(0, SEEK_END)
         footer = _footer(file, size)
         schema = iter(_get(footer, 2, _LIST)[:_MOST_ELEMENTS])
