@@ -9,6 +9,7 @@ MODELS := $(VENV)/.models
 BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
 MUTANTS := $(VENV)/.mutants
+FUZZ := $(VENV)/.fuzz
 INSPECT := $(VENV)/inspect
 DOCS := $(VENV)/.docs
 EXTRAS := $(VENV)/.extras
@@ -23,7 +24,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-faults long-fuzz long-watch long-page long-kills mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -46,6 +47,8 @@ help:
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-falls   the tests of what fell in 0.2.0.dev0, on its source and on today's: each fails there, and passes now"
+	@echo "make long-doors   every door under every fault that fits it, on the source of 0.2.0.dev0 and on today's: what each finds"
+	@echo "make long-atheris what parses bytes of others, fuzzed by coverage, MINUTES=10 a target"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-kills  two hundred kills over run, merge, import, bundle, --watch, calibrate and ladder: nothing lost or left"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles, banks and data sets: an error in words each"
@@ -136,6 +139,15 @@ long-demo: $(CORE) $(OLD_PYTHON)
 long-falls: $(MODELS)
 	test -d build/0.2.0.dev0 || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) src | tar -x -C build/0.2.0.dev0; }
 	$(BIN)/python benchmarks/falls.py --old build/0.2.0.dev0/src
+
+long-doors: $(MODELS)
+	test -d build/0.2.0.dev0 || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) src | tar -x -C build/0.2.0.dev0; }
+	$(BIN)/python benchmarks/doors.py --old build/0.2.0.dev0/src
+
+MINUTES ?= 10
+
+long-atheris: $(FUZZ)
+	$(BIN)/python benchmarks/atheris_doors.py --minutes $(MINUTES)
 
 long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)
@@ -257,6 +269,10 @@ $(BROWSER): $(DEV)
 
 $(BENCH): $(DEV)
 	$(PIP) -e '.[dev,bench,transformers]'
+	@touch $@
+
+$(FUZZ): $(DEV)
+	$(PIP) -e '.[dev,fuzz]'
 	@touch $@
 
 $(MUTANTS): $(DEV)
