@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import os
 import sys
 from pathlib import Path
 
@@ -25,6 +26,21 @@ def test_a_file_system_without_locks_gets_words(number: int, tmp_path: Path, mon
         pytest.fail("it is not held")
     with pytest.raises(BankError, match=says), own_folder(tmp_path / "bank", BankError):
         pytest.fail("it is not held")
+
+
+def test_a_folder_that_cannot_be_locked_is_in_nobodys_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is gone, and the same command goes on once the fault has passed."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as fault, pytest.raises(BankError):
+        fault.setattr(os, "open", full)
+        with own_folder(tmp_path / "bank", BankError):
+            pytest.fail("it is not held")
+    assert list(tmp_path.iterdir()) == []
+    with own_folder(tmp_path / "bank", BankError) as work:
+        assert work.is_dir()
 
 
 def test_where_locks_are_not_there_at_all_a_file_stands_for_one(tmp_path: Path) -> None:

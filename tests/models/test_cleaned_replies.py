@@ -69,6 +69,7 @@ FORMS = {
     "base64 twice": base64.b64encode(BASE64.encode()).decode(),
     "base64 in hex": BASE64.encode().hex(),
     "URL-safe base64": base64.urlsafe_b64encode(RAW).decode(),
+    "lines": "\n".join(textwrap.wrap(KEY, 8)),
     "MIME": "\r\n".join(textwrap.wrap(BASE64, 8)),
     "MIME in JSON": "\\r\\n".join(textwrap.wrap(BASE64, 8)),
     **{f"base64 after {lead}": base64.b64encode(b"x" * lead + RAW + b".").decode() for lead in range(3)},

@@ -136,7 +136,7 @@ def read_episodes(path: Path) -> Iterator[Episode]:
     Raises LedgerError with the line, the field and what to do, for anything else that is none.
     """
     file = path / EPISODES
-    if not file.is_file():
+    if not file.exists():
         return
     lines = plain_file(file).read_bytes().split(b"\n")
     for number, line in enumerate(lines[:-1], 1):
