@@ -34,10 +34,11 @@ def test_a_folder_that_cannot_be_locked_is_in_nobodys_way(tmp_path: Path, monkey
     def full(*_: object) -> None:
         raise OSError(errno.EMFILE, "Too many open files")
 
-    with monkeypatch.context() as fault, pytest.raises(BankError):
+    with monkeypatch.context() as fault:
         fault.setattr(os, "open", full)
-        with own_folder(tmp_path / "bank", BankError):
-            pytest.fail("it is not held")
+        held = own_folder(tmp_path / "bank", BankError)
+        with pytest.raises(BankError):
+            held.__enter__()
     assert list(tmp_path.iterdir()) == []
     with own_folder(tmp_path / "bank", BankError) as work:
         assert work.is_dir()
