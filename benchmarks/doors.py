@@ -98,6 +98,7 @@ def main() -> int:
     found = {
         "version": eyechart.__version__,
         "date": dt.datetime.now(tz=dt.UTC).date().isoformat(),
+        "most of a kind without an end": given.most,
         "falls found before": sum(map(bool, falls.values())),
         "wrong now": sum(map(bool, now.values())),
         "falls": {name: {"cells": len(cells), "such as": cells[:SHOWN]} for name, cells in falls.items()},

@@ -16,7 +16,7 @@ from banks import build_bank
 from eyechart import cli
 from eyechart.calls import Query
 from eyechart.episodes.records import read_episodes
-from eyechart.errors import BankError, EyechartError
+from eyechart.errors import BankError, EyechartError, LedgerError
 from eyechart.frames import Stimulus, open_bank
 from eyechart.ledger import Ledger
 from eyechart.loops import in_own_loop
@@ -24,6 +24,8 @@ from eyechart.manifest import read_manifest
 from eyechart.models import ask
 from eyechart.models.python_callable import PythonCallable
 from eyechart.modes import RequestMode
+from eyechart.overview import read_index
+from eyechart.studies import Reading, study_of
 
 
 @pytest.mark.parametrize(
@@ -127,3 +129,23 @@ def test_a_pipe_in_a_run_is_refused_in_words(name: str, read: Callable[[Path], o
     in_its_place(tmp_path / name)
     with pytest.raises((EyechartError, OSError)):
         read(tmp_path)
+
+
+def test_a_run_that_cannot_be_read_is_not_taken_for_one_of_another_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is said, and an index of it and others says it in its place."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text("{}")
+    usual = Path.read_text
+
+    def broken(path: Path, *given: str, **named: str) -> str:
+        if path.name == "run.json":
+            raise OSError(5, "Input/output error", str(path))
+        return usual(path, *given, **named)
+
+    monkeypatch.setattr(Path, "read_text", broken)
+    with pytest.raises(LedgerError, match=r"run\.json cannot be read: Input/output error"):
+        study_of(tmp_path / "run")
+    (entry,) = read_index(tmp_path, Reading(), print)
+    assert "cannot be read: Input/output error" in repr(entry)

@@ -5,6 +5,7 @@ import html
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -95,13 +96,21 @@ def read_index(folder: Path, reading: Reading, tell: Tell) -> list[Entry]:
 
 
 def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
-    study = study_of(run)
+    study = open_study("battery")
     try:
+        study = study_of(run)
         findings = study.findings(study.score(run, reading))
         yield from _described(name, run, study, findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT))
     except EyechartError as error:
         unread = Finding(UNREAD, "bad", marks=(printable(str(error)),))
-        yield Entry(name, study.runs_are, _moment(run_json(run).get("created")), "", "", (), unread)
+        yield Entry(name, study.runs_are, _moment(_created(run)), "", "", (), unread)
+
+
+def _created(run: Path) -> object:
+    """Return when a run says that it was made; None where that cannot be read either."""
+    with suppress(EyechartError):
+        return run_json(run).get("created")
+    return None
 
 
 def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, Finding]) -> Iterator[Entry]:

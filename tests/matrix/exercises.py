@@ -100,6 +100,8 @@ class Exercise:
     parents: bool = False
     serves: bool = False
     asks: bool = False
+    page: str = ""
+    """A page that it makes, which says itself of what cannot be scored that it cannot, and why."""
     truth: bool = False
     """Whether what it prints is a judgement of what it reads: a record that is made empty is to be named."""
 
@@ -259,7 +261,14 @@ _LIST = (
         ("film.mp4",),
         arrow=True,
     ),
-    Exercise("index", (("report", ".", "--out", "pages"),), ("run", "drives", "bank"), files("pages"), ("pages",)),
+    Exercise(
+        "index",
+        (("report", ".", "--out", "pages"),),
+        ("run", "drives", "bank"),
+        files("pages"),
+        ("pages",),
+        page="pages",
+    ),
     Exercise("list", (("list", "models"), ("list", "modes"), ("list", "modes", "structured-qwen3.5-9b")), (), printed),
     Exercise(
         "fit",

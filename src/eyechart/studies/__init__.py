@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from eyechart.costs import ALL, Account, Unread, unread
-from eyechart.errors import SpecError, plain_file
+from eyechart.errors import LedgerError, SpecError, plain_file, why
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
@@ -366,11 +366,17 @@ def names_of(runs: Sequence[Path]) -> list[str]:
 
 
 def run_json(folder: Path) -> Mapping[str, object]:
-    """Return what a folder's ``run.json`` says, nothing where there is none that can be read."""
+    """Return what a folder's ``run.json`` says, nothing where there is none, or what stands there is none.
+
+    Raises LedgerError where the system does not let it be read: the run would be taken for one of another study.
+    """
+    file = folder / RUN
     try:
-        found = parse_json(plain_file(folder / RUN).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        found = parse_json(plain_file(file).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return {}
+    except OSError as error:
+        raise LedgerError(f"{file} cannot be read: {why(error)}") from error
     return found if isinstance(found, dict) else {}
 
 

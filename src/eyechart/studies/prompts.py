@@ -139,16 +139,24 @@ def cells_in(out: Path) -> list[Path]:
     return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
 
 
+def _read_cells(folder: Path) -> list[Mapping[str, object]]:
+    """Return what the runs in a folder say of themselves; none where one cannot be read, which its scoring says."""
+    try:
+        return [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+    except LedgerError:
+        return []
+
+
 def is_study(folder: Path) -> bool:
     """Return whether a folder's runs are the cells of one study: the same models and frames, each asked otherwise."""
-    cells = [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+    cells = _read_cells(folder)
     alike = {json.dumps([one.get(name) for name in _ALIKE], sort_keys=True) for one in cells}
     return len(alike) == 1 < len(cells) == len({repr([one.get("prompt"), one.get("modes")]) for one in cells})
 
 
 def may_be_study(folder: Path) -> bool:
     """Return whether runs in a folder may be cells of one study that ask other models: each has a prompt of its own."""
-    cells = [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+    cells = _read_cells(folder)
     alike = {json.dumps([one.get(name) for name in _ALIKE if name != "models"], sort_keys=True) for one in cells}
     return len(alike) == 1 < len(cells) == len({repr(one.get("prompt")) for one in cells})
 
