@@ -13,6 +13,7 @@ import policies_by_hand
 from eyechart.conditions import CONTROLS
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
+from eyechart.stats.association import Association
 from eyechart.stats.evalues import EValue
 from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts, SignTest
 from eyechart.stats.statistic import Statistic
@@ -157,7 +158,7 @@ def net(b: int, c: int, n: int, low: float) -> Discordant:
 
 PAPER: Found = {
     "unparsed_rate": Statistic(0.0, 1152),
-    "cramers_v": Statistic(0.5, 1152, p=LOW, detail={"rows": ["real", "blank"]}),
+    "cramers_v": Association(0.5, 1152, p=LOW, groups=2),
     "cramers_v.decision": p(LOW),
     "cramers_v_real_blank": Statistic(0.4, 288, p=0.02),
     "cramers_v_real_blank.decision": Statistic(0.1, 288, p=0.3),
@@ -422,8 +423,8 @@ def cases() -> dict[str, Evidence]:
             "clears_floor": share(0.0),
             "cramers_v": replace(PAPER["cramers_v"], p=0.05),
         },
-        "one condition": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": ["real"]})},
-        "no conditions": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": 2})},
+        "one condition": {"cramers_v": Association(0.5, 1152, p=LOW, groups=1)},
+        "no conditions": {"cramers_v": Association(0.5, 1152, p=LOW)},
     }
     made |= {f"paper: {name}": blind(**one) for name, one in paper.items()}
     found = {name: evidence(one) for name, one in made.items()}

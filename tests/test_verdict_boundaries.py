@@ -4,6 +4,7 @@ import pytest
 
 from by_hand import HIGH, JUST_BELOW, LOW, SILENT, Found, blind, coin, least, nothing_known, p, reader, share
 from eyechart.stats.agreement import SwapRate
+from eyechart.stats.association import Association
 from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
@@ -271,14 +272,11 @@ def test_turns_are_clear_where_both_tests_reject_at_one_percent() -> None:
     assert not earns_lateral(nothing_known(), "one_sided")
 
 
-ASKED = {"rows": ["real", "blank"]}
-
-
 def paper(corrected: float | None = LOW, **changes: Statistic) -> str:
     """Return the paper's label of a graded reader whose turns do not swap, some of its statistics replaced."""
     found = {
         "unparsed_rate": share(0.0),
-        "cramers_v": Statistic(0.5, 288, p=LOW, detail=ASKED),
+        "cramers_v": Association(0.5, 288, p=LOW, groups=2),
         "cramers_v.decision": p(LOW),
         "clears_floor": share(1.0),
         "idi": share(0.5),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,13 @@ def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
     return Contingency(table, tuple(rows.tolist()), tuple(columns.tolist()))
 
 
+@dataclass(frozen=True, slots=True)
+class Association(Statistic):
+    """An association of answers with the groups that they were given to: how many groups there are."""
+
+    groups: int = field(default=0, repr=False)
+
+
 def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return the chi-squared statistic of independence and its p.
 
@@ -85,10 +92,12 @@ def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     chi2 = chi2_test(table, correction=correction)
     if chi2.value is None or chi2.detail is None:
         return cannot_say(chi2.note, method="Cramér's V")
-    shorter = min(_occupied(table).shape)
+    groups, answers = _occupied(table).shape
+    shorter = min(groups, answers)
     v = math.sqrt(chi2.value / (chi2.n * (shorter - 1))) if shorter > 1 else 0.0
     detail = {"chi2": chi2.value, **chi2.detail}
-    return Statistic(v, chi2.n, p=chi2.p, method=f"Cramér's V, {chi2.method}", note=chi2.note, detail=detail)
+    method = f"Cramér's V, {chi2.method}"
+    return Association(v, chi2.n, p=chi2.p, method=method, note=chi2.note, detail=detail, groups=groups)
 
 
 def entropy_bits(labels: npt.ArrayLike) -> Statistic:

@@ -4,15 +4,27 @@ Number 6 of docs/decisions has them, and number 38 what depth needs beside its f
 """
 
 import math
+from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
 from eyechart.stats.agreement import SwapRate, trials_needed
 from eyechart.stats.paired import Discordant, SignTest, pairs_to_bound
-from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.controls import ABSENT, DOSE, EXCHANGE, NUDGED, below, failures, lacking
-from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, SWAP_RATE, UNPARSED_CUT
-from eyechart.verdicts.ruling import Ruling, decided, p_value
+from eyechart.verdicts.controls import ABSENT, ASKED, CONTROLS, DOSE, EXCHANGE, LACKING, NUDGED, below
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
+from eyechart.verdicts.rules import (
+    Axis,
+    Clause,
+    Found,
+    Rule,
+    compared,
+    fact,
+    missing,
+    p_below,
+    p_from,
+    there,
+)
+from eyechart.verdicts.ruling import Reason, Ruling, p_value
 
 CONTENT = {
     "content_shuffled": "another frame of the scenario",
@@ -31,23 +43,6 @@ NO_PICTURES = ("noise", "text_only")
 """Likewise, where decisions are said not to come from the camera at all."""
 
 
-def calibrated_rules(found: Mapping[str, Statistic], *, turns: bool) -> tuple[Ruling, str]:
-    """Return the calibrated label, and how well the question of distance was put, see `grade`.
-
-    ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
-    """
-    evidence, unparsed = grade(found), found["unparsed_reference"]
-    if unparsed.value is None:
-        words = "no call with the real picture has come back"
-        return decided("undecided", "unparsed_reference", None, words), evidence
-    if unparsed.value > UNPARSED_CUT:
-        return decided("not_scorable", "unparsed_reference", unparsed, "above {cut}", cut=UNPARSED_CUT), evidence
-    ruling = _depth(found, turns=turns)
-    for rule in (*POSITIVE, _invariant):
-        ruling = ruling or rule(found)
-    return ruling or _undecided(found), evidence
-
-
 def grade(found: Mapping[str, Statistic]) -> str:
     """Return how well the question of distance was put: controlled, interventional, observational or none."""
     if found["depth_interventional"].p is not None:
@@ -55,9 +50,7 @@ def grade(found: Mapping[str, Statistic]) -> str:
     return "none" if found["depth_observational"].p is None else "observational"
 
 
-def controls_wanted(
-    found: Mapping[str, Statistic], *, supplied: Collection[str], asked: Collection[str]
-) -> tuple[str, ...]:
+def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
     """Return the control conditions to ask next, of those ``supplied`` by the bank and not ``asked`` yet.
 
     None where nothing that could be claimed so far could be taken away by a control. It depends on the statistics
@@ -84,52 +77,16 @@ def _may_be_blind(found: Mapping[str, Statistic], ruling: Ruling) -> bool:
     return ruling.label == "undecided" and ruling.statistic is not None and not below(found["repeat_over_nudged"].p)
 
 
-def _depth(found: Mapping[str, Statistic], *, turns: bool) -> Ruling | None:
-    """Return what its braking earns: by all seven conditions, by the first and no failure, or by one that fails."""
-    name = "depth_observational" if found["depth_interventional"].p is None else "depth_interventional"
-    first, harder = found[name], "it brakes harder where the lead is nearer"
-    if not below(first.p) or below(found["repeat_over_nudged"].p):
-        return None
-    if name == "depth_observational":
-        return decided("depth_associated", name, first, "{harder}; nothing was moved", harder=harder)
-    failed = next(failures(found), None)
-    if failed is not None:
-        words = "{harder}, but {but}"
-        return decided("content", failed.statistic, found[failed.statistic], words, harder=harder, but=failed.says)
-    open_one = next(lacking(found), None)
-    if open_one is not None:
-        return decided("depth_associated", name, first, "{harder}; {but}", harder=harder, but=open_one.says)
-    words = "{harder}, and every control holds"
-    return decided("depth_lateral" if turns else "depth", name, first, words, harder=harder)
+MOVED = p_below("depth_interventional", ALPHA)
+NO_FILE = p_from("repeat_over_nudged", ALPHA)
+"""What depth begins with: it brakes harder for the nearer lead, and does not follow the file."""
+
+NO_CONTENT = (there("bound_content_shuffled"), p_from("repeats_together", ALPHA))
 
 
-def _content(found: Mapping[str, Statistic]) -> Ruling | None:
-    for name, p in zip(CONTENT, holm([found[name].p for name in CONTENT]), strict=True):
-        nudged = found[name.replace("content_", "content_nudged_")].p
-        if below(p) and (nudged is None or below(nudged)):
-            words = "{what} changes its answer more than a repeat does"
-            return decided("content", name, found[name], words, what=CONTENT[name])
-    return None
-
-
-def _self_inconsistent(found: Mapping[str, Statistic]) -> Ruling | None:
-    """Ask the repeat alone, which is the same picture, and all pictures that call for one answer, which are more."""
-    differs, kappa = found["self_disagreement"], found["kappa"]
-    if differs.ci is None or differs.ci[0] <= FLOOR or kappa.value is None or kappa.ci is None:
-        return None
-    if kappa.value >= FLOOR or kappa.ci[0] > 0:  # above chance, however little
-        return None
-    if not all(below(found[name].p) for name in ("bound_kappa", "kappa_pooled")):
-        return None
-    words = "it disagrees with itself on the same picture (s = {s}), about as often as chance would"
-    return decided("self_inconsistent", "kappa_pooled", found["kappa_pooled"], words, s=differs)
-
-
-def _scene_cue(found: Mapping[str, Statistic]) -> Ruling | None:
-    cue = found["scene_cue"]
-    if not below(cue.p):
-        return None
-    return decided("scene_cue", "scene_cue", cue, "another scenario changes its answer more than another frame does")
+def _bounds(levels: Mapping[str, float]) -> tuple[Clause, ...]:
+    """Return the bounds that an absence of content needs, each with its level; one that was not tested is not open."""
+    return tuple(p_below(name, alpha, untested=True) for name, alpha in levels.items())
 
 
 def _levels(changes: Sequence[str]) -> dict[str, float]:
@@ -137,74 +94,142 @@ def _levels(changes: Sequence[str]) -> dict[str, float]:
     return dict.fromkeys(STRICT[:3], ALPHA) | {f"bound_{name}": BOUND_ALPHA for name in changes}
 
 
-def _open(found: Mapping[str, Statistic], levels: Mapping[str, float]) -> dict[str, Statistic]:
-    """Return the bounds that were tested and do not hold."""
-    made = {name: found[name] for name in levels if found[name].p is not None}
-    return {name: bound for name, bound in made.items() if not below(bound.p, levels[name])}
+_OF_CONTENT = _bounds(_levels(CHANGES))
+_OF_ALL = _bounds(_levels((*CHANGES, *NO_PICTURES)))
+_BLANK = p_below("bound_blank", ALPHA)
+_PRESENCE = p_below("presence", ALPHA)
+_HARDER = "it brakes harder where the lead is nearer"
 
 
-def _bounded(found: Mapping[str, Statistic], changes: Sequence[str]) -> bool:
-    """Return whether every effect of content that could be tested is bounded below the margin, and none is shown."""
-    if found["bound_content_shuffled"].p is None or below(found["repeats_together"].p):
-        return False
-    return not _open(found, _levels(changes))
-
-
-def _presence(found: Mapping[str, Statistic]) -> Ruling | None:
-    presence = found["presence"]
-    if not below(presence.p) or not _bounded(found, CHANGES):
-        return None
-    words = "real and blank differ, and the effect of content is below {margin}"
-    return decided("presence_only", "presence", presence, words, margin=MARGIN)
-
-
-def _refusal(found: Mapping[str, Statistic]) -> Ruling | None:
-    response = found["presence_response"]
-    if not below(response.p) or below(found["presence"].p) or not _bounded(found, (*CHANGES, *NO_PICTURES)):
-        return None
-    words = "real and blank differ in outputs, not in decisions"
-    return decided("refusal_effect", "presence_response", response, words)
-
-
-POSITIVE = (_content, _self_inconsistent, _scene_cue, _presence, _refusal)
-"""The rules of positive claims below depth, in the order in which they are tried; those of ``content`` by Holm."""
-
-
-def _invariant(found: Mapping[str, Statistic]) -> Ruling | None:
-    blank = found["bound_blank"]
-    if not below(blank.p) or not _bounded(found, (*CHANGES, *NO_PICTURES)):
-        return None
-    words = "the effects of a blank picture and of content are both below {margin}"
-    return decided("image_invariant", "bound_blank", blank, words, margin=MARGIN)
-
-
-def _undecided(found: Mapping[str, Statistic]) -> Ruling:
-    """Say what stands in the way of every claim: a file that is followed, no answers, an effect, or few frames."""
-    nudged = found["repeat_over_nudged"]
-    if below(nudged.p):
-        words = (
-            "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
-            "the file, or a cache answered, and neither is sight"
-        )
-        return decided("undecided", "repeat_over_nudged", nudged, words)
-    for condition, name in (("shuffled", "content_shuffled"), ("blank", "blank")):
-        if found[f"bound_{name}"].p is None:
-            words = "no frame has decisions on real, real_repeat and {condition}, so no absence can be bounded"
-            return decided("undecided", f"bound_{name}", None, words, condition=condition)
-    if below(found["repeats_together"].p):
-        words = "some pictures get another answer than most, and get it twice; what is in them was not shown"
-        return decided("undecided", "repeats_together", found["repeats_together"], words)
-    levels = _levels((*CHANGES, *NO_PICTURES)) | {"bound_blank": ALPHA}
-    if below(found["presence"].p):  # the effect of a blank is shown; what is open is the effect of content
-        levels = _levels(CHANGES)
-    open_ones = _open(found, levels)  # never none: were every bound to hold, a rule above would have decided
-    name, bound = max(open_ones.items(), key=lambda item: item[1].p or 0.0)
-    needed = frames_to_bound(bound, levels[name])
+def _open_bound(found: Found, clause: Clause | None) -> Reason:
+    """Say of the bound that is open whether there is an effect, or how many frames would decide."""
+    assert clause is not None
+    alpha = ALPHA if clause.statistic in STRICT else BOUND_ALPHA
+    needed = frames_to_bound(found[clause.statistic], alpha)
     if needed is None:
         words = "{what} changes its decision more than a repeat does, which no rule makes a claim of"
-        return decided("undecided", name, bound, words, what=name.removeprefix("bound_").removeprefix("content_"))
+        what = clause.statistic.removeprefix("bound_").removeprefix("content_")
+        return Reason(words, {"what": what})
     words = "no test decided; an effect of {margin} is not excluded ({under}, about {need} frames would)"
-    return decided("undecided", name, bound, words, margin=MARGIN, need=needed[0], under=needed[1])
+    return Reason(words, {"margin": MARGIN, "need": needed[0], "under": needed[1]})
+
+
+def _no_answer(name: str, condition: str) -> Rule:
+    words = f"no frame has decisions on real, real_repeat and {condition}, so no absence can be bounded"
+    return Rule("undecided", name, (missing(name),), words, quiet=True)
+
+
+DISTANCE = Axis(
+    "distance",
+    (
+        Rule(
+            "undecided",
+            "unparsed_reference",
+            (missing("unparsed_reference", "value"),),
+            "no call with the real picture has come back",
+            quiet=True,
+        ),
+        Rule(
+            "not_scorable",
+            "unparsed_reference",
+            (compared("unparsed_reference", "value", ">", UNPARSED_CUT),),
+            f"above {UNPARSED_CUT}",
+        ),
+        Rule("content", "", (MOVED, NO_FILE), f"{_HARDER}, but {{but}}", broken=CONTROLS),
+        *(
+            Rule(
+                label,
+                "depth_interventional",
+                (MOVED, NO_FILE, *CONTROLS, *ASKED, *turns),
+                f"{_HARDER}, and every control holds",
+            )
+            for label, turns in (
+                ("depth_lateral", (compared("lateral_earned", "value", ">=", 1.0),)),
+                ("depth", ()),
+            )
+        ),
+        Rule("depth_associated", "depth_interventional", (MOVED, NO_FILE), f"{_HARDER}; {{but}}", open_to=LACKING),
+        Rule(
+            "depth_associated",
+            "depth_observational",
+            (missing("depth_interventional"), p_below("depth_observational", ALPHA), NO_FILE),
+            f"{_HARDER}; nothing was moved",
+        ),
+        *(
+            Rule(
+                "content",
+                name,
+                (
+                    p_below(name, ALPHA, family=tuple(CONTENT)),
+                    p_below(name.replace("content_", "content_nudged_"), ALPHA, untested=True),
+                ),
+                f"{what} changes its answer more than a repeat does",
+            )
+            for name, what in CONTENT.items()
+        ),
+        Rule(
+            "self_inconsistent",
+            "kappa_pooled",
+            (
+                compared("self_disagreement", "low", ">", FLOOR),
+                compared("kappa", "value", "<", FLOOR),
+                compared("kappa", "low", "<=", 0.0),
+                p_below("bound_kappa", ALPHA),
+                p_below("kappa_pooled", ALPHA),
+            ),
+            "it disagrees with itself on the same picture (s = {self_disagreement}), about as often as chance would",
+        ),
+        Rule(
+            "scene_cue",
+            "scene_cue",
+            (p_below("scene_cue", ALPHA),),
+            "another scenario changes its answer more than another frame does",
+        ),
+        Rule(
+            "presence_only",
+            "presence",
+            (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
+            f"real and blank differ, and the effect of content is below {MARGIN}",
+        ),
+        Rule(
+            "refusal_effect",
+            "presence_response",
+            (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
+            "real and blank differ in outputs, not in decisions",
+        ),
+        Rule(
+            "image_invariant",
+            "bound_blank",
+            (_BLANK, *NO_CONTENT, *_OF_ALL),
+            f"the effects of a blank picture and of content are both below {MARGIN}",
+        ),
+        Rule(
+            "undecided",
+            "repeat_over_nudged",
+            (p_below("repeat_over_nudged", ALPHA),),
+            "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
+            "the file, or a cache answered, and neither is sight",
+        ),
+        _no_answer("bound_content_shuffled", "shuffled"),
+        _no_answer("bound_blank", "blank"),
+        Rule(
+            "undecided",
+            "repeats_together",
+            (p_below("repeats_together", ALPHA),),
+            "some pictures get another answer than most, and get it twice; what is in them was not shown",
+        ),
+        # where the effect of a blank is shown, what is open is the effect of content
+        Rule("undecided", needs=(_PRESENCE,), says=_open_bound, broken=_OF_CONTENT, worst=True),
+        Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
+    ),
+)
+"""The calibrated labels, in the order in which they are tried."""
+
+CLAIMS = len(
+    {rule.label for rule in DISTANCE.rules}
+    & {"depth", "content", "self_inconsistent", "scene_cue", "presence_only", "refusal_effect"}
+)
+"""So many positive claims are tested, each at alpha."""
 
 
 def frames_to_bound(bound: Statistic, alpha: float) -> tuple[int, str] | None:
@@ -247,41 +272,122 @@ def earns_lateral(found: Mapping[str, Statistic], label: str) -> bool:
     return label == "turns_clear" or (label == "swaps" and not isinstance(found["turns_clear"], SignTest))
 
 
-def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ruling:
-    """Return the lateral label: whether directions are exchanged under reflection, and go to the clear side.
+_SWAP = "mirror_swap_rate"
 
-    ``seen`` counts each direction over the decisions on pictures and on their reflections.
+
+def lateral_facts(found: Found, seen: Mapping[str, int]) -> Mapping[str, Statistic]:
+    """Return what else the lateral rules read, of ``seen``, which counts each direction over pictures and reflections.
+
+    Whether turns could be exchanged, whether every direction was given, and which alone, of eight answers at least.
     """
-    swap, name = found["mirror_swap_rate"], "mirror_swap_rate"
-    if not isinstance(swap, SwapRate):
-        return decided("not_tested", name, None, "{note}", note=swap.note)
-    if sum(seen.values()) >= 8 and sum(count > 0 for count in seen.values()) == 1:
-        only = next(direction for direction, count in seen.items() if count)
-        return decided(
-            "one_sided", name, swap, "{only} is the only direction it ever gives, mirrored or not", only=only
-        )
-    if swap.value is None or swap.ci is None or swap.p is None or swap.chance is None:
-        return decided("no_power", name, None, "no directional decision; up to {need} are needed", need=_turns_for(0.5))
-    both = all(count > 0 for count in seen.values())
-    if both and swap.value >= SWAP_RATE and swap.ci[0] > swap.chance and swap.p < ALPHA:
-        return _swaps(found, swap)
-    if swap.ci[1] < SWAP_RATE:
-        words = "directions are exchanged in less than {share} of the cases"
-        return decided("does_not_swap", name, swap, words, share=SWAP_RATE)
-    words, need = "{n} directional decisions would tell a rate of .65 from chance", _turns_for(swap.chance)
+    given = [direction for direction, count in seen.items() if count]
+    alone = len(given) == 1 and sum(seen.values()) >= ONE_SIDED_FROM
+    return {
+        **fact("turns_reflected", isinstance(found[_SWAP], SwapRate)),
+        **fact("every_direction", len(given) == len(seen)),
+        "one_direction": Statistic(float(alone), sum(seen.values()), note=given[0] if alone else ""),
+    }
+
+
+def _few_turns(found: Found, clause: Clause | None) -> Reason:
+    """Say how many directions would tell, or that those which there are do not."""
+    del clause
+    swap = found[_SWAP]
+    need = _turns_for(getattr(swap, "chance", None) or 0.0)
     if need <= swap.n:
-        words, need = "its {n} directional decisions do not tell whether it exchanges half of them", swap.n
-    return decided("no_power", name, swap, words, n=need)
+        words = "its {n} directional decisions do not tell whether it exchanges half of them"
+        return Reason(words, {"n": swap.n})
+    return Reason("{n} directional decisions would tell a rate of .65 from chance", {"n": need})
 
 
-def _swaps(found: Mapping[str, Statistic], swap: SwapRate) -> Ruling:
-    """Return what turns earn that are exchanged: that they go to the clear side, where that was tested and holds."""
-    clear, within, against = (found[f"turns_{name}"] for name in ("clear", "clear_within", "against"))
-    if below(against.p, BOUND_ALPHA) and against.value is not None and against.value > MARGIN:
-        words = "directions are exchanged, but {share:.2f} of its turns, beyond its noise, go to the blocked side"
-        return decided("swaps", "turns_against", against, words, share=against.value)
-    if below(clear.p) and below(within.p):
-        words = "directions are exchanged and go to the clear side, within each lane too (p = {within})"
-        return decided("turns_clear", "turns_clear", clear, words, within=p_value(within.p or 0.0))
-    words = "directions are exchanged, chance is {chance:.2f}"
-    return decided("swaps", "mirror_swap_rate", swap, words, chance=swap.chance)
+def _not_reflected(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    return Reason("{note}", {"note": found[_SWAP].note})
+
+
+def _one_direction(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    return Reason("{only} is the only direction it ever gives, mirrored or not", {"only": found["one_direction"].note})
+
+
+def _to_the_clear_side(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    words = "directions are exchanged and go to the clear side, within each lane too (p = {within})"
+    return Reason(words, {"within": p_value(found["turns_clear_within"].p or 0.0)})
+
+
+def _to_the_blocked_side(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    words = "directions are exchanged, but {share:.2f} of its turns, beyond its noise, go to the blocked side"
+    return Reason(words, {"share": found["turns_against"].value})
+
+
+def _exchanged(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    return Reason("directions are exchanged, chance is {chance:.2f}", {"chance": getattr(found[_SWAP], "chance", None)})
+
+
+_SWAPS = (
+    compared("every_direction", "value", ">=", 1.0),
+    compared(_SWAP, "value", ">=", SWAP_RATE),
+    compared(_SWAP, "low", ">", "chance"),
+    p_below(_SWAP, ALPHA),
+)
+
+LATERAL_AXIS = Axis(
+    "lateral",
+    (
+        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), _not_reflected, quiet=True),
+        Rule(
+            "one_sided",
+            _SWAP,
+            (compared("one_direction", "value", ">=", 1.0),),
+            _one_direction,
+        ),
+        *(
+            Rule(
+                "no_power",
+                _SWAP,
+                (missing(_SWAP, reads),),
+                f"no directional decision; up to {_turns_for(0.5)} are needed",
+                quiet=True,
+            )
+            for reads in ("value", "low", "p", "chance")
+        ),
+        Rule(
+            "swaps",
+            "turns_against",
+            (*_SWAPS, p_below("turns_against", BOUND_ALPHA), compared("turns_against", "value", ">", MARGIN)),
+            _to_the_blocked_side,
+        ),
+        Rule(
+            "turns_clear",
+            "turns_clear",
+            (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA)),
+            _to_the_clear_side,
+        ),
+        Rule("swaps", _SWAP, _SWAPS, _exchanged),
+        Rule(
+            "does_not_swap",
+            _SWAP,
+            (compared(_SWAP, "high", "<", SWAP_RATE),),
+            f"directions are exchanged in less than {SWAP_RATE} of the cases",
+        ),
+        Rule("no_power", _SWAP, says=_few_turns),
+    ),
+)
+"""Whether directions are exchanged under reflection, and go to the clear side."""
+
+
+def lateral_rules(found: Found, seen: Mapping[str, int]) -> Ruling:
+    """Return the lateral label; ``seen`` counts each direction over the decisions on pictures and their reflections."""
+    return LATERAL_AXIS.evaluate(ChainMap(dict(lateral_facts(found, seen)), found))  # type: ignore[arg-type]
+
+
+def calibrated_rules(found: Found, *, turns: bool) -> tuple[Ruling, str]:
+    """Return the calibrated label, and how well the question of distance was put, see `grade`.
+
+    ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
+    """
+    known = ChainMap(dict(fact("lateral_earned", turns)), found)  # type: ignore[arg-type]
+    return DISTANCE.evaluate(known), grade(found)

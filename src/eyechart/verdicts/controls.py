@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from eyechart.stats.paired import Part, Parts
-from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import (
     ALPHA,
@@ -20,6 +19,7 @@ from eyechart.verdicts.labels import (
     UNPARSED_CUT,
     VETO_POWER,
 )
+from eyechart.verdicts.rules import Clause, Reading, p_below, p_from, said_of
 from eyechart.verdicts.ruling import measured
 
 EXCHANGE = ("lane_own", "lane_beside")
@@ -44,15 +44,7 @@ VETOES = {"dose_bins": DOSE_ALPHA, "scenario_reversed": SCENARIO_ALPHA}
 OPEN = ("depth_net", "lane_exchange", "lane_net")
 """The conditions that fail where an effect is not shown; the others fail where a reversal is."""
 
-ORDER = {
-    "dose_lost": "less hard the nearer on more frames than its noise explains",
-    "dose_by_frame": "the wrong way round on some of the frames, each time",
-    "twice_lost": "the wrong way round at one end, in both pictures of it",
-    "dose_scan": "less hard the nearer somewhere between",
-}
-"""What each test of the order means where it rejects; of all but the last also more frames than `BOTH_LOST`."""
-
-LOST = {
+_HARDER = {
     "near_far_lost": "harder for the far lead on more frames than its noise explains",
     "lane_lost": "harder for the neighbour on more frames than its noise explains",
     "both_lost": "the wrong way round on a share of the frames of their own",
@@ -61,24 +53,108 @@ LOST = {
 }
 """What each share of pairs that are lost means where it is too large."""
 
+_ORDER = {
+    "dose_lost": "less hard the nearer on more frames than its noise explains",
+    "dose_by_frame": "the wrong way round on some of the frames, each time",
+    "twice_lost": "the wrong way round at one end, in both pictures of it",
+    "dose_scan": "less hard the nearer somewhere between",
+}
+"""What each test of the order means where it rejects; of all but the last also more frames than `BOTH_LOST`."""
+
+
+def _net(name: str, but: str) -> Clause:
+    """Return that the lower end of a net effect reaches the margin."""
+    reaches = Reading("low", ">=", MARGIN)
+    return Clause(name, (reaches,), but, f"lower bound of {MARGIN} at least", untested=True)
+
+
+def _step(name: str) -> Clause:
+    """Return that a step of the dose is not reversed; without it there is no dose."""
+    return Clause(
+        name,
+        (Reading("p", ">=", DOSE_ALPHA),),
+        but="less hard at one of the distances between than at a farther one",
+        needs=f"p of a reversal, corrected, of {DOSE_ALPHA} at least",
+        unasked="whether its braking falls with distance all the way was not tested",
+        family=STEPS,
+        conditions=DOSE,
+    )
+
+
+def _veto(name: str, where: str) -> Clause:
+    """Return that no part of a bank shows a reversal."""
+    needs = f"p of a reversal, corrected, of {VETOES[name]} at least"
+    return p_from(name, VETOES[name], but=f"less hard the nearer {where} ({{note}})", needs=needs)
+
+
+def _lost(name: str) -> Clause:
+    """Return that not too many pairs are lost: of any comparison also beyond what few frames leave open."""
+    most = {"ends_lost": ENDS_LOST, "any_lost": ANY_LOST}.get(name, BOTH_LOST)
+    few = (Reading("low", "<=", 0.0, otherwise=False),) if name == "any_lost" else ()
+    return Clause(name, (Reading("value", "<=", most), *few), _HARDER[name], f"at most {most}", untested=True)
+
+
+def _ordered(name: str) -> Clause:
+    """Return that a test of the order does not reject, or not on frames enough."""
+    enough = () if name == "dose_scan" else (Reading("value", "<=", BOTH_LOST),)
+    readings = (Reading("p", ">=", DOSE_ALPHA), *enough)
+    return Clause(name, readings, f"{_ORDER[name]} ({{note}})", f"p of {DOSE_ALPHA} at least", untested=True)
+
+
+EXCHANGED = p_below(
+    "lane_exchange",
+    ALPHA,
+    but="a vehicle of a neighbouring lane does as well: it may brake for any vehicle, wherever it stands",
+    unasked="whether it brakes for the lead or for whoever is near was not tested",
+    untested=None,
+    conditions=EXCHANGE,
+)
+
+CONTROLS: tuple[Clause, ...] = (
+    _net("depth_net", "on too few frames to matter"),
+    EXCHANGED,
+    _net("lane_net", "for the lead rather than a neighbour on too few frames to matter"),
+    *map(_step, STEPS),
+    _veto("dose_bins", "in part of the range"),
+    _veto("scenario_reversed", "in one of its scenarios"),
+    *map(_lost, _HARDER),
+    *map(_ordered, _ORDER),
+)
+"""The conditions (2) to (6) of depth, in their order: one that was tested and fails is `content`."""
+
+ASKED: tuple[Clause, ...] = (
+    Clause(
+        "repeat_over_nudged",
+        (Reading("p", "there"),),
+        "whether it follows the file was not tested",
+        conditions=(NUDGED,),
+    ),
+    Clause(
+        "unparsed_controls",
+        (Reading("low", "<=", UNPARSED_CUT),),
+        f"more than {UNPARSED_CUT} of its replies to edited pictures hold no decision ({{note}})",
+        f"a lower bound of at most {UNPARSED_CUT}",
+        untested=True,
+    ),
+)
+"""What else has to be asked, and answered."""
+
+LACKING = (EXCHANGED, *map(_step, STEPS), *ASKED)
+"""What keeps a question of depth open, in the order in which it is asked."""
+
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A condition of depth that was tested and does not hold: its statistic, what that means, and what it needs."""
+    """A condition of depth that was tested and does not hold: its clause, the statistic as it is read, what that says."""
 
-    statistic: str
+    clause: Clause
+    read: Statistic
     says: str
-    needs: str
-    p: float | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class Lacking:
-    """A condition of depth that cannot be tested: its statistic, the pictures that are not answered, and why."""
-
-    statistic: str
-    conditions: tuple[str, ...]
-    says: str
+    @property
+    def statistic(self) -> str:
+        """Return the name of the statistic."""
+        return self.clause.statistic
 
 
 def below(p: float | None, alpha: float = ALPHA) -> bool:
@@ -86,48 +162,16 @@ def below(p: float | None, alpha: float = ALPHA) -> bool:
     return p is not None and p < alpha
 
 
-def reaches(net: Statistic) -> bool:
-    """Return whether the lower bound of a net effect reaches the margin."""
-    return net.ci is not None and net.ci[0] >= MARGIN
-
-
 def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
     """Yield the conditions (2) to (6) of depth that were tested and fail, in their order."""
-    yield from _too_little(found, "depth_net", "on too few frames to matter")
-    exchange = found["lane_exchange"]
-    if exchange.p is not None and not below(exchange.p):
-        says = "a vehicle of a neighbouring lane does as well: it may brake for any vehicle, wherever it stands"
-        yield Failure("lane_exchange", says, f"p below {ALPHA}")
-    yield from _too_little(found, "lane_net", "for the lead rather than a neighbour on too few frames to matter")
-    for name, p in zip(STEPS, holm([found[name].p for name in STEPS]), strict=True):
-        if p is not None and p < DOSE_ALPHA:
-            says = "less hard at one of the distances between than at a farther one"
-            yield Failure(name, says, f"p of a reversal, corrected, of {DOSE_ALPHA} at least", p)
-    for name, alpha in VETOES.items():
-        if below(found[name].p, alpha):
-            where = "in part of the range" if name == "dose_bins" else "in one of its scenarios"
-            says = f"less hard the nearer {where} ({found[name].note})"
-            yield Failure(name, says, f"p of a reversal, corrected, of {alpha} at least")
-    yield from _lost(found)
-    for name, says in ORDER.items():
-        one = found[name]
-        enough = name == "dose_scan" or (one.value is not None and one.value > BOTH_LOST)
-        if enough and below(one.p, DOSE_ALPHA):
-            yield Failure(name, f"{says} ({one.note})", f"p of {DOSE_ALPHA} at least")
+    for clause in CONTROLS:
+        if clause.holds(found) is False:
+            yield Failure(clause, clause.read(found), said_of(clause, found))
 
 
-def _lost(found: Mapping[str, Statistic]) -> Iterator[Failure]:
-    """Yield what is lost on too many frames: of any comparison also beyond what few frames leave open."""
-    for name, says in LOST.items():
-        lost, most = found[name].value, {"ends_lost": ENDS_LOST, "any_lost": ANY_LOST}.get(name, BOTH_LOST)
-        bound = found[name].ci if name == "any_lost" else None
-        if lost is not None and lost > most and (bound is None or bound[0] > 0):
-            yield Failure(name, says, f"at most {most}")
-
-
-def _too_little(found: Mapping[str, Statistic], name: str, says: str) -> Iterator[Failure]:
-    if found[name].ci is not None and not reaches(found[name]):
-        yield Failure(name, says, f"lower bound of {MARGIN} at least")
+def lacking(found: Mapping[str, Statistic]) -> Iterator[Clause]:
+    """Yield the clauses that were not tested, or not answered, in the order in which they are asked."""
+    return (clause for clause in LACKING if not clause.holds(found))
 
 
 def refuted(found: Mapping[str, Statistic]) -> bool:
@@ -152,22 +196,6 @@ def besides(found: Mapping[str, Statistic], decided_by: str) -> str:
     if decided_by not in OPEN or vetoed is None:
         return ""
     return f"besides, it brakes {vetoed.says}: {measured(vetoed.statistic, found[vetoed.statistic])}"
-
-
-def lacking(found: Mapping[str, Statistic]) -> Iterator[Lacking]:
-    """Yield what keeps the conditions of depth from being tested, in the order in which they are asked."""
-    if found["lane_exchange"].p is None:
-        yield Lacking("lane_exchange", EXCHANGE, "whether it brakes for the lead or for whoever is near was not tested")
-    for name in STEPS:
-        if found[name].p is None:
-            yield Lacking(name, DOSE, "whether its braking falls with distance all the way was not tested")
-            break
-    if found["repeat_over_nudged"].p is None:
-        yield Lacking("repeat_over_nudged", (NUDGED,), "whether it follows the file was not tested")
-    declined = found["unparsed_controls"]
-    if declined.ci is not None and declined.ci[0] > UNPARSED_CUT:
-        says = f"more than {UNPARSED_CUT} of its replies to edited pictures hold no decision ({declined.note})"
-        yield Lacking("unparsed_controls", (), says)
 
 
 def blind_spots(found: Mapping[str, Statistic]) -> dict[str, tuple[Part, ...]]:

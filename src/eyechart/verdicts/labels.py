@@ -14,6 +14,8 @@ FLOOR = 0.2
 SWAP_RATE = 0.5
 """From this mirror swap rate on directions count as exchanged. The cut is ours; no model of the paper comes near."""
 
+ONE_SIDED_FROM = 8
+"""So many turns of one direction only, and none of another, are ``one_sided``."""
 
 NET_ALPHA = 0.02
 """Level of the one-sided lower bounds of the net effects that must reach the margin."""

@@ -1,12 +1,16 @@
 """The paper's rules, as we read them (docs/decisions/0006-two-sets-of-rules.md), and what it would point out."""
 
-from collections.abc import Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Mapping
+from dataclasses import replace
 
 from eyechart.conditions import BATTERY
+from eyechart.stats.association import Association
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.evidence import DECIDED, Evidence
 from eyechart.verdicts.labels import MARGIN, SWAP_RATE
-from eyechart.verdicts.ruling import Ruling, and_p, decided, number
+from eyechart.verdicts.rules import Axis, Clause, Found, Rule, compared, missing, p_below, p_from
+from eyechart.verdicts.ruling import Ruling, and_p, number
 
 PAPER_ALPHA = 0.05
 """Below this p a test counts, in the rules as we read them. The level is ours: the paper prints none, calls a p of .041
@@ -16,59 +20,78 @@ PAPER_UNPARSED = 0.20
 none, and any in (.05, .28) gives the five verdicts of Table t:frontier."""
 
 
-def paper_rules(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling:
+def _corrected(name: str) -> tuple[Clause, ...]:
+    """Return that a test does not reject at the paper's level, or was not made."""
+    return (p_from(name, PAPER_ALPHA),)
+
+
+_UNGRADED = "the gap tests cannot be passed"
+_FOLLOWS = tuple(p_below(name, PAPER_ALPHA) for name in ("obstacle.decision", "mutual_information.decision"))
+
+PAPER = Axis(
+    "paper",
+    (
+        *(
+            Rule("not_scorable", "unparsed_rate", (clause,), f"above {PAPER_UNPARSED}")
+            for clause in (
+                missing("unparsed_rate", "value"),
+                compared("unparsed_rate", "value", ">", PAPER_UNPARSED),
+            )
+        ),
+        Rule(
+            "not_scorable",
+            "cramers_v",
+            (compared("conditions_compared", "value", "<", 2.0),),
+            "fewer than two conditions were asked: there is nothing to compare",
+            quiet=True,
+        ),
+        Rule("image_invariant", "cramers_v", _corrected("cramers_v.holm"), "no answer depends on the condition"),
+        Rule("refusal_effect", "cramers_v.decision", _corrected("cramers_v.decision"), "only outputs differ"),
+        *(
+            Rule(
+                "self_inconsistent",
+                "clears_floor",
+                (clause,),
+                "IDI {idi} is not above 1.5 s, s = {noise_floor}",
+                quiet=True,
+            )
+            for clause in (missing("clears_floor", "value"), compared("clears_floor", "value", "<", 1.0))
+        ),
+        *(
+            Rule("presence_only", "gap_order", (clause,), _UNGRADED)
+            for clause in (*(missing(one.statistic) for one in _FOLLOWS), missing("gap_order", "value"))
+        ),
+        Rule("presence_only", says="the action does not follow the gap", broken=_FOLLOWS, worst=True),
+        Rule(
+            "presence_only",
+            "gap_order",
+            (compared("gap_order", "value", "<=", 0.0),),
+            "it does not brake nearer than it proceeds",
+        ),
+        Rule(
+            "depth_lateral",
+            "mirror_swap_rate",
+            (compared("mirror_swap_rate", "value", ">=", SWAP_RATE),),
+            "directions are exchanged under reflection",
+        ),
+        Rule("depth", "mutual_information.decision", says="the action follows the gap"),
+    ),
+)
+"""The paper's labels, by its rules as we read them."""
+
+
+def paper_rules(found: Found, corrected: Mapping[str, float | None]) -> Ruling:
     """Return the paper's label, by its rules as we read them; alpha, .05, and the other cuts are ours.
 
     ``corrected`` holds the p of Cramér's V corrected over the models. A refusal effect compares a model with itself,
     so its decision level is not corrected: over other models it would have another family than the response level.
     """
-    return _paper_blind(found, corrected) or _paper_ungraded(found) or _paper_depth(found)
-
-
-def _paper_blind(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling | None:
-    unparsed = found["unparsed_rate"]
-    if unparsed.value is None or unparsed.value > PAPER_UNPARSED:
-        return decided("not_scorable", "unparsed_rate", unparsed, "above {cut}", cut=PAPER_UNPARSED)
-    response, decision = corrected["cramers_v"], found["cramers_v.decision"]
-    if len(_asked(found["cramers_v"])) < 2:
-        words = "fewer than two conditions were asked: there is nothing to compare"
-        return decided("not_scorable", "cramers_v", None, words)
-    if response is None or response >= PAPER_ALPHA:
-        return decided("image_invariant", "cramers_v", found["cramers_v"], "no answer depends on the condition")
-    if decision.p is None or decision.p >= PAPER_ALPHA:
-        return decided("refusal_effect", "cramers_v.decision", decision, "only outputs differ")
-    if found["clears_floor"].value != 1.0:
-        words = "IDI {idi} is not above 1.5 s, s = {s}"
-        return decided("self_inconsistent", "clears_floor", None, words, idi=found["idi"], s=found["noise_floor"])
-    return None
-
-
-def _asked(association: Statistic) -> Sequence[object]:
-    rows = (association.detail or {}).get("rows", ())
-    return rows if isinstance(rows, list | tuple) else ()
-
-
-def _paper_ungraded(found: Mapping[str, Statistic]) -> Ruling | None:
-    obstacle, information, order = (
-        found["obstacle.decision"].p,
-        found["mutual_information.decision"].p,
-        found["gap_order"].value,
-    )
-    if obstacle is None or information is None or order is None:
-        return decided("presence_only", "gap_order", found["gap_order"], "the gap tests cannot be passed")
-    if obstacle >= PAPER_ALPHA or information >= PAPER_ALPHA:
-        name = "obstacle.decision" if obstacle >= information else "mutual_information.decision"
-        return decided("presence_only", name, found[name], "the action does not follow the gap")
-    if order <= 0:
-        return decided("presence_only", "gap_order", found["gap_order"], "it does not brake nearer than it proceeds")
-    return None
-
-
-def _paper_depth(found: Mapping[str, Statistic]) -> Ruling:
-    swap, information = found["mirror_swap_rate"], found["mutual_information.decision"]
-    if swap.value is not None and swap.value >= SWAP_RATE:
-        return decided("depth_lateral", "mirror_swap_rate", swap, "directions are exchanged under reflection")
-    return decided("depth", "mutual_information.decision", information, "the action follows the gap")
+    whole = found["cramers_v"]
+    facts = {
+        "cramers_v.holm": replace(whole, p=corrected["cramers_v"]),
+        "conditions_compared": Statistic(float(whole.groups if isinstance(whole, Association) else 0), whole.n),
+    }
+    return PAPER.evaluate(ChainMap(facts, found))  # type: ignore[arg-type]
 
 
 def findings(evidence: Evidence) -> list[str]:

@@ -11,7 +11,7 @@ from eyechart.records import Written
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
 from eyechart.verdicts.controls import EXCHANGE, below
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
@@ -261,10 +261,9 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
     said += _untested(evidence, label)
-    claims = 1 + len(POSITIVE)
-    most = claims * ALPHA
+    most = CLAIMS * ALPHA
     said.append(
-        f"up to {claims} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
+        f"up to {CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)

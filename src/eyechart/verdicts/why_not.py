@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from eyechart.records import Written
 from eyechart.stats.agreement import trials_needed
@@ -218,8 +218,7 @@ def _not_associated(evidence: Evidence) -> WhyNot:
             settle, frames = _frames(tested)
             if also := besides(found, failed.statistic):
                 settle, frames = f"nothing on frames like these: {also}", None
-            corrected = tested if failed.p is None else replace(tested, p=failed.p)
-            return WhyNot("depth", failed.statistic, corrected, failed.needs, settle, frames)
+            return WhyNot("depth", failed.statistic, failed.read, failed.clause.needs, settle, frames)
     first = observational if interventional.p is None else interventional
     if below(first.p):
         settle = "an answer to each picture of its own: no cache, and no memory of files"

@@ -21,7 +21,7 @@ from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.controls import COMPARED
 from eyechart.studies.battery.evidence import Claim, Row, claims
 from eyechart.studies.battery.published import Resampling
-from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped, calibrated_rules
+from eyechart.verdicts import LABELS, LATERAL, ONE_SIDED_FROM, PREFIX, Stopped, calibrated_rules
 
 NEEDED = ("real", "real_repeat", "blank")
 """Without these conditions nothing can be settled."""
@@ -69,9 +69,6 @@ DISTANCE = ("depth", "depth_associated")
 _LATER = frozenset(walk.until for walks in WALKS.values() for walk in walks)
 _SCORABLE = frozenset(("scorable", "unscorable"))
 _TURNS = frozenset(name for names in LATERAL_RULES.values() for name in names)
-
-ONE_SIDED_FROM = 8
-"""So many turns of one direction only, and none of another, are ``one_sided``."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,192 @@
+"""One evaluator: an axis is an ordered table of rules, and the first rule that holds gives the label.
+
+A clause is one condition on one statistic: it holds, it does not, or it was not tested.
+"""
+
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from string import Formatter
+
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.ruling import Reason, Ruling
+
+Found = Mapping[str, Statistic]
+"""A model's statistics by name."""
+
+_COMPARED: Mapping[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One comparison of one number of a statistic.
+
+    ``reads`` is ``p``, ``value``, ``low`` or ``high`` (the ends of its interval) or another number that its kind has;
+    ``threshold`` a number, or the name of another such number. ``there`` and ``missing`` in place of a comparison ask
+    whether there is this number. ``otherwise`` is said where one is missing.
+    """
+
+    reads: str
+    holds: str
+    threshold: float | str = 0.0
+    otherwise: bool | None = None
+
+    def of(self, one: Statistic) -> bool | None:
+        """Return whether it holds of a statistic; ``otherwise`` where a number is missing."""
+        read = number_of(one, self.reads)
+        if self.holds in {"there", "missing"}:
+            return (read is None) == (self.holds == "missing")
+        against = number_of(one, self.threshold) if isinstance(self.threshold, str) else self.threshold
+        return self.otherwise if read is None or against is None else _COMPARED[self.holds](read, against)
+
+    def __str__(self) -> str:
+        return f"{self.reads} {self.holds}" + ("" if self.holds in {"there", "missing"} else f" {self.threshold}")
+
+
+def number_of(one: Statistic, reads: str) -> float | None:
+    """Return a number of a statistic by its name, None where it has none; raises AttributeError for no such name."""
+    if reads in {"low", "high"}:
+        return None if one.ci is None else one.ci[reads == "high"]
+    found: float | None = getattr(one, reads)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """A condition on a statistic: one of some readings has to hold.
+
+    ``but`` says what it means of a model of which it does not hold, with places for the statistic's ``note`` and
+    ``value``; ``unasked`` what it means where it was not tested. ``needs`` says what would make it hold. The p of a
+    ``family`` are corrected together. A rule takes a clause that was not tested for ``untested``; ``conditions`` are
+    the pictures that would test it.
+    """
+
+    statistic: str
+    readings: tuple[Reading, ...]
+    but: str = ""
+    needs: str = ""
+    unasked: str = ""
+    family: tuple[str, ...] = ()
+    untested: bool | None = None
+    conditions: tuple[str, ...] = ()
+
+    def read(self, found: Found) -> Statistic:
+        """Return the statistic that it is about, with the p that it reads."""
+        one = found[self.statistic]
+        if not self.family:
+            return one
+        corrected = holm([found[name].p for name in self.family])
+        return replace(one, p=dict(zip(self.family, corrected, strict=True))[self.statistic])
+
+    def outcome(self, found: Found) -> bool | None:
+        """Return whether it holds, None where it was not tested."""
+        one = self.read(found)
+        said = [reading.of(one) for reading in self.readings]
+        if True in said:
+            return True
+        return None if None in said else False
+
+    def holds(self, found: Found) -> bool | None:
+        """Return the same as a rule takes it."""
+        said = self.outcome(found)
+        return self.untested if said is None else said
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A label and the clauses that it needs: each has to hold.
+
+    ``decided_by`` names the statistic that decides. Without it one of ``broken`` does, at least one of which has to
+    fail: the first that fails, or the one with the greatest p where it is the ``worst`` that decides. ``says`` is its
+    sentence, with places for the values of statistics and, as ``but``, for what the clause says that decides, or the
+    first of ``open_to`` that does not hold; or it makes the reason of the statistics and that clause. A ``quiet`` rule
+    prints no numbers.
+    """
+
+    label: str
+    decided_by: str = ""
+    needs: tuple[Clause, ...] = ()
+    says: str | Callable[[Found, Clause | None], Reason] = ""
+    broken: tuple[Clause, ...] = ()
+    open_to: tuple[Clause, ...] = ()
+    worst: bool = False
+    quiet: bool = False
+
+    def ruling(self, found: Found) -> Ruling | None:
+        """Return the ruling of statistics, None where the rule does not hold of them."""
+        if not all(clause.holds(found) for clause in self.needs):
+            return None
+        broken = [clause for clause in self.broken if clause.holds(found) is False]
+        if self.broken and not broken:
+            return None
+        clause = max(broken, key=lambda one: one.read(found).p or 0.0) if self.worst else next(iter(broken), None)
+        name = self.decided_by or (clause.statistic if clause else "")
+        clause = clause or next((one for one in self.open_to if not one.holds(found)), None)
+        return Ruling(self.label, name, self._reason(found, clause), None if self.quiet else found[name])
+
+    def _reason(self, found: Found, clause: Clause | None) -> Reason:
+        if not isinstance(self.says, str):
+            return self.says(found, clause)
+        names = [name for _, name, _, _ in Formatter().parse(self.says) if name]
+        but = "" if clause is None else said_of(clause, found)
+        return Reason(self.says, {name: but if name == "but" else found[name] for name in names})
+
+
+def said_of(clause: Clause, found: Found) -> str:
+    """Return what a clause says that does not hold, or was not tested."""
+    one = found[clause.statistic]
+    says = clause.unasked if clause.outcome(found) is None and clause.unasked else clause.but
+    return says.format(note=one.note, value=one.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """What is asked of a model on one axis: rules in their order, the last of which holds of anything."""
+
+    name: str
+    rules: tuple[Rule, ...]
+
+    def evaluate(self, found: Found) -> Ruling:
+        """Return the ruling of the first rule that holds."""
+        return next(ruling for rule in self.rules if (ruling := rule.ruling(found)))
+
+    @property
+    def clauses(self) -> tuple[Clause, ...]:
+        """Return every clause of its rules once."""
+        return tuple(dict.fromkeys(clause for rule in self.rules for clause in (*rule.needs, *rule.broken)))
+
+
+def p_below(name: str, alpha: float, **more: object) -> Clause:
+    """Return the condition that a test rejects; one that was not made does not."""
+    return Clause(name, (Reading("p", "<", alpha),), **{"untested": False, "needs": f"p below {alpha}", **more})  # type: ignore[arg-type]
+
+
+def p_from(name: str, alpha: float, **more: object) -> Clause:
+    """Return the condition that a test does not reject; one that was not made does not."""
+    return Clause(name, (Reading("p", ">=", alpha),), **{"untested": True, "needs": f"p of {alpha} at least", **more})  # type: ignore[arg-type]
+
+
+def missing(name: str, reads: str = "p") -> Clause:
+    """Return the condition that there is no such number."""
+    return Clause(name, (Reading(reads, "missing"),))
+
+
+def there(name: str, reads: str = "p") -> Clause:
+    """Return the condition that there is such a number."""
+    return Clause(name, (Reading(reads, "there"),))
+
+
+def compared(name: str, reads: str, holds: str, threshold: float | str, **more: object) -> Clause:
+    """Return the condition of one comparison."""
+    return Clause(name, (Reading(reads, holds, threshold),), **more)  # type: ignore[arg-type]
+
+
+def fact(name: str, holds: bool) -> Mapping[str, Statistic]:
+    """Return as a statistic what is known of a run beside its statistics, so that a rule can read it."""
+    return {name: Statistic(float(holds), 1)}

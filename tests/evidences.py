@@ -1,0 +1,123 @@
+"""Random evidences of every axis, the same for a seed in every version: what older rules said of them is recorded."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from random import Random
+
+from eyechart.stats.agreement import SwapRate
+from eyechart.stats.paired import SignTest
+from eyechart.stats.statistic import Statistic
+
+Found = dict[str, Statistic]
+
+_LOST = ("near_far_lost", "lane_lost", "both_lost", "ends_lost", "any_lost")
+_ORDER = ("dose_lost", "dose_by_frame", "twice_lost", "dose_scan")
+_VETOES = ("dose_near_mid", "dose_mid", "dose_mid_far", "dose_bins", "scenario_reversed")
+_NETS = ("depth_net", "lane_net")
+_FILE = ("repeat_over_nudged", "repeats_together")
+_BOUNDS = tuple(
+    f"bound_{name}"
+    for name in (
+        *("content_shuffled", "content_recoloured", "scene", "blank", "mirrored", "lead_near", "lead_far"),
+        *("lead_absent", "noise", "text_only", "kappa"),
+    )
+)
+_CONTENT = tuple(
+    f"content_{nudged}{name}" for nudged in ("", "nudged_") for name in ("shuffled", "recoloured", "lead_absent")
+)
+_SHOWN = (
+    *("depth_interventional", "depth_observational", "lane_exchange", "scene_cue", "presence", "presence_response"),
+    *("kappa_pooled",),
+)
+_SHARES = ("unparsed_reference", "unparsed_controls", "self_disagreement", "kappa")
+NAMES = (*_LOST, *_ORDER, *_VETOES, *_NETS, *_FILE, *_BOUNDS, *_CONTENT, *_SHOWN, *_SHARES)
+
+_PS = (1e-6, 0.0033, 0.004, 0.0049999, 0.005, 0.0099999, 0.01, 0.0166, 0.02, 0.0499999, 0.05, 0.2, 0.8, 1.0)
+_VALUES = (-0.3, 0.0, 0.01, 0.03, 0.045, 0.05, 0.0500001, 0.06, 0.07, 0.0700001, 0.1, 0.12, 0.2, 0.3, 0.5, 0.9, 1.0)
+_LOWS = (-0.4, -0.1, 0.0, 1e-7, 0.02, 0.05, 0.0500001, 0.0999999, 0.1, 0.12, 0.2, 0.2000001, 0.3, 0.6)
+
+
+def drawn(rng: Random, usual: Statistic, often: float) -> Statistic:
+    """Return the usual statistic so often, else one at or beside the thresholds, with parts that may be missing."""
+    if rng.random() < often:
+        return usual
+    if rng.random() < 0.12:
+        return Statistic(None, 0, note="nothing was asked")
+    p = None if rng.random() < 0.12 else rng.choice(_PS)
+    low = rng.choice(_LOWS)
+    ci = None if rng.random() < 0.1 else (low, low + rng.choice((0.0, 0.05, 0.2)))
+    return Statistic(rng.choice(_VALUES), rng.choice((6, 36, 144)), ci, p, note="so many")
+
+
+def usual(name: str, kind: str) -> Statistic:
+    """Return what a statistic is of a subject of a kind: a reader, one that is blind, or one that is neither."""
+    shown, low, high = kind == "reader", 1e-6, 0.9
+    if name in _LOST:
+        return Statistic(0.0, 144, (-0.1, 0.02))
+    if name in _NETS:
+        return Statistic(0.5, 144, (0.4 if shown else -0.05, 0.6))
+    if name in {*_ORDER, *_VETOES, *_FILE}:
+        return Statistic(0.0, 144, p=high)
+    if name.startswith("bound_"):
+        return Statistic(0.0, 144, (-0.05, 0.05), low if kind == "blind" else high)
+    if name in {"unparsed_reference", "unparsed_controls"}:
+        return Statistic(0.0, 144, (0.0, 0.01))
+    if name == "self_disagreement":
+        return Statistic(0.1 if kind != "coin" else 0.7, 144, (0.0 if kind != "coin" else 0.6, 0.8))
+    if name == "kappa":
+        return Statistic(0.9 if kind != "coin" else 0.0, 144, (0.8 if kind != "coin" else -0.1, 0.95))
+    if name in {"presence", "presence_response"}:
+        return Statistic(0.1, 144, p=low if kind == "reader" else high)
+    if kind == "coin":
+        return Statistic(0.0, 144, p=low if name == "kappa_pooled" else high)
+    return Statistic(0.5, 144, (0.4, 0.6), low if shown and name in _SHOWN else high)
+
+
+def distance(rng: Random) -> Found:
+    """Return an evidence for the calibrated rules."""
+    kind, often = rng.choice(("reader", "blind", "coin", "any")), rng.choice((0.5, 0.9, 0.97, 0.99))
+    return {name: drawn(rng, usual(name, kind), often) for name in NAMES}
+
+
+def lateral(rng: Random) -> tuple[Found, dict[str, int]]:
+    """Return an evidence for the lateral rules, and how often each direction was given."""
+    swap: Statistic = drawn(rng, Statistic(0.9, 40, (0.7, 0.97), 1e-4), 0.5)
+    if rng.random() < 0.9:
+        chance = None if rng.random() < 0.1 else rng.choice((0.1, 0.3, 0.5, 0.6))
+        swap = SwapRate(swap.value, swap.n, swap.ci, swap.p, note=swap.note, chance=chance)
+    clear: Statistic = drawn(rng, Statistic(0.9, 30, p=1e-4), 0.6)
+    if rng.random() < 0.7:
+        clear = SignTest(clear.value, clear.n, clear.ci, clear.p, wins=clear.n, losses=0, ties=0)
+    found = {"mirror_swap_rate": swap, "turns_clear": clear}
+    found |= {f"turns_{name}": drawn(rng, Statistic(0.9, 30, p=1e-4), 0.5) for name in ("clear_within", "against")}
+    return found, {side: rng.choice((0, 0, 3, 5, 8, 20)) for side in ("LEFT", "RIGHT")}
+
+
+def paper(rng: Random) -> tuple[Found, float | None, int]:
+    """Return an evidence for the paper's rules, the corrected p of V, and of how many conditions."""
+    names = (
+        *("cramers_v", "cramers_v.decision", "clears_floor", "idi", "noise_floor", "obstacle.decision"),
+        *("mutual_information.decision", "gap_order", "mirror_swap_rate", "unparsed_rate"),
+    )
+    found = {name: drawn(rng, Statistic(0.5, 144, p=1e-4), 0.6) for name in names}
+    found["clears_floor"] = Statistic(rng.choice((1.0, 1.0, 1.0, 0.0, None)), 144)
+    if rng.random() < 0.9:
+        found["unparsed_rate"] = Statistic(rng.choice((0.0, 0.1, 0.2)), 1152)
+    return found, rng.choice((1e-6, 0.02, 0.0499999, 0.05, 0.3, None)), rng.choice((0, 1, 2, 8, 8))
+
+
+def digests(say: Callable[[Random], str], seed: int, blocks: int, of: int = 1000) -> Iterator[str]:
+    """Yield for each block of evidences a digest of what is said of each."""
+    rng = Random(seed)
+    for _ in range(blocks):
+        said = "\n".join(say(rng) for _ in range(of))
+        yield hashlib.sha256(said.encode()).hexdigest()[:16]
+
+
+def ruled(label: str, decided_by: str, words: str) -> str:
+    """Return what is compared: the label, the statistic that decided it, and the sentence."""
+    return f"{label}\t{decided_by}\t{words}"
+
+
+RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13}
+"""The axes of which older rules are recorded, and the seed of each."""
