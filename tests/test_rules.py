@@ -1,4 +1,4 @@
-"""Rules as rows: what older rules said of random evidences is said by the rows, and every clause counts, three-valued."""
+"""Rules as rows: they say of random evidences what older rules said, and every clause has three values."""
 
 import json
 from pathlib import Path
@@ -61,7 +61,7 @@ def test_rows_say_what_the_rules_said_before_of_sixty_thousand(axis: str) -> Non
 
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
 def test_every_clause_is_three_valued(axis: Axis) -> None:
-    """It holds on one side of each threshold, not on the other, and of a statistic without numbers it is as declared."""
+    """It holds on one side of each threshold and not on the other; of a statistic without numbers it is as declared."""
     for clause in axis.clauses:
         silent = Silent(clause)
         asks = {reading.holds for reading in clause.readings}

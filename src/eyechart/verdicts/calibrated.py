@@ -283,8 +283,8 @@ def lateral_facts(found: Found, seen: Mapping[str, int]) -> Mapping[str, Statist
     given = [direction for direction, count in seen.items() if count]
     alone = len(given) == 1 and sum(seen.values()) >= ONE_SIDED_FROM
     return {
-        **fact("turns_reflected", isinstance(found[_SWAP], SwapRate)),
-        **fact("every_direction", len(given) == len(seen)),
+        **fact("turns_reflected", holds=isinstance(found[_SWAP], SwapRate)),
+        **fact("every_direction", holds=len(given) == len(seen)),
         "one_direction": Statistic(float(alone), sum(seen.values()), note=given[0] if alone else ""),
     }
 
@@ -389,5 +389,5 @@ def calibrated_rules(found: Found, *, turns: bool) -> tuple[Ruling, str]:
 
     ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
     """
-    known = ChainMap(dict(fact("lateral_earned", turns)), found)  # type: ignore[arg-type]
+    known = ChainMap(dict(fact("lateral_earned", holds=turns)), found)  # type: ignore[arg-type]
     return DISTANCE.evaluate(known), grade(found)

@@ -145,7 +145,7 @@ LACKING = (EXCHANGED, *map(_step, STEPS), *ASKED)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A condition of depth that was tested and does not hold: its clause, the statistic as it is read, what that says."""
+    """A condition of depth that was tested and does not hold: its clause, the statistic as read, and what it says."""
 
     clause: Clause
     read: Statistic

@@ -187,6 +187,6 @@ def compared(name: str, reads: str, holds: str, threshold: float | str, **more: 
     return Clause(name, (Reading(reads, holds, threshold),), **more)  # type: ignore[arg-type]
 
 
-def fact(name: str, holds: bool) -> Mapping[str, Statistic]:
+def fact(name: str, *, holds: bool) -> Mapping[str, Statistic]:
     """Return as a statistic what is known of a run beside its statistics, so that a rule can read it."""
     return {name: Statistic(float(holds), 1)}
