@@ -82,13 +82,7 @@ class Silent(dict[str, Statistic]):
 
     def __init__(self, clause: Clause) -> None:
         names = {clause.statistic, *clause.family}
-        super().__init__({name: SilentSwap(None, 0) for name in names})
-
-
-class SilentSwap(Statistic):
-    """A statistic without any number that a rule reads."""
-
-    chance = None
+        super().__init__({name: Statistic(None, 0) for name in names})
 
 
 def side(reading: Reading, by: float) -> Statistic:

@@ -50,10 +50,14 @@ class Reading:
 
 
 def number_of(one: Statistic, reads: str) -> float | None:
-    """Return a number of a statistic by its name, None where it has none; raises AttributeError for no such name."""
+    """Return a number of a statistic by its name, None where it has none; one that cannot say has no numbers.
+
+    Raises AttributeError for a number that its kind does not know.
+    """
     if reads in {"low", "high"}:
         return None if one.ci is None else one.ci[reads == "high"]
-    found: float | None = getattr(one, reads)
+    silent = one.value is None and one.p is None
+    found: float | None = getattr(one, reads, None) if silent else getattr(one, reads)
     return found
 
 
