@@ -10,6 +10,7 @@ that is cut goes on where it was.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import random
@@ -40,12 +41,16 @@ def answer(prompt, image):
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its words, what it makes, how that is told from another, and within how long it is killed."""
+    """A command: its words, what it makes, how that is told from another, and within how long it is killed.
+
+    What is made ``at_once`` is there whole or not at all, and the command does not go on with it.
+    """
 
     words: tuple[str, ...]
     makes: str
     seen: Callable[[Path], object]
     within_s: float = 4.0
+    at_once: bool = False
 
 
 def replies(run: Path) -> object:
@@ -77,9 +82,9 @@ BANK = ("--frames", "bank", "--limit", "24", "--conditions", "real,blank,text_on
 COMMANDS = {
     "run": Command(("run", "battery", "--model", MODEL, *BANK, "--out", "OUT"), "OUT", replies),
     "watch": Command(("run", "battery", "--model", MODEL, *BANK, "--watch", "--out", "OUT"), "OUT", replies),
-    "merge": Command(("merge", "shard-1", "shard-2", "--out", "OUT"), "OUT", replies),
+    "merge": Command(("merge", "shard-1", "shard-2", "--out", "OUT"), "OUT", replies, at_once=True),
     "import": Command(("run", "import", "answers.jsonl", "--model", "mine", *BANK, "--out", "OUT"), "OUT", replies),
-    "bundle": Command(("bundle", "whole", "--out", "OUT.zip"), "OUT.zip", same_bytes, 8.0),
+    "bundle": Command(("bundle", "whole", "--out", "OUT.zip"), "OUT.zip", same_bytes, 8.0, at_once=True),
     "calibrate": Command(
         ("calibrate", "--processes", "2", "--setting", "default", "--replications", "4", "--keep", "OUT.jsonl"),
         "OUT.jsonl",
@@ -131,12 +136,18 @@ def kill(command: Command, out: Path, number: int) -> dict[str, object]:
     left = running(begun.pid)
     for each in left:
         os.kill(each, signal.SIGKILL)
-    code = begun.wait()
-    if code == 0:  # it came to its end before: the next one begins anew
-        made = WORK / command.makes.replace("OUT", str(out))
-        shutil.rmtree(made) if made.is_dir() else made.unlink(missing_ok=True)
+    code, made = begun.wait(), WORK / command.makes.replace("OUT", str(out))
     row = {"signal": one.name, "after_s": round(after, 2), "processes": processes, "exit": code, "left": len(left)}
+    if command.at_once and made.exists():
+        row["made"] = digest(command, made)
+    if code == 0 or "made" in row:  # it came to its end before: the next one begins anew
+        shutil.rmtree(made) if made.is_dir() else made.unlink(missing_ok=True)
     return {**row, "ended_before": code in {0, 1} and processes == 0}
+
+
+def digest(command: Command, made: Path) -> str:
+    """Return what tells what a command made from another."""
+    return hashlib.sha256(json.dumps(command.seen(made), default=str).encode()).hexdigest()
 
 
 def prepare() -> None:
@@ -158,18 +169,18 @@ def prepare() -> None:
     (WORK / "answers.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
-def finished(name: str, command: Command) -> dict[str, object]:
-    """Run a command that was killed to its end, and hold what it made against one that never was."""
+def finished(name: str, command: Command, kept: Sequence[str]) -> dict[str, object]:
+    """Run a command that was killed to its end, and hold what it made, then and before, against one that never was."""
     made = {}
     for out in (Path(f"killed-{name}"), Path(f"never-{name}")):
         code = eyechart(*command.words, out=out).wait()
         if code not in {0, 1}:
             return {"exit": code, "same": False, "temporary": -1}
-        made[out] = command.seen(WORK / command.makes.replace("OUT", str(out)))
+        made[out] = digest(command, WORK / command.makes.replace("OUT", str(out)))
     left = sorted(path.name for path in (WORK / "tmp").iterdir() if path.name.startswith("eyechart-"))
     return {
         "exit": 0,
-        "same": len({json.dumps(one, default=str) for one in made.values()}) == 1,
+        "same": len({*made.values(), *kept}) == 1,
         "temporary": len(left),
     }
 
@@ -196,7 +207,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(number, name, row, flush=True)
     time.sleep(6)  # a copy is cleared by the next start once it is so old
     for name in names:
-        kept["ends"][name] = finished(name, COMMANDS[name])
+        whole = [one["made"] for one in kept["kills"].values() if one["command"] == name and "made" in one]
+        kept["ends"][name] = finished(name, COMMANDS[name], whole)
         RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
         print(name, kept["ends"][name], flush=True)
     wrong = [one for one in kept["kills"].values() if one["left"] or one["exit"] not in ENDED]
