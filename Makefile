@@ -137,7 +137,7 @@ long-demo: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/demo_versions.py --old $(OLD_PYTHON)
 
 long-falls: $(MODELS)
-	test -d build/0.2.0.dev0 || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) src | tar -x -C build/0.2.0.dev0; }
+	test -d build/0.2.0.dev0/benchmarks || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) | tar -x -C build/0.2.0.dev0; }
 	$(BIN)/python benchmarks/falls.py --old build/0.2.0.dev0/src
 
 long-doors: $(MODELS)

@@ -5,14 +5,16 @@
 
 `tests/falls.toml` names what fell when the older version was tried from outside, and the tests that hold it now. A test
 is run twice, with either source before all others; on the old one an import that is not there counts as a failure, and
-is named. Each row is kept in the result as soon as it is there, so that an interrupted run goes on; ``--fresh`` begins
-anew. Writes ``benchmarks/results/falls.json``; exit 1 where a test passes on the old source or fails on today's.
+is named. A test of ``pages`` reads those of the old tree. Each row is kept in the result as soon as it is there, so
+that an interrupted run goes on; ``--fresh`` begins anew. Writes ``benchmarks/results/falls.json``; exit 1 where a test
+passes on the old source or fails on today's.
 """
 
 import argparse
 import datetime as dt
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -28,13 +30,13 @@ _LEFT_OUT = ("cacheprovider", "randomly")
 _FELL = {"failed", "cannot be imported", "cannot be collected"}
 
 
-def run_on(source: Path, test: str) -> str:
-    """Return what became of a test on a source: passed, failed, or could not be imported."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(source), str(ROOT / "tests")])}
+def run_on(source: Path, test: str, root: Path = ROOT) -> str:
+    """Return what became of a test on a source: passed, failed, or could not be imported; ``root`` holds the tests."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(source), str(root / "tests")])}
     words = [sys.executable, "-m", "pytest", "-q", "-x", "-W", "ignore", *(f"-pno:{name}" for name in _LEFT_OUT), test]
     try:
         done = subprocess.run(
-            words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
+            words, cwd=root, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
         )
     except subprocess.TimeoutExpired:  # as where a test hangs on what the older version waits for
         return "failed"
@@ -53,6 +55,13 @@ def tests_of(fall: dict[str, object]) -> list[str]:
     return [str(one) for one in named] if isinstance(named, list) else [str(named)]
 
 
+def with_tests(tree: Path) -> Path:
+    """Return the older version's whole tree, pages and results too, with the tests of today in the place of its own."""
+    shutil.rmtree(tree / "tests", ignore_errors=True)
+    shutil.copytree(ROOT / "tests", tree / "tests", ignore=shutil.ignore_patterns("__pycache__"))
+    return tree
+
+
 def main() -> int:
     """Run every test that has no row yet; return 1 where one says what it should not."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -67,7 +76,8 @@ def main() -> int:
     rows = {test: kept[test] for _, test in wanted if test in kept}
     for fall, test in wanted:
         if test not in rows:
-            old, now = run_on(given.old, test), run_on(ROOT / "src", test)
+            root = with_tests(given.old.resolve().parent) if fall.get("pages") else ROOT
+            old, now = run_on(given.old.resolve(), test, root), run_on(ROOT / "src", test)
             rows[test] = {"found": fall["found"], "before": old, "now": now}
             print(f"{fall['found']}: {test}: before {old}, now {now}", flush=True)
             write(rows, falls)

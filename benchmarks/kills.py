@@ -10,6 +10,7 @@ that is cut goes on where it was.
 """
 
 import argparse
+import datetime as dt
 import hashlib
 import json
 import os
@@ -24,6 +25,8 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+
+from eyechart import __version__ as eyechart_version
 
 RESULTS = Path(__file__).parent / "results" / "kills.json"
 WORK = Path("build/kills")
@@ -185,6 +188,12 @@ def finished(name: str, command: Command, kept: Sequence[str]) -> dict[str, obje
     }
 
 
+def write(kept: dict[str, object]) -> None:
+    """Write the rows that there are, with version and date."""
+    told = {**kept, "version": eyechart_version, "date": dt.datetime.now(dt.UTC).date().isoformat()}
+    RESULTS.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Kill, keep each row, and say what was lost or left; exit 1 where anything was."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -203,13 +212,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             continue
         row = kill(COMMANDS[name], Path(f"killed-{name}"), number)
         kept["kills"][str(number)] = {"command": name, **row}
-        RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+        write(kept)
         print(number, name, row, flush=True)
     time.sleep(6)  # a copy is cleared by the next start once it is so old
     for name in names:
         whole = [one["made"] for one in kept["kills"].values() if one["command"] == name and "made" in one]
         kept["ends"][name] = finished(name, COMMANDS[name], whole)
-        RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+        write(kept)
         print(name, kept["ends"][name], flush=True)
     wrong = [one for one in kept["kills"].values() if one["left"] or one["exit"] not in ENDED]
     wrong += [one for one in kept["ends"].values() if not one["same"] or one["temporary"]]
