@@ -162,41 +162,6 @@ def _waves(one: Reading, rng: random.Random) -> str:
     return "STOP" if rng.random() < chance else "STRAIGHT"
 
 
-NOISE: Mapping[str, Stranger] = {
-    "overlooks_close": Stranger(
-        "grades, but overlooks 8 of 10 leads within 10 m, behind a coin of five sides in 3 of 10 answers",
-        always(behind(five_sides, 0.3, _overlooks_close)),
-        turns=None,
-    ),
-    "hole_in_noise": Stranger(
-        "grades, but goes on from 14 to 24 m, and tosses a coin there in 6 of 10 answers, elsewhere in 2 of 10",
-        always(_hole_in_noise),
-    ),
-    "beside_in_noise": Stranger(
-        "grades, but 7 of 10 times by the vehicle beside that is nearer; of 2 of 10 files a coin decides",
-        of_files(0.2, _nearer_beside),
-    ),
-    "far_alarm_in_noise": Stranger(
-        "grades, but stops for 8 of 10 leads beyond 42 m; of a third of the files a coin decides",
-        of_files(0.35, _far_alarm),
-    ),
-    "three_lanes_in_noise": Stranger(
-        "grades, but goes on on three lanes, whatever leads; in 4 of 10 answers the way is a coin and it never brakes",
-        always(
-            behind(three_ways, 0.4, lambda one, _: "STRAIGHT" if one.lanes == 3 else graded(lead(one))),
-        ),
-        turns=None,
-    ),
-    "overlooks_for_others": Stranger(
-        "grades, but overlooks 45 % of the pictures and stops then for a vehicle beside within 30 m; SLOW in 2 of 10",
-        always(behind(says_slow, 0.2, _overlooks_for_others)),
-    ),
-    "chance_in_waves": Stranger(
-        "stops by a chance of .9 below 9 m, .2 to 16 m, .7 to 28 m and .1 beyond", always(_waves)
-    ),
-}
-
-
 # whose distance it is
 
 
@@ -473,9 +438,13 @@ def frame_number(one: Reading) -> int:
     return int(phase) if phase >= 1 else int(1000 * hashed(one))
 
 
-def _two_lanes_between(one: Reading, _: random.Random) -> str:
+def _blind_in_the_open(one: Reading, _: random.Random) -> str:
+    return "STRAIGHT" if one.scene.left_clear and one.scene.right_clear else graded(lead(one))
+
+
+def _between_at_place_0(one: Reading, _: random.Random) -> str:
     gap = lead(one)
-    return ("STRAIGHT" if gap < 20 else "STOP") if one.lanes <= 2 and 9.1 <= gap < 49 else graded(gap)
+    return ("STRAIGHT" if gap < 20 else "STOP") if one.place == 0 and 9.1 <= gap < 49 else graded(gap)
 
 
 def _fifth_beside(one: Reading, _: random.Random) -> str:
@@ -500,8 +469,8 @@ PLACES: Mapping[str, Stranger] = {
         "grades, but goes on at places of the third kind, of four lanes on the highway",
         blind(lambda one: one.place == 2),
     ),
-    "two_lanes_between": Stranger(
-        "grades, but on two lanes goes on from 9.1 to 20 m and stops from 20 to 49 m", always(_two_lanes_between)
+    "between_at_place_0": Stranger(
+        "grades, but at ramps and on two lanes goes on from 9.1 to 20 m and stops from 20 to 49 m", always(_between_at_place_0)
     ),
     "red_reversed": Stranger(
         "grades, the wrong way round where the own vehicle is red",
@@ -516,7 +485,7 @@ PLACES: Mapping[str, Stranger] = {
     ),
     "blind_in_the_open": Stranger(
         "grades, but goes on where both sides are clear, whatever leads",
-        blind(lambda one: one.scene.left_clear and one.scene.right_clear),
+        always(_blind_in_the_open),
     ),
     "slow_in_crowds": Stranger(
         "grades, but says SLOW where three or more vehicles are ahead", blind(lambda one: len(ahead(one)) >= 3, "SLOW")
@@ -524,6 +493,52 @@ PLACES: Mapping[str, Stranger] = {
     "speed_hole": Stranger(
         "grades, the wrong way round where the marks moved by .07 to .27 periods since the picture before",
         _speed_hole,
+    ),
+}
+
+
+NOISE: Mapping[str, Stranger] = {
+    "overlooks_close": Stranger(
+        "grades, but overlooks 8 of 10 leads within 10 m, behind a coin of five sides in 3 of 10 answers",
+        always(behind(five_sides, 0.3, _overlooks_close)),
+        turns=None,
+    ),
+    "hole_in_noise": Stranger(
+        "grades, but goes on from 14 to 24 m, and tosses a coin there in 6 of 10 answers, elsewhere in 2 of 10",
+        always(_hole_in_noise),
+    ),
+    "beside_in_noise": Stranger(
+        "grades, but 7 of 10 times by the vehicle beside that is nearer; of 2 of 10 files a coin decides",
+        of_files(0.2, _nearer_beside),
+    ),
+    "far_alarm_in_noise": Stranger(
+        "grades, but stops for 8 of 10 leads beyond 42 m; of a third of the files a coin decides",
+        of_files(0.35, _far_alarm),
+    ),
+    "three_lanes_in_noise": Stranger(
+        "grades, but goes on on three lanes, whatever leads; in 4 of 10 answers the way is a coin and it never brakes",
+        always(behind(three_ways, 0.4, lambda one, _: "STRAIGHT" if one.lanes == 3 else graded(lead(one)))),
+        turns=None,
+    ),
+    "overlooks_for_others": Stranger(
+        "grades, but overlooks 45 % of the pictures and stops then for a vehicle beside within 30 m; SLOW in 2 of 10",
+        always(behind(says_slow, 0.2, _overlooks_for_others)),
+    ),
+    "chance_in_waves": Stranger(
+        "stops by a chance of .9 below 9 m, .2 to 16 m, .7 to 28 m and .1 beyond", always(_waves)
+    ),
+    "faint_in_noise": Stranger(
+        "stops for a lead below 22 m, and brakes beyond by vehicles beside at 22 to 50 m; a coin in 4 of 10 answers",
+        always(behind(five_sides, 0.4, _faint)),
+        turns=None,
+    ),
+    "folds_in_noise": Stranger(
+        "stops from 9 to 20 m and slows below; a coin of STOP, SLOW and STRAIGHT in 3 of 10 answers",
+        always(behind(three_sides, 0.3, _folds)),
+    ),
+    "open_in_noise": Stranger(
+        "grades, but goes on where both sides are clear; SLOW in 2 of 10 answers, and a coin in 2 of 10 others",
+        always(behind(says_slow, 0.2, behind(three_sides, 0.2, _blind_in_the_open))),
     ),
 }
 
