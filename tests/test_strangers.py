@@ -1,11 +1,16 @@
 """What is declared of each stranger is what it does on many simulated frames."""
 
+import asyncio
+import importlib
 import itertools
 import math
 import random
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +30,7 @@ from eyechart.calibrate.strangers import (
 )
 from eyechart.calibrate.strangers import NOISE as NOISE_PAYS
 from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
+from eyechart.frames import open_bank
 from eyechart.models.scripted import Reading, Sight
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
@@ -351,3 +357,43 @@ def test_a_stranger_is_none_of_the_adversaries() -> None:
         mine = answers(STRANGERS[name].open())
         apart = {other: float((mine != theirs).mean()) for other, theirs in known.items()}
         assert min(apart.values()) >= 0.02, (name, min(apart, key=lambda other: apart[other]))
+
+
+@pytest.mark.slow
+def test_the_door_asks_strangers_about_real_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of a bank, at both temperatures; a reader brakes harder for a near lead than for a far one there too."""
+    bank, benchmarks = tmp_path / "bank", Path(__file__).parents[1] / "benchmarks"
+    built = [
+        sys.executable,
+        "-m",
+        "eyechart",
+        "frames",
+        "build",
+        "rover",
+        "--seeds",
+        "41",
+        "--steps",
+        "4",
+        "--out",
+        bank,
+    ]
+    subprocess.run(built, check=True, capture_output=True)
+    monkeypatch.syspath_prepend(str(benchmarks))
+    monkeypatch.setenv("EYECHART_ADVERSARY_BANK", str(bank))
+    door = importlib.import_module("stranger_door")
+
+    async def levels(name: str) -> list[float]:
+        ask = getattr(door, name)
+        answers = [[await ask("", picture) for picture in pictures] for pictures in (near, far, [None])]
+        assert {answer for column in answers for answer in column} <= set(DRIVING.actions)
+        return [float(np.mean([DRIVING.project(one, "brake") or 0.0 for one in column])) for column in answers[:2]]
+
+    opened = open_bank(bank)
+    near, far = (
+        [picture for one in opened for picture in opened.images(one, name).values()]
+        for name in ("lead_near", "lead_far")
+    )
+    measured = {name: asyncio.run(levels(name)) for name in door.NAMES}
+    assert set(measured) == {name + cold for name in STRANGERS for cold in ("", "_t0")}
+    for name in READERS:
+        assert min(measured[one][0] - measured[one][1] for one in (name, name + "_t0")) > 0.4

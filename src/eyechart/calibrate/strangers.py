@@ -470,7 +470,8 @@ PLACES: Mapping[str, Stranger] = {
         blind(lambda one: one.place == 2),
     ),
     "between_at_place_0": Stranger(
-        "grades, but at ramps and on two lanes goes on from 9.1 to 20 m and stops from 20 to 49 m", always(_between_at_place_0)
+        "grades, but at ramps and on two lanes goes on from 9.1 to 20 m and stops from 20 to 49 m",
+        always(_between_at_place_0),
     ),
     "red_reversed": Stranger(
         "grades, the wrong way round where the own vehicle is red",
