@@ -376,7 +376,7 @@ def test_the_door_asks_strangers_about_real_pictures(tmp_path: Path, monkeypatch
         "--steps",
         "4",
         "--out",
-        bank,
+        str(bank),
     ]
     subprocess.run(built, check=True, capture_output=True)
     monkeypatch.syspath_prepend(str(benchmarks))
