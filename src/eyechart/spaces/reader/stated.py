@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.patterns import pattern
+from eyechart.spaces.reader.marks import is_contrary
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
@@ -28,11 +29,13 @@ _ANSWER_TAG = pattern(
 )
 _BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
 _HASHED = pattern(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
-_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
+_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\] ]")
+_INLINE = pattern(r"\$\s?([+-]?[\d.]+(?:°|\s?m/s)?)\s?\$(?!\d)")
+_CIRC = pattern(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
 
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
-    r"|move|direction|control"
+    r"|move|direction|control|letter"
     r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
 )
 _OWN = (
@@ -147,6 +150,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
+    text = names.in_digits(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
     found = _find(text, names)
     if found.action is None:
         return Decision(None, "refused") if refuses(visible) else found
@@ -161,7 +165,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
 def _find(text: str, names: Names) -> Decision[str]:
     if (bare := names.whole(fold(text))) is not None:
         return Decision(bare)
-    for form in (_objects, _tags, _boxes, _hashes):
+    for form in (_objects, _tags, _boxes, _hashes, _votes):
         if stated := list(form(text, names)):
             return _agreed(text, stated, names)
     text = _FENCE.sub(" ", _without_objects(text))
@@ -242,17 +246,36 @@ def _stated_in(value: object, names: Names) -> Iterator[tuple[str | None, str | 
         return
     if not isinstance(value, _Pairs):
         return
-    if _at_fault(value):
+    if _at_fault(value) or _is_contrary(value, names):
         yield None, "negated"
     elif (named := _flagged(value, names) or _called(value, names)) is not None:
         yield named, None
-    elif (key := _answer_key(value)) is not None:
+    elif (key := _answer_key(value, names)) is not None:
         for name, inner in value:
             if name == key or _is_another(name, inner, names):
                 yield from _values(None if _is_count(name, inner) else inner, names)
     else:
-        for inner in (_given(name, inner) for name, inner in value if not _OTHERS.search(name)):
-            yield from _stated_in(inner, names)
+        for key, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
+            yield from _named_in(inner, names) if _KEY.fullmatch(key) and _is_listed(inner, names) else _stated_in(inner, names)
+
+
+_LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
+
+
+def _is_listed(value: object, names: Names) -> bool:
+    """Return whether an answer is an option as a list has it: ``{"id": 3, "name": "faster"}``."""
+    if not isinstance(value, _Pairs) or _answer_key(value, names) is not None:
+        return False
+    return any(_LISTED.fullmatch(key) for key, _ in value)
+
+
+def _named_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that an option has for its number, letter or name."""
+    for key, inner in value if isinstance(value, _Pairs) else ():
+        if _LISTED.fullmatch(key):
+            number = isinstance(inner, int | float) and not isinstance(inner, bool)
+            action = names.whole(fold(inner)) if isinstance(inner, str) else names.action(f"{inner}") if number else None
+            yield action, None if action is not None else "unknown_action"
 
 
 def _at_fault(value: _Pairs) -> bool:
@@ -264,6 +287,18 @@ def _at_fault(value: _Pairs) -> bool:
         or (key.lower() in {"status", "state", "outcome"} and isinstance(inner, str) and _FAULT.fullmatch(inner))
         for key, inner in value
     )
+
+
+_SIDE = pattern(r"(?:steering_|turn_)?(?:direction|side|turn)", re.IGNORECASE)
+
+
+def _is_contrary(value: _Pairs, names: Names) -> bool:
+    """Return whether an object gives a number and, under another key, the side that its sign does not say."""
+    if not any(name.startswith("-") for name in names.actions):
+        return False
+    sides = [str(inner).lower() for key, inner in value if _SIDE.fullmatch(key) and str(inner).lower() in {"left", "right"}]
+    keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
+    return any(is_contrary(number, side) for number in keyed if number is not None for side in sides)
 
 
 def _given(key: str, value: object) -> object:
@@ -280,9 +315,11 @@ def _is_another(key: str, value: object, names: Names) -> bool:
     return isinstance(value, str) and names.whole(fold(value)) is not None
 
 
-def _answer_key(value: _Pairs) -> str | None:
+def _answer_key(value: _Pairs, names: Names) -> str | None:
     """Return the key that holds the answer, the plainest of several; None where an object holds it further in."""
     known = [key for key, _ in value if _KEY.fullmatch(key)]
+    if all(_SIDE.fullmatch(key) for key in known):
+        known = [key for key, _ in value if names.quantity.is_key(key)] or known
     if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
         known = [value[0][0]]
     if not known:
@@ -375,6 +412,17 @@ def _hashes(text: str, names: Names) -> Iterator[_Stated]:
             yield _Stated(match.start(), match.end(), action)
 
 
+_VOTE = pattern(r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE)
+
+
+def _votes(text: str, names: Names) -> Iterator[_Stated]:
+    """Yield the one action with a yes where each of the space's has a line with a yes or a no."""
+    found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
+    voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
+    if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
+        yield _Stated(voted[0].start(), found[-1][1].end(), names.whole(voted[0].group(1)))
+
+
 def _marked(text: str, names: Names) -> Decision[str] | None:
     """Return the decision of the last line that begins with ``action:``; None where no such line says one.
 
@@ -382,6 +430,7 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     between. What follows the line may take it back.
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
+    marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
     read = [(mark.group(), mark.start(), *_value(text, mark.end(), names)) for mark in marks]
     said = [one for one in read if one[3].why not in {"no_action", "not_chosen"} and not _is_no_input(*one[:3], text)]
     if not said:
