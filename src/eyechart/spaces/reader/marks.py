@@ -10,13 +10,16 @@ from itertools import islice
 LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
 """The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
-_HEAD = re.compile(r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)", re.DOTALL)
+_HEAD = re.compile(
+    r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
+    re.DOTALL,
+)
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
-    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])"
+    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
     rf"(?P<number>{_NUMBER})(?![.,:/x×]?\d|\s?[-–]\s?\d|\s?[x×/]\s?\d)"
 )
-_LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'-]|\.\w)")
+_LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
     r"|arrows?|bins?|case|opción|opção|opzione|optie|aktion|antwort|选项|選択肢|选)"
@@ -61,7 +64,7 @@ _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|w
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*$")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
-_OPENS = re.compile(r"[.:][ \t]+\S")
+_OPENS = re.compile(r"\.[ \t]+\S")
 _CONCLUDES = re.compile(
     r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
 )
@@ -72,13 +75,17 @@ _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Where an action is named in a text. ``written`` is how; ``derived`` says that it is "slowing" of "slow"."""
+    """Where an action is named in a text. ``written`` is how.
+
+    ``derived`` says that it is "slowing" of "slow", ``united`` that a number has its unit.
+    """
 
     action: str
     written: str
     start: int
     end: int
     derived: bool = False
+    united: bool = False
 
 
 def short_number(sign: str, digits: str) -> str | None:
@@ -98,6 +105,8 @@ def split_number(text: str) -> tuple[str, str] | None:
     if match is None or len(match["digits"]) > _MOST_DIGITS or _GOES_ON.match(match["rest"]):
         return None
     number = short_number(match["sign"], match["digits"])
+    if match["apart"]:
+        return (f"{match['sign']} {match['digits']}", match["rest"])  # a dash of a list, or a sign: nobody can tell
     return None if number is None else (number, match["rest"])
 
 
@@ -155,7 +164,7 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
             quantity = _WITH_QUANTITY.search(text, max(0, start - 40), start) if unit or signed else None
             start = start if quantity is None else quantity.start()
             if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in "+-"):
-                yield Mention(action, match["number"], _begin(text, start), end)
+                yield Mention(action, match["number"], _begin(text, start), end, united=bool(unit))
                 break
 
 
@@ -212,9 +221,9 @@ def _is_option(
     """Return whether a mark stands as an option: it counts nothing, names no other thing and numbers no line."""
     left, right = text[max(0, start - 40) : start], text[end : end + 40]
     named = _WITH_OPTION.search(left) is not None
-    if not named and (before := _WORD_BEFORE.search(left)) is not None and not _BEFORE.fullmatch(before[1].lower()):
-        if not (measured and _SET.search(left)):
-            return False
+    before = None if named else _WORD_BEFORE.search(left)
+    if before is not None and not (_BEFORE.fullmatch(before[1].lower()) or (measured and _SET.search(left))):
+        return False
     after = _WORD_AFTER.match(right)
     if after is not None and not (_AFTER.fullmatch(after[1].lower()) or (letter and _DOES.fullmatch(after[1].lower()))):
         return (united or named) and after[1].lower() == "to" and not _TO_NUMBER.match(right)

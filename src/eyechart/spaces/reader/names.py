@@ -66,7 +66,7 @@ class Names:
         return bool(_marks(self).letters)
 
     def in_digits(self, text: str) -> str:
-        """Return a text with digits for numbers in words where they are a choice; the same where no name is a number."""
+        """Return a text with digits for numbers in words where they are a choice, if names are numbers."""
         return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
 
     def whole(self, text: str) -> str | None:
@@ -168,13 +168,19 @@ def _ing(verb: str) -> str:
 def _active(written: str) -> str | None:
     """Return a name of several words with its first as "-ing"; None for one word, and where the first is no verb."""
     found = None if marks.is_mark(written) else _FIRST_WORD.match(written)
-    return None if found is None or not found.group().isascii() else _ing(found.group().lower()) + written[found.end() :]
+    return (
+        None if found is None or not found.group().isascii() else _ing(found.group().lower()) + written[found.end() :]
+    )
 
 
 def _is_active(text: str, action: str) -> bool:
     """Return whether a text is a name whose first word has an "-ing" that the action's own has not."""
     first = _FIRST_WORD.match(text)
-    return first is not None and first.group().lower().endswith("ing") and not action.lower().startswith(first.group().lower())
+    return (
+        first is not None
+        and first.group().lower().endswith("ing")
+        and not action.lower().startswith(first.group().lower())
+    )
 
 
 @lru_cache(maxsize=256)
@@ -191,7 +197,9 @@ def _loose(names: Names) -> dict[str, str]:
 def _parts(written: str) -> list[str]:
     """Return patterns of the words of a name; lanes are a lane inside it."""
     parts = [re.escape(part) for part in re.split(r"[\s_-]+", written) if part]
-    return [f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)]
+    return [
+        f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)
+    ]
 
 
 @lru_cache(maxsize=256)

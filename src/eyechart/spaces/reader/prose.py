@@ -134,7 +134,7 @@ _JOINED = re.compile(
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
-_LABEL = re.compile(r"[\s\"']{0,3}:[ \t]*\w")
+_LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
 _SENTENCE = re.compile(r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]")
 
 # How somebody says a choice before its name.
@@ -169,7 +169,7 @@ _CHOOSE = _one_of(
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
     "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
-    "|alter(?:ing)?(?: course)?|rotat(?:e|ing)|travel(?:ing)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
+    "|rotat(?:e|ing)|travel(?:ing)?|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
     "|swing|lane change"
     "|perform a lane change|keep going|keep driving|keep moving|continue going"
 )
@@ -222,6 +222,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b{_THEREFORE}\b[\s,:\"'(]*(?:(?:it is|it's|i|we|just|now|please|let's|let us|then)\s+)?"
                 rf"(?:{_CHOOSE}|{_DONE})?{_END}"
             ),
+            rf"\b(?:let's|let us|let me)\s+(?:now\s+|just\s+)?{_END}",
             rf"[-=]>{_END}",
             (
                 rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely|first"
@@ -286,15 +287,16 @@ _TAKES_IT = re.compile(
 _SET_TO = re.compile(
     r"\b(?:(?:chosen|selected|target|desired|recommended|appropriate|suitable|right|correct|best|safest|final|new)\s+"
     r"(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)(?:\s+is|\s+would be|:)"
-    r"|(?:the|my|our)\s+(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:should|must|has to|needs to) be"
+    r"|(?:the|my|our)\s+(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:should|must|has to|needs to)"
+    r"\s+be"
     r"|(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+(?:set|put)\s+(?:the|my|our)\s+(?:speed|velocity"
     r"|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:to|at)"
     r"|(?:^|[.;,:]\s*|\bso\s+)(?:set|put)\s+(?:the\s+)?(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)"
     r"\s+(?:to|at)"
     r"|(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+)(?:slow(?: down)?|accelerate|speed up"
     r"|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?(?: speed)?)\s+to"
-    r"|(?:vitesse (?:choisie|est choisie)|velocidad elegida|velocità scelta|velocidade escolhida|ángulo elegido|angle choisi"
-    r"|angolo scelto|gewählte (?:geschwindigkeit|lenkwinkel))\s+(?:est|es|è|é|ist)(?:\s+de)?)[\s\"'(:]*$"
+    r"|(?:vitesse (?:choisie|est choisie)|velocidad elegida|velocità scelta|velocidade escolhida|ángulo elegido"
+    r"|angle choisi|angolo scelto|gewählte (?:geschwindigkeit|lenkwinkel))\s+(?:est|es|è|é|ist)(?:\s+de)?)[\s\"'(:]*$"
 )
 """What is said before a number that a speed or an angle is set to."""
 
@@ -322,7 +324,8 @@ _DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:
 """A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
 
 _SCOPE = re.compile(
-    r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
+    r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b"
+    r"|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
     r"|而是|而|但|应|-{1,2}>|=>|\s-\s"
 )
 _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
@@ -413,7 +416,7 @@ _ANSWERS = re.compile(
 )
 """A label of what is chosen; what stands behind another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
-    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|brak\w+|slow\w*"
+    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|steer|brak\w+|slow\w*"
     r"|near\w*|close"
     r"|stop(?:s|ped|ping)|reduce|keep|avoid|change|move|turn|proceed|continue|accelerate|speed up|\w+ traffic"
     r"|clear|ist|sind"
@@ -501,6 +504,7 @@ _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 """How far a name of several words goes: "TURN LEFT 30 degrees"; what is so far ahead is for later."""
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
 """What ends an action, or is in its place in some case, is another: "STOP until the road is free, then …"."""
+_FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
@@ -748,14 +752,16 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
     if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
-    if one.derived and _IT_IS.search(left):
-        return "said"  # of a thing in the picture: "a truck is ahead; it is slowing"
+    several = _SEVERAL.search(one.written) is not None
+    if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
+        return "said"  # of a thing in the picture: "a truck is ahead; it is slowing", "it is 30 degrees"
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return "chosen"
     if one.written[-1:].isdigit() and _SET_TO.search(left):
         return "chosen"
-    status = _stands_alone(left, right, opened=opened, several=_SEVERAL.search(one.written) is not None)
-    if status == "chosen" and one.derived and not _BARE_FORM.match(right):
+    status = _stands_alone(left, right, opened=opened, several=several)
+    reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
+    if status == "chosen" and one.derived and not (_BARE_FORM.match(right) or reasoned):
         return "said"
     return "chosen" if status == "said" and _is_foreign(left, right, one) else status
 

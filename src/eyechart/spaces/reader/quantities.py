@@ -14,17 +14,20 @@ from eyechart.patterns import pattern
 from eyechart.spaces.reader.marks import is_mark, split_number
 
 _DEGREES = (
-    "° deg degs deg. degree degrees Grad grado grados degré degrés gradi graus grau graden stopni градус градуса "
-    "градусов 度"
-).split()
+    *("°", "deg", "degs", "deg.", "degree", "degrees", "Grad", "grado", "grados", "degré", "degrés", "gradi", "graus"),
+    *("grau", "graden", "градус", "градуса", "градусов", "度"),
+)
 _METRES_A_SECOND = (
-    *"m/s mps m/sec m/second meters/second metres/second 米/秒 米每秒 м/с".split(),
+    *("m/s", "mps", "m/sec", "m/second", "meters/second", "metres/second", "米/秒", "米每秒", "м/с"),
     *(f"{metre}{s} per second" for metre in ("meter", "metre") for s in ("", "s")),
     "Meter pro Sekunde",
     "mètres par seconde",
     "metros por segundo",
 )
-_KILOMETRES_AN_HOUR = (*"km/h kmh kph km/hr 公里/小时 км/ч".split(), "kilometers per hour", "kilometres per hour")
+_KILOMETRES_AN_HOUR = (
+    *("km/h", "kmh", "kph", "km/hr", "公里/小时", "км/ч"),
+    *("kilometers per hour", "kilometres per hour"),
+)
 
 _STEERING = (
     r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd|output|input|bin|level))?"
@@ -65,7 +68,7 @@ class Quantity:
 
 
 _KINDS = (
-    Quantity(tuple(_DEGREES), _ANGLE),
+    Quantity(_DEGREES, _ANGLE),
     Quantity(_METRES_A_SECOND, _SPEED),
     Quantity(_KILOMETRES_AN_HOUR, _SPEED),
 )
@@ -92,10 +95,10 @@ def _unit(name: str) -> str:
 # Numbers in words.
 
 _SMALL = (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
-    "eighteen nineteen"
-).split()
-_TENS = "twenty thirty forty fifty sixty seventy eighty ninety".split()
+    *("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"),
+    *("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen", "nineteen"),
+)
+_TENS = ["twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ninety"]
 _WHOLE = {
     **{word: at for at, word in enumerate(_SMALL)},
     **{word: 10 * at for at, word in enumerate(_TENS, 2)},
@@ -103,17 +106,14 @@ _WHOLE = {
 }
 _ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
 _MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"
-_WORDED = (
-    rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?|(?:a\s+)?half(?!\s+(?:an?|of|the)\b))"
-)
+_WORDED = rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?)"
 _BEHIND_OPTION = pattern(
-    rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?|(?:answer|choice|action|option|number)"
-    rf"\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
+    rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
+    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
     re.IGNORECASE,
 )
 _SIGNED = pattern(rf"(?<![\d\w])(?<!\d\s){_MINUS}\s*(?=\.?\d)", re.IGNORECASE)
 _VERB = pattern(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
-_HALF = Decimal("0.5")
 
 
 def number_in_words(text: str) -> str | None:
@@ -123,20 +123,17 @@ def number_in_words(text: str) -> str | None:
     words = " ".join(text.lower().split())
     sign = "-" if re.match(rf"{_MINUS}\s", words) else ""
     words = re.sub(rf"^{_MINUS}\s+", "", words)
-    if words in {"half", "a half"}:
-        value = _HALF
-    else:
-        whole, _, rest = words.partition(" and a half")
-        value = _HALF if words.endswith(" and a half") else Decimal(0)
-        whole, _, rest = whole.partition(" point ")
-        value += _WHOLE[whole.replace(" ", "-")] + (Decimal(f"0.{_WHOLE[rest.replace(' ', '-')]}") if rest else 0)
+    half = words.endswith(" and a half")
+    whole, _, rest = words.removesuffix(" and a half").partition(" point ")
+    value = _WHOLE[whole.replace(" ", "-")] + Decimal("0.5" if half else "0")
+    value += Decimal(f"0.{_WHOLE[rest.replace(' ', '-')]}") if rest else 0
     split = split_number(f"{sign}{value:f}")
     return None if split is None else split[0]
 
 
 _FOREIGN = pattern(
-    r"\b(?:antwort|aktion|entscheidung|geschwindigkeit|lenkwinkel|winkel|wähle|nehme|respuesta|acción|decisión|velocidad"
-    r"|ángulo|elijo|escojo|réponse|vitesse|choisis|prends|risposta|azione|velocità|angolo|scelgo|resposta|ação"
+    r"\b(?:antwort|aktion|entscheidung|geschwindigkeit|lenkwinkel|winkel|wähle|nehme|respuesta|acción|decisión"
+    r"|velocidad|ángulo|elijo|escojo|réponse|vitesse|choisis|prends|risposta|azione|velocità|angolo|scelgo|resposta|ação"
     r"|velocidade|escolho|ответ|скорость|угол|выбираю|antwoord|snelheid|kies|odpowiedź|prędkość|svar)\b",
     re.IGNORECASE,
 )
@@ -150,7 +147,9 @@ def in_digits(text: str, units: Sequence[str]) -> str:
     Words count behind "option" or the like and before the space's unit; "one" also means other things. A comma is a
     point before the unit, and beside words of a language that writes it so.
     """
-    unit = rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""
+    unit = (
+        rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""
+    )
     text = _SIGNED.sub("-", text)
     text = _BEHIND_OPTION.sub(_digits, text)
     if unit:
@@ -161,6 +160,6 @@ def in_digits(text: str, units: Sequence[str]) -> str:
 
 def _digits(match: re.Match[str]) -> str:
     number = match["number"]
-    if number.lower() in {"one", "half", "a half"} and _VERB.search(match["before"]):
+    if number.lower() == "one" and _VERB.search(match["before"]):
         return match.group()
     return match["before"] + (number_in_words(number) or number)
