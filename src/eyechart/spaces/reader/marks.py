@@ -48,6 +48,8 @@ _SIDE_AFTER = re.compile(
     r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|hand|one|now|away|here|there|ahead)\b|-)",
     re.IGNORECASE,
 )
+_APART = re.compile(r"(?:^|[^\w)\s])\s*[+-]\s$")
+"""A dash with a space behind: nobody can tell the sign of the number from that of a list."""
 _SIDE_BEFORE = re.compile(
     r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
     r"(?:\s+by)?[\s:=(]{1,3}$",
@@ -61,7 +63,7 @@ _AFTER = re.compile(
 )
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """What only an option does, and no article stands before."""
-_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*$")
+_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
@@ -160,6 +162,8 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
         for unit, action in numbers.get(split[0], ()) if split is not None else ():
             start, end = match.start(), _unit_end(text, match.end(), unit)
             if end is None or (signed and split is not None and is_other_side(split[0], text, start, end)):
+                continue
+            if signed and _APART.search(text, max(0, start - 40), start):
                 continue
             quantity = _WITH_QUANTITY.search(text, max(0, start - 40), start) if unit or signed else None
             start = start if quantity is None else quantity.start()

@@ -169,7 +169,8 @@ _CHOOSE = _one_of(
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
     "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
-    "|rotat(?:e|ing)|travel(?:ing)?|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
+    "|rotat(?:e|ing)|travel(?:ing)?"
+    "|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
     "|swing|lane change"
     "|perform a lane change|keep going|keep driving|keep moving|continue going"
 )

@@ -288,11 +288,15 @@ def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator
             if name == key or _is_another(name, inner, names):
                 yield from _values(None if _is_count(name, inner) else inner, names)
     else:
-        for key, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
-            if _KEY.fullmatch(key) and _is_listed(inner, names):
-                yield from _named_in(inner, names)
-            else:
-                yield from _stated_in(inner, names, within=within or not _HOLDS.fullmatch(key))
+        for name, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
+            yield from _stated_under(name, inner, names, within=within)
+
+
+def _stated_under(key: str, value: object, names: Names, *, within: bool) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that the value of a key states which is no answer's, or holds the answer further in."""
+    if _KEY.fullmatch(key) and _is_listed(value, names):
+        return _named_in(value, names)
+    return _stated_in(value, names, within=within or not _HOLDS.fullmatch(key))
 
 
 _HOLDS = pattern(rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?", re.IGNORECASE)
