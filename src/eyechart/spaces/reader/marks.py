@@ -31,11 +31,12 @@ _BEFORE = re.compile(
     r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
-    r"final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
+    r"believe|think|guess|suppose|lautet|steering|final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
     r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e|.*(?:选择?|選擇?|選|是|为|為|は|答案|动作|動作|回答)"
 )
 _SET = re.compile(
-    r"\b(?:(?:turn|steer|rotate)(?:\s+by)?|(?:drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
+    r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
+    r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
 """What may also stand before a number with its unit or its sign; "turning by" says what somebody does."""
@@ -58,7 +59,7 @@ _SIDE_BEFORE = re.compile(
 _AFTER = re.compile(
     r"because|since|as|is|was|would|seems|looks|appears|remains|due|so|and|or|but|given|then|"
     r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|which|for|"
-    r"until|till|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
+    r"until|till|later|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
     r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
 )
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from eyechart.spaces.reader.marks import Mention
+from eyechart.spaces.reader.marks import Mention, is_mark
 from eyechart.spaces.reader.names import Names
 from eyechart.spaces.space import Decision, unparsed
 
@@ -283,6 +283,7 @@ _TAKES_IT = re.compile(
     r"|therefore)\s+(?:that|it|this)?\s*(?:is my (?:answer|choice|decision|pick)"
     r"|(?:i|we)(?:'ll|'d| will| would| shall)?\s+(?:go (?:with|for)|choose|pick|take|select|opt for) (?:it|that|this)"
     r"(?: one| option)?)(?=\s*(?:[^\w\s]|$))"
+    r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
 )
 """What is said of an action that is then taken: "D is free, so I go with it"."""
 _SET_TO = re.compile(
@@ -290,7 +291,7 @@ _SET_TO = re.compile(
     r"(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)(?:\s+is|\s+would be|:)"
     r"|(?:the|my|our)\s+(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:should|must|has to|needs to)"
     r"\s+be"
-    r"|(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+(?:set|put)\s+(?:the|my|our)\s+(?:speed|velocity"
+    r"|(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+(?:set|put)\s+(?:(?:the|my|our)\s+)?(?:speed|velocity"
     r"|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:to|at)"
     r"|(?:^|[.;,:]\s*|\bso\s+)(?:set|put)\s+(?:the\s+)?(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)"
     r"\s+(?:to|at)"
@@ -427,7 +428,7 @@ _CLAUSE = re.compile(
 """What makes a reason of what stands before a colon: "the lead is near: STOP"."""
 
 _EXAMPLE = re.compile(
-    r"\b(?:example|for instance|e\.g|such as|options(?: are)?|choices are)\b[^@]{0,60}$"
+    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?|choices are)\b[^@]{0,60}$"
     r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
 )
 _THING_LABEL = re.compile(
@@ -492,15 +493,18 @@ _TAIL = re.compile(
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
     r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
-    r"|obviously|a bit|a little"
+    r"|obviously|a bit|a little|slightly|sharply"
     r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
     r"|drone|rover|engine"
     r"|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|fahren|nehmen|wählen"
     r"|\d+(?:\.\d+)?)\b|[^\w@])*"
 )
 _ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
-_FAR = r"\d+(?:\.\d+)?\s?(?:°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
-_MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
+_FAR = r"\d+(?:\.\d+)?\s?(?:km/h|m/s|mph|°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
+_DOES = re.compile(r"(?:^|[,;:]|\bso|\band|\bthen|\btherefore)\s*(?:i|we)\s+$")
+"""What makes a sentence of a name that is a verb: "so I turn right"."""
+_LEADS = re.compile(r"\W*(?:rather than|instead of)\s+(?:\w+\s+){0,3}")
+_MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|to\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
 _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 """How far a name of several words goes: "TURN LEFT 30 degrees"; what is so far ahead is for later."""
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
@@ -681,7 +685,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> lis
         start = bullet.end()
     groups: list[list[_Placed]] = [[here[0]]]
     for before, one in pairwise(here):
-        if _joins(marked, before.place, one.place, end):
+        if _joins(marked, before.place, one.place, end) and not _LEADS.fullmatch(marked, start, before.place):
             groups[-1].append(one)
         else:
             groups.append([one])
@@ -758,7 +762,7 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
         return "said"  # of a thing in the picture: "a truck is ahead; it is slowing", "it is 30 degrees"
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return "chosen"
-    if one.written[-1:].isdigit() and _SET_TO.search(left):
+    if (is_mark(one.action) and _SET_TO.search(left)) or (several and not one.derived and _DOES.search(left)):
         return "chosen"
     status = _stands_alone(left, right, opened=opened, several=several)
     reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None

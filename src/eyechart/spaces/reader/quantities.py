@@ -61,7 +61,8 @@ class Quantity:
         """Yield where a line of a folded text begins with the quantity and a colon or the like."""
         if self.words:
             yield from re.finditer(
-                rf"^[^\w\n]{{0,8}}{_WANTED}(?:{self.words}){_IN}[ \t\"']{{0,4}}(?:[:=>]|->|\bis set to\b)+[ \t]*",
+                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{_WANTED}(?:{self.words}){_IN}"
+                r"[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*",
                 text,
                 re.IGNORECASE | re.MULTILINE,
             )
@@ -73,7 +74,7 @@ _KINDS = (
     Quantity(_KILOMETRES_AN_HOUR, _SPEED),
 )
 _PLAIN = Quantity((), "")
-_STEERED = Quantity((), _STEERING)
+_STEERED = Quantity((), rf"{_STEERING}|bin")
 
 
 def quantity_of(written: Sequence[tuple[str, str]], *, sided: bool) -> Quantity:
