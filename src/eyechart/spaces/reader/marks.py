@@ -62,6 +62,8 @@ _AFTER = re.compile(
     r"until|till|later|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
     r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
 )
+_WITH_NEXT = re.compile(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
+"""Another mark beside one: "either 0 or 2" is a list, whatever stands before its first."""
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """What only an option does, and no article stands before."""
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
@@ -226,7 +228,7 @@ def _is_option(
     """Return whether a mark stands as an option: it counts nothing, names no other thing and numbers no line."""
     left, right = text[max(0, start - 40) : start], text[end : end + 40]
     named = _WITH_OPTION.search(left) is not None
-    before = None if named else _WORD_BEFORE.search(left)
+    before = None if named or _WITH_NEXT.match(right) else _WORD_BEFORE.search(left)
     if before is not None and not (_BEFORE.fullmatch(before[1].lower()) or (measured and _SET.search(left))):
         return False
     after = _WORD_AFTER.match(right)

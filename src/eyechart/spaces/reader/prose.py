@@ -510,6 +510,8 @@ _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
 """What ends an action, or is in its place in some case, is another: "STOP until the road is free, then …"."""
 _FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
+_EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
+"""What stands before one of several: "either zero or 2 is fine", "from -2 to 2"."""
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
@@ -742,6 +744,7 @@ def _only_said(left: str, right: str) -> bool:
         or _EXAMPLE.search(left)
         or _THING_LABEL.search(left)
         or _HELD.search(left)
+        or _EITHER.search(left)
     ):
         return True
     if _PREDICATE.match(right) and not (_CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
