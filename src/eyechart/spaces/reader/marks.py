@@ -17,7 +17,7 @@ _HEAD = re.compile(
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
     rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
-    rf"(?P<number>{_NUMBER})(?![.,:/x×]?\d|\s?[-–]\s?\d|\s?[x×/]\s?\d)"
+    rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
@@ -116,7 +116,7 @@ def split_number(text: str) -> tuple[str, str] | None:
 
 
 _MOST_DIGITS = 30
-_GOES_ON = re.compile(r"\s*[-–.,:/x×]?\s*\d")
+_GOES_ON = re.compile(r"\s*[-–.,:/x×·]?\s*\d")
 
 
 def is_mark(name: str) -> bool:

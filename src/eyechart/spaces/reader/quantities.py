@@ -14,7 +14,23 @@ from eyechart.patterns import pattern
 from eyechart.spaces.reader.marks import is_mark, split_number
 
 _DEGREES = (
-    *("°", "deg", "degs", "deg.", "degree", "degrees", "Grad", "grado", "grados", "degré", "degrés", "gradi", "graus"),
+    *(
+        "°",
+        "deg",
+        "degs",
+        "deg.",
+        "degree",
+        "degrees",
+        "º",
+        "˚",
+        "Grad",
+        "grado",
+        "grados",
+        "degré",
+        "degrés",
+        "gradi",
+        "graus",
+    ),
     *("grau", "graden", "градус", "градуса", "градусов", "度"),
 )
 _METRES_A_SECOND = (
@@ -62,7 +78,9 @@ class Quantity:
         if self.words:
             yield from re.finditer(
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{_WANTED}(?:{self.words}){_IN}"
-                r"[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*",
+                r"(?:[ \t]?[(\[](?:°|deg(?:ree)?s?|m/s|km/h)[)\]])?"
+                r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*"
+                r"|[ \t](?=[+-]?\d[^\n]{0,9}$)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,
             )

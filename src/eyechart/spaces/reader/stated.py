@@ -224,7 +224,7 @@ _COMMITS = pattern(
     re.IGNORECASE,
 )
 _ANEW = pattern(
-    r"\b(?:final\w*|correct\w*|revised?|actually|wait|however|reflection|instead|no|but|so|therefore|first)\b",
+    r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore|first)\b",
     re.IGNORECASE,
 )
 
@@ -294,7 +294,7 @@ def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator
 
 def _stated_under(key: str, value: object, names: Names, *, within: bool) -> Iterator[tuple[str | None, str | None]]:
     """Yield the actions that the value of a key states which is no answer's, or holds the answer further in."""
-    if _KEY.fullmatch(key) and _is_listed(value, names):
+    if (_KEY.fullmatch(key) or (names.quantity.is_key(key) and not within)) and _is_listed(value, names):
         return _named_in(value, names)
     return _stated_in(value, names, within=within or not _HOLDS.fullmatch(key))
 
@@ -308,13 +308,13 @@ def _is_listed(value: object, names: Names) -> bool:
     """Return whether an answer is an option as a list has it: ``{"id": 3, "name": "faster"}``."""
     if not isinstance(value, _Pairs) or _answer_key(value, names) is not None:
         return False
-    return any(_LISTED.fullmatch(key) for key, _ in value)
+    return any(_LISTED.fullmatch(key) for key, _ in value) or {key for key, _ in value} == {"value", "unit"}
 
 
 def _named_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
     """Yield the actions that an option has for its number, letter or name."""
     for key, inner in value if isinstance(value, _Pairs) else ():
-        if _LISTED.fullmatch(key):
+        if _LISTED.fullmatch(key) or key == "value":
             number = isinstance(inner, int | float) and not isinstance(inner, bool)
             action = (
                 names.whole(fold(inner)) if isinstance(inner, str) else names.action(f"{inner}") if number else None
