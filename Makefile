@@ -24,7 +24,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -46,6 +46,7 @@ help:
 	@echo "make long-calibration  200 simulated banks of each setting, judged: docs/calibration.md anew"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
+	@echo "make long-marks  the replies of numbers, letters and phrases that were kept: what the reader makes of them"
 	@echo "make long-falls   the tests of what fell in 0.2.0.dev0, on its source and on today's: each fails there, and passes now"
 	@echo "make long-doors   every door under every fault that fits it, on the source of 0.2.0.dev0 and on today's: what each finds"
 	@echo "make long-atheris what parses bytes of others, fuzzed by coverage, MINUTES=10 a target"
@@ -198,6 +199,9 @@ long-power: $(CORE)
 
 long-replies: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_replies.py
+
+long-marks: $(CORE)
+	$(BIN)/python benchmarks/kept_replies.py
 
 long-faults: $(CORE)
 	$(BIN)/python benchmarks/broken_roads_run.py

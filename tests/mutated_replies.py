@@ -3,9 +3,10 @@
 import hashlib
 import json
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from eyechart.calls import Reply
 from eyechart.spaces.discrete import DRIVING, Discrete
@@ -54,6 +55,18 @@ _SIGNS = (
 )
 
 
+class Written(Protocol):
+    """A reply of a corpus, and the name of its space."""
+
+    @property
+    def space(self) -> str:
+        """The name."""
+
+    @property
+    def text(self) -> str:
+        """The verbatim text."""
+
+
 @dataclass(frozen=True)
 class Labelled:
     """A reply of the corpus, what a reader made of it in two passes, and the file that it is of."""
@@ -80,52 +93,52 @@ def read_corpus() -> tuple[Labelled, ...]:
     )
 
 
-def mutated(corpus: tuple[Labelled, ...], seed: int) -> tuple[Discrete, str]:
-    """Return a reply made from some of the corpus, and the space it is read in; the same for the same seed."""
+def mutated(corpus: tuple[Written, ...], seed: int) -> tuple[str, str]:
+    """Return the name of a space, and a reply made for it from some of the corpus; the same for the same seed."""
     dice = random.Random(seed)  # noqa: S311 - no secret
     one = dice.choice(corpus)
     text = one.text
     for _ in range(dice.randint(1, 6)):
         text = dice.choice(_CHANGES)(text, dice, corpus)[:4000]
-    return SPACES[one.space], text
+    return one.space, text
 
 
-def _cut(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _cut(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     start, end = sorted((dice.randint(0, len(text)), dice.randint(0, len(text))))
     return text[:start] + text[end:]
 
 
-def _insert(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _insert(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     at = dice.randint(0, len(text))
     return text[:at] + dice.choice(_SIGNS) * dice.choice((1, 1, 1, 2, 40)) + text[at:]
 
 
-def _join(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _join(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     other = dice.choice(corpus).text
     return dice.choice((text + dice.choice(("", " ", "\n", ". ", ", ")) + other, other[: len(other) // 2] + text))
 
 
-def _repeat(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _repeat(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     start, end = sorted((dice.randint(0, len(text)), dice.randint(0, len(text))))
     return text[:end] + text[start:end] * dice.randint(1, 5) + text[end:]
 
 
-def _turn(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _turn(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     return dice.choice((text.upper(), text.lower(), text.swapcase(), text[::-1], text.title()))
 
 
-def _shuffle(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _shuffle(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     words = text.split(" ")
     dice.shuffle(words)
     return " ".join(words)
 
 
-def _random(text: str, dice: random.Random, corpus: tuple[Labelled, ...]) -> str:
+def _random(text: str, dice: random.Random, corpus: tuple[Written, ...]) -> str:
     del corpus
     at = dice.randint(0, len(text))
     return (
@@ -147,13 +160,14 @@ def wrong(space: Discrete, text: str) -> str | None:
     return None if again == found else f"{found}, and then {again}"
 
 
-_ROLES = ("actions", "mirror_pairs", "brake", "proceed")
+_ROLES = ("actions", "mirror_pairs", "brake", "proceed", "aliases")
 
 
-def count_wrong(corpus: tuple[Labelled, ...], seeds: range) -> Iterator[str]:
+def count_wrong(corpus: tuple[Written, ...], seeds: range, spaces: Mapping[str, Discrete] = SPACES) -> Iterator[str]:
     """Yield the seed and what is wrong, for each mutated reply with which something is; an exception is wrong too."""
     for seed in seeds:
-        space, text = mutated(corpus, seed)
+        named, text = mutated(corpus, seed)
+        space = spaces[named]
         try:
             found = wrong(space, text)
         except Exception as error:  # noqa: BLE001 - any at all is what is looked for

@@ -87,7 +87,11 @@ class Discrete:
     @property
     def names(self) -> Names:
         """Return the names of the actions and their aliases, as they are read from words."""
-        return Names((*((action, action) for action in self.actions), *self.aliases))
+        opposite = {
+            (spelled(one).removeprefix("-"), spelled(other).removeprefix("-")) for one, other in self.mirror_pairs
+        }
+        sided = bool(opposite) and all(one == other for one, other in opposite)
+        return Names((*((action, action) for action in self.actions), *self.aliases), sided)
 
     @property
     def directional(self) -> tuple[str, ...]:

@@ -7,14 +7,19 @@ from decimal import Decimal
 from functools import lru_cache
 from itertools import islice
 
+LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
+"""The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
-_HEAD = re.compile(r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)", re.DOTALL)
+_HEAD = re.compile(
+    r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
+    re.DOTALL,
+)
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
-    r"(?<![\w.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])"
-    rf"(?P<number>{_NUMBER})(?![.,:/x×]?\d|\s?[-–]\s?\d|\s?[x×/]\s?\d)"
+    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
+    rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
-_LETTER = re.compile(r"(?<![\w.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'-]|\.\w)")
+_LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
     r"|arrows?|bins?|case|opción|opção|opzione|optie|aktion|antwort|选项|選択肢|选)"
@@ -26,18 +31,48 @@ _BEFORE = re.compile(
     r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
-    r"final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
-    r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e"
+    r"believe|think|guess|suppose|lautet|steering|final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
+    r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e|.*(?:选择?|選擇?|選|是|为|為|は|答案|动作|動作|回答)"
+)
+_SET = re.compile(
+    r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
+    r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
+    re.IGNORECASE,
+)
+"""What may also stand before a number with its unit or its sign; "turning by" says what somebody does."""
+_WITH_QUANTITY = re.compile(
+    r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value)\s(?:value\s)?of\s$", re.IGNORECASE
+)
+_SIDE_AFTER = re.compile(
+    r"[\s,:;()=-]{0,4}(?:(?:i\.e\.|that is|an?|to|the|towards?|turn(?:ing)?|steer(?:ing)?|go|bear|swing|hard|full|fully"
+    r"|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly|medium|bit|little)\s+){0,4}"
+    r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|hand|one|now|away|here|there|ahead)\b|-)",
+    re.IGNORECASE,
+)
+_APART = re.compile(r"(?:^|[^\w)\s])\s*[+-]\s$")
+"""A dash with a space behind: nobody can tell the sign of the number from that of a list."""
+_SIDE_BEFORE = re.compile(
+    r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
+    r"(?:\s+by)?[\s:=(]{1,3}$",
+    re.IGNORECASE,
 )
 _AFTER = re.compile(
     r"because|since|as|is|was|would|seems|looks|appears|remains|due|so|and|or|but|given|then|"
     r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|which|for|"
-    r"therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
+    r"until|till|later|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
     r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
 )
-_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*$")
+_WITH_NEXT = re.compile(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
+"""Another mark beside one: "either 0 or 2" is a list, whatever stands before its first."""
+_DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
+"""What only an option does, and no article stands before."""
+_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
+_OPENS = re.compile(r"\.[ \t]+\S")
+_CONCLUDES = re.compile(
+    r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
+)
 _STARTS = re.compile(r"[ \t>#*+-]*\(?")
 _CLOSES = re.compile(r"[.):][ \t]+\S")
 _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
@@ -45,13 +80,17 @@ _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Where an action is named in a text. ``written`` is how; ``derived`` says that it is "slowing" of "slow"."""
+    """Where an action is named in a text. ``written`` is how.
+
+    ``derived`` says that it is "slowing" of "slow", ``united`` that a number has its unit.
+    """
 
     action: str
     written: str
     start: int
     end: int
     derived: bool = False
+    united: bool = False
 
 
 def short_number(sign: str, digits: str) -> str | None:
@@ -71,11 +110,13 @@ def split_number(text: str) -> tuple[str, str] | None:
     if match is None or len(match["digits"]) > _MOST_DIGITS or _GOES_ON.match(match["rest"]):
         return None
     number = short_number(match["sign"], match["digits"])
+    if match["apart"]:
+        return (f"{match['sign']} {match['digits']}", match["rest"])  # a dash of a list, or a sign: nobody can tell
     return None if number is None else (number, match["rest"])
 
 
 _MOST_DIGITS = 30
-_GOES_ON = re.compile(r"\s*[-–.,:/x×]?\s*\d")
+_GOES_ON = re.compile(r"\s*[-–.,:/x×·]?\s*\d")
 
 
 def is_mark(name: str) -> bool:
@@ -89,6 +130,11 @@ class Marks:
 
     letters: Mapping[str, str]
     numbers: Mapping[str, tuple[tuple[str, str], ...]]
+
+    @property
+    def signed(self) -> bool:
+        """Return whether some numbers are below zero, so that a sign may say a side."""
+        return any(number.startswith("-") for number in self.numbers)
 
     @classmethod
     def of(cls, spelled: Sequence[tuple[str, str]]) -> "Marks":
@@ -108,26 +154,46 @@ def _longest(named: tuple[str, str]) -> int:
 def mentions(text: str, marks: Marks) -> Iterator[Mention]:
     """Yield where a folded text has a mark that stands as an option."""
     if marks.numbers:
-        yield from _numbers(text, marks.numbers)
+        yield from _numbers(text, marks.numbers, signed=marks.signed)
     if marks.letters:
         yield from _letters(text, marks.letters)
 
 
-def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]]) -> Iterator[Mention]:
+def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, signed: bool) -> Iterator[Mention]:
     for match in _TOKEN.finditer(text):
         split = split_number(match["number"])
         for unit, action in numbers.get(split[0], ()) if split is not None else ():
-            end = _unit_end(text, match.end(), unit)
-            if end is not None and _is_option(text, match.start(), end, united=bool(unit)):
-                yield Mention(action, match["number"], _begin(text, match.start()), end)
+            start, end = match.start(), _unit_end(text, match.end(), unit)
+            if end is None or (signed and split is not None and is_other_side(split[0], text, start, end)):
+                continue
+            if signed and _APART.search(text, max(0, start - 40), start):
+                continue
+            quantity = _WITH_QUANTITY.search(text, max(0, start - 40), start) if unit or signed else None
+            start = start if quantity is None else quantity.start()
+            if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in "+-"):
+                yield Mention(action, match["number"], _begin(text, start), end, united=bool(unit))
                 break
+
+
+def is_other_side(number: str, text: str, start: int, end: int) -> bool:
+    """Return whether the words at a number say the side that its sign does not: "2 (hard left)".
+
+    Below zero is left. A reply that contradicts itself so names nothing.
+    """
+    found = _SIDE_AFTER.match(text, end) or _SIDE_BEFORE.search(text, max(0, start - 40), start)
+    return found is not None and is_contrary(number, found["side"])
+
+
+def is_contrary(number: str, side: str) -> bool:
+    """Return whether a short number is not on a side, "left" or "right"."""
+    return number == "0" or number.startswith("-") is not (side.lower() == "left")
 
 
 def _unit_end(text: str, start: int, unit: str) -> int | None:
     """Return where a unit ends that stands here, None where another does; without a unit none may."""
     if not unit:
-        return None if re.match(r"[\w°%²³]", text[start : start + 1]) else start
-    found = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?!\w)", re.IGNORECASE).match(text, start)
+        return None if re.match(r"[\w²³^]|\s?[°%‰€$£]", text[start : start + 2]) else start
+    found = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?![\w/^·²³]|\s?[CF]\b)", re.IGNORECASE).match(text, start)
     return None if found is None else found.end()
 
 
@@ -138,9 +204,10 @@ def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
         action = letters.get(letter)
         named = _WITH_OPTION.search(text[max(0, start - 40) : start]) is not None
         closed = text[end : end + 1] == ")" and text[max(0, start - 1) : start] in {"", "(", " ", "\n"}
+        closed = closed or (_OPENS.match(text, end) is not None and not re.search(r"\w", text[:start][-40:]))
         if action is None and (named or closed):
             action = of_any_case.get(letter.upper())
-        if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end):
+        if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end, letter=True):
             yield Mention(action, letter, _begin(text, start), end)
 
 
@@ -155,15 +222,18 @@ def _begin(text: str, start: int) -> int:
     )
 
 
-def _is_option(text: str, start: int, end: int, *, united: bool = False) -> bool:
+def _is_option(
+    text: str, start: int, end: int, *, united: bool = False, measured: bool = False, letter: bool = False
+) -> bool:
     """Return whether a mark stands as an option: it counts nothing, names no other thing and numbers no line."""
     left, right = text[max(0, start - 40) : start], text[end : end + 40]
     named = _WITH_OPTION.search(left) is not None
-    if not named and (before := _WORD_BEFORE.search(left)) is not None and not _BEFORE.fullmatch(before[1].lower()):
+    before = None if named or _WITH_NEXT.match(right) else _WORD_BEFORE.search(left)
+    if before is not None and not (_BEFORE.fullmatch(before[1].lower()) or (measured and _SET.search(left))):
         return False
     after = _WORD_AFTER.match(right)
-    if after is not None and not _AFTER.fullmatch(after[1].lower()) and not (named and after[1].lower() == "to"):
-        return united and after[1].lower() == "to"
+    if after is not None and not (_AFTER.fullmatch(after[1].lower()) or (letter and _DOES.fullmatch(after[1].lower()))):
+        return (united or named) and after[1].lower() == "to" and not _TO_NUMBER.match(right)
     if _TO_NUMBER.match(right):
         return False
     return not _numbers_a_line(text, start, end)
@@ -175,7 +245,7 @@ def _numbers_a_line(text: str, start: int, end: int) -> bool:
     if not _STARTS.fullmatch(text, line, start) or not _CLOSES.match(text, end):
         return False
     several, first = _items(text)
-    return several or first < line
+    return several or (first < line and not _CONCLUDES.search(text, max(0, line - 80), line))
 
 
 @lru_cache(maxsize=4)

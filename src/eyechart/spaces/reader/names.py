@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-from eyechart.spaces.reader import marks
+from eyechart.spaces.reader import marks, quantities
+from eyechart.spaces.reader.marks import LETTERS as _WORD
 from eyechart.spaces.reader.marks import Mention
 
 _QUOTES = dict.fromkeys(map(ord, "“”„‟«»‹›「」『』〝〞"), ' " ') | dict.fromkeys(map(ord, "’‘‛´"), "'")
@@ -18,8 +19,6 @@ _WIDE = {ord("！") + at: chr(ord("!") + at) + (" " if chr(ord("!") + at) in "!,
 _FOLDED = _QUOTES | _SIGNS | _ARROWS | _UNSEEN | _WIDE | dict.fromkeys(map(ord, "*`_"), " ")
 
 _STRUCK = re.compile(r"~~[^~]{0,200}~~")
-_WORD = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
-"""The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
 _IDEOGRAPH = "\u3400-\u9fff"
 _ENDINGS = "ly|wards?|p?p?ing|t?ting"
 """Forms of a name in English that say the same: slowly, leftward, stopping."""
@@ -39,9 +38,13 @@ def fold(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The names of the actions of a space, and what each of its aliases stands for: written form and action."""
+    """The names of the actions of a space, and what each of its aliases stands for: written form and action.
+
+    ``sided`` says that numbers exchange with their opposites under reflection.
+    """
 
     spelled: tuple[tuple[str, str], ...]
+    sided: bool = False
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -50,7 +53,21 @@ class Names:
 
     def action(self, text: str) -> str | None:
         """Return the action that a text is the name of, whatever its case, its signs and what parts its words."""
-        return _table(self).get(spelled(text))
+        return _table(self).get(spelled(text)) or _loose(self).get(_loosely(text))
+
+    @property
+    def quantity(self) -> quantities.Quantity:
+        """Return what the numbers among the names are."""
+        return _quantity(self)
+
+    @property
+    def letters(self) -> bool:
+        """Return whether a name is a single letter."""
+        return bool(_marks(self).letters)
+
+    def in_digits(self, text: str) -> str:
+        """Return a text with digits for numbers in words where they are a choice, if names are numbers."""
+        return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
 
     def whole(self, text: str) -> str | None:
         """Return the action where a text is nothing but its name, also with its letters spaced."""
@@ -58,6 +75,8 @@ class Names:
             return None
         if (found := self.action(text)) is not None:
             return found
+        if _marks(self).numbers and (number := quantities.number_in_words(text.strip(" \n\t.!\"'()"))) is not None:
+            return self.action(number)
         spaced = _LETTERS.fullmatch(text)
         return None if spaced is None else self.action(re.sub(r"[ .-]", "", spaced.group(1)))
 
@@ -80,7 +99,8 @@ class Names:
             if action is None and ending:
                 action = self.action(match.group()[: -len(ending)])
             if action is not None:
-                yield Mention(action, match.group(), match.start(), match.end(), ending.lower().endswith("ing"))
+                derived = ending.lower().endswith("ing") or _is_active(match.group(), action)
+                yield Mention(action, match.group(), match.start(), match.end(), derived)
 
 
 def spelled(text: str) -> str:
@@ -101,22 +121,93 @@ def _words_of(text: str) -> str:
 
 @lru_cache(maxsize=256)
 def _table(names: Names) -> dict[str, str]:
-    return {spelled(written): action for written, action in names.spelled}
+    return {spelled(written): action for written, action in _united(names)}
 
 
 @lru_cache(maxsize=256)
 def _marks(names: Names) -> marks.Marks:
-    return marks.Marks.of(names.spelled)
+    return marks.Marks.of(_united(names))
+
+
+@lru_cache(maxsize=256)
+def _quantity(names: Names) -> quantities.Quantity:
+    return quantities.quantity_of(names.spelled, sided=names.sided)
+
+
+@lru_cache(maxsize=256)
+def _united(names: Names) -> tuple[tuple[str, str], ...]:
+    """Return the written names and their actions, numbers with every spelling of the space's unit too."""
+    numbers = {split[0]: action for _, action in names.spelled if (split := marks.split_number(action)) is not None}
+    return (
+        *((f"{number} {unit}", action) for number, action in numbers.items() for unit in _quantity(names).units),
+        *names.spelled,
+    )
+
+
+_SMALL_WORDS = re.compile(
+    r"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?=(?:the|your|my|an?)[\s_-]))?(?:the|your|my|an?|to)[\s_-]+"
+    r"|(?<=[\s_-])(?:onto|into|towards?)[\s_-]+|(?<=[\s_-]lane)s(?=[\s_-])",
+    re.IGNORECASE,
+)
+_FIRST_WORD = re.compile(r"[^\W\d_]{2,}(?=[\s_-])")
+
+
+def _loosely(text: str) -> str:
+    """Return what forms of a name of several words have in common: no small words, and no "-ing" of the first."""
+    return _words_of(_SMALL_WORDS.sub("", text))
+
+
+def _ing(verb: str) -> str:
+    """Return the form of an English verb that ends in "ing": "turning", "changing", "stopping"."""
+    if verb[-1:] == "e" and verb[-2:] not in {"ee", "oe", "ye"}:
+        return f"{verb[:-1]}ing"
+    short = re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) is not None
+    return f"{verb}{verb[-1] * short}ing"
+
+
+def _active(written: str) -> str | None:
+    """Return a name of several words with its first as "-ing"; None for one word, and where the first is no verb."""
+    found = None if marks.is_mark(written) else _FIRST_WORD.match(written)
+    return (
+        None if found is None or not found.group().isascii() else _ing(found.group().lower()) + written[found.end() :]
+    )
+
+
+def _is_active(text: str, action: str) -> bool:
+    """Return whether a text is a name whose first word has an "-ing" that the action's own has not."""
+    first = _FIRST_WORD.match(text)
+    return (
+        first is not None
+        and first.group().lower().endswith("ing")
+        and not action.lower().startswith(first.group().lower())
+    )
+
+
+@lru_cache(maxsize=256)
+def _loose(names: Names) -> dict[str, str]:
+    """Return the actions by looser forms of their names and by numbers in words, where only one is meant."""
+    found: dict[str, set[str]] = {}
+    for written, action in names.spelled:
+        for form in (written, _active(written)):
+            if form is not None and not marks.is_mark(form):
+                found.setdefault(_loosely(form), set()).add(action)
+    return {form: actions.pop() for form, actions in found.items() if len(actions) == 1}
+
+
+def _parts(written: str) -> list[str]:
+    """Return patterns of the words of a name; lanes are a lane inside it."""
+    parts = [re.escape(part) for part in re.split(r"[\s_-]+", written) if part]
+    return [
+        f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)
+    ]
 
 
 @lru_cache(maxsize=256)
 def _pattern(names: Names) -> re.Pattern[str]:
-    between = r"(?:[\s-]{1,3}(?:to\s(?:the\s)?|on\sthe\s)?|)"
+    between = r"(?:[\s-]{1,3}(?:(?:(?:to|on|onto|into|towards?)\s)?(?:(?:the|your|my|an?)\s)?)|)"
     worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
-    each = [
-        between.join(re.escape(part) for part in re.split(r"[\s_-]+", written) if part)
-        for written in sorted(worded, key=len, reverse=True)
-    ]
+    worded += [active for written in worded if (active := _active(written)) is not None]
+    each = [between.join(_parts(written)) for written in sorted(worded, key=len, reverse=True)]
     # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is a part of a word.
     before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"
     latin = [one for one in each if one[0].isascii() or re.match(rf"[{_WORD}]", one)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from eyechart.spaces.reader.marks import Mention
+from eyechart.spaces.reader.marks import Mention, is_mark
 from eyechart.spaces.reader.names import Names
 from eyechart.spaces.space import Decision, unparsed
 
@@ -134,7 +134,7 @@ _JOINED = re.compile(
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
-_LABEL = re.compile(r"[\s\"']{0,3}:[ \t]*\w")
+_LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
 _SENTENCE = re.compile(r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]")
 
 # How somebody says a choice before its name.
@@ -169,6 +169,7 @@ _CHOOSE = _one_of(
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
     "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
+    "|rotat(?:e|ing)|travel(?:ing)?"
     "|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
     "|swing|lane change"
     "|perform a lane change|keep going|keep driving|keep moving|continue going"
@@ -222,6 +223,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b{_THEREFORE}\b[\s,:\"'(]*(?:(?:it is|it's|i|we|just|now|please|let's|let us|then)\s+)?"
                 rf"(?:{_CHOOSE}|{_DONE})?{_END}"
             ),
+            rf"\b(?:let's|let us|let me)\s+(?:now\s+|just\s+)?{_END}",
             rf"[-=]>{_END}",
             (
                 rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely|first"
@@ -230,7 +232,7 @@ _CHOSEN_BEFORE = re.compile(
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s| is| has to be| must be)(?:\s+the)?{_END}",
             (
                 rf"(?:\b(?:выбираю|выберу|обираю|choisis|choisirais|elijo|escolho|scelgo|wähle|nehme|kies|wybieram)"
-                rf"|我(?:会|要)?(?:选择?|選擇?|选)){_END}"
+                rf"|(?:我(?:会|要|将)?|^|[,.:;]\s*|应该?)(?:选择?|選擇?)){_END}"
             ),
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
         )
@@ -276,6 +278,30 @@ _PREDICATE = re.compile(
 )
 """What is said of an action, or of the side that has its name; without one of the words above it is no choice."""
 
+_TAKES_IT = re.compile(
+    r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so|and|hence|thus"
+    r"|therefore)\s+(?:that|it|this)?\s*(?:is my (?:answer|choice|decision|pick)"
+    r"|(?:i|we)(?:'ll|'d| will| would| shall)?\s+(?:go (?:with|for)|choose|pick|take|select|opt for) (?:it|that|this)"
+    r"(?: one| option)?)(?=\s*(?:[^\w\s]|$))"
+    r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
+)
+"""What is said of an action that is then taken: "D is free, so I go with it"."""
+_SET_TO = re.compile(
+    r"\b(?:(?:chosen|selected|target|desired|recommended|appropriate|suitable|right|correct|best|safest|final|new)\s+"
+    r"(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)(?:\s+is|\s+would be|:)"
+    r"|(?:the|my|our)\s+(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:should|must|has to|needs to)"
+    r"\s+be"
+    r"|(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+(?:set|put)\s+(?:(?:the|my|our)\s+)?(?:speed|velocity"
+    r"|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:to|at)"
+    r"|(?:^|[.;,:]\s*|\bso\s+)(?:set|put)\s+(?:the\s+)?(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)"
+    r"\s+(?:to|at)"
+    r"|(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+)(?:slow(?: down)?|accelerate|speed up"
+    r"|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?(?: speed)?)\s+to"
+    r"|(?:vitesse (?:choisie|est choisie)|velocidad elegida|velocità scelta|velocidade escolhida|ángulo elegido"
+    r"|angle choisi|angolo scelto|gewählte (?:geschwindigkeit|lenkwinkel))\s+(?:est|es|è|é|ist)(?:\s+de)?)[\s\"'(:]*$"
+)
+"""What is said before a number that a speed or an angle is set to."""
+
 # What takes a mention away again.
 
 _NOT = (
@@ -300,7 +326,8 @@ _DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:
 """A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
 
 _SCOPE = re.compile(
-    r"[;:()\n,]|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
+    r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b"
+    r"|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
     r"|而是|而|但|应|-{1,2}>|=>|\s-\s"
 )
 _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
@@ -391,7 +418,7 @@ _ANSWERS = re.compile(
 )
 """A label of what is chosen; what stands behind another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
-    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|brak\w+|slow\w*"
+    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|steer|brak\w+|slow\w*"
     r"|near\w*|close"
     r"|stop(?:s|ped|ping)|reduce|keep|avoid|change|move|turn|proceed|continue|accelerate|speed up|\w+ traffic"
     r"|clear|ist|sind"
@@ -401,7 +428,7 @@ _CLAUSE = re.compile(
 """What makes a reason of what stands before a colon: "the lead is near: STOP"."""
 
 _EXAMPLE = re.compile(
-    r"\b(?:example|for instance|e\.g|such as|options(?: are)?|choices are)\b[^@]{0,60}$"
+    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?|choices are)\b[^@]{0,60}$"
     r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
 )
 _THING_LABEL = re.compile(
@@ -445,7 +472,7 @@ _RETRACTED = re.compile(
 
 _PARTED = re.compile(
     r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though"
-    r"|due to|therefore"
+    r"|due to|therefore|until|till"
     r"|given|rather than|instead of|unless|for the|over|not|weil|da|denn|porque|parce|потому|than|to avoid|to keep"
     r"|to pass|to overtake|to prevent|to maintain|in order|and then|then|before)\b"
 )
@@ -466,13 +493,26 @@ _TAIL = re.compile(
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
     r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
-    r"|obviously|a bit|a little"
+    r"|obviously|a bit|a little|slightly|sharply"
     r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
     r"|drone|rover|engine"
     r"|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|fahren|nehmen|wählen"
     r"|\d+(?:\.\d+)?)\b|[^\w@])*"
 )
 _ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
+_FAR = r"\d+(?:\.\d+)?\s?(?:km/h|m/s|mph|°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
+_DOES = re.compile(r"(?:^|[,;:]|\bso|\band|\bthen|\btherefore)\s*(?:i|we)\s+$")
+"""What makes a sentence of a name that is a verb: "so I turn right"."""
+_LEADS = re.compile(r"\W*(?:rather than|instead of)\s+(?:\w+\s+){0,3}")
+_MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|to\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
+_BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
+"""How far a name of several words goes: "TURN LEFT 30 degrees"; what is so far ahead is for later."""
+_HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
+"""What ends an action, or is in its place in some case, is another: "STOP until the road is free, then …"."""
+_FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
+_EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
+"""What stands before one of several: "either zero or 2 is fine", "from -2 to 2"."""
+_IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
 # Sentences of other languages: the last word, and nothing English around it.
@@ -511,9 +551,8 @@ class _Placed:
 
 
 def takes_back(text: str, action: str, names: Names) -> bool:
-    """Return whether a folded text chooses another action than was stated before it, and says that it does."""
-    found = read_prose(text, names).action
-    return found not in {None, action} and _RETRACTED.search(text.lower()) is not None
+    """Return whether a folded text chooses another action than was stated before it."""
+    return read_prose(text, names).action not in {None, action}
 
 
 def read_prose(text: str, names: Names) -> Decision[str]:
@@ -544,7 +583,8 @@ def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
     """Return whether the sentence of a choice goes on with another action: a plan is no decision."""
     later = (one for one in judged if one.place > last.place and one.mention.action != last.mention.action)
     following = next(later, None)
-    return following is not None and _THEN.search(marked[last.place : following.place]) is not None
+    between = "" if following is None else marked[last.place : following.place]
+    return _THEN.search(between) is not None and _HELD.search(between) is None
 
 
 def _why(judged: Sequence[_Placed]) -> Unparsed:
@@ -647,7 +687,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> lis
         start = bullet.end()
     groups: list[list[_Placed]] = [[here[0]]]
     for before, one in pairwise(here):
-        if _joins(marked, before.place, one.place, end):
+        if _joins(marked, before.place, one.place, end) and not _LEADS.fullmatch(marked, start, before.place):
             groups[-1].append(one)
         else:
             groups.append([one])
@@ -666,6 +706,8 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
     """Return the mentions of a list with what is said of them; one that stands by itself is a list of one."""
     first, last = group[0].place, group[-1].place
     left, right = marked[max(start, first - _LEFT) : first], marked[last + 1 : min(end, last + 1 + _RIGHT)]
+    if _SEVERAL.search(group[-1].mention.written) and (far := _BRACKETED.match(right)) is not None:
+        right = right[far.end() :]
     status: Status = "said"
     if _denied(left, right):
         status = "denied"
@@ -701,9 +743,11 @@ def _only_said(left: str, right: str) -> bool:
         or _QUOTED.search(left)
         or _EXAMPLE.search(left)
         or _THING_LABEL.search(left)
+        or _HELD.search(left)
+        or _EITHER.search(left)
     ):
         return True
-    if _PREDICATE.match(right) and not _CHOSEN_AFTER.match(right):
+    if _PREDICATE.match(right) and not (_CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
         return True
     over = max((match.end() for match in _IF_OVER.finditer(left)), default=0)
     after = _IF_AFTER.match(right)
@@ -716,10 +760,16 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
     if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
-    if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right):
+    several = _SEVERAL.search(one.written) is not None
+    if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
+        return "said"  # of a thing in the picture: "a truck is ahead; it is slowing", "it is 30 degrees"
+    if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return "chosen"
-    status = _stands_alone(left, right, opened=opened)
-    if status == "chosen" and one.derived and not _BARE_FORM.match(right):
+    if (is_mark(one.action) and _SET_TO.search(left)) or (several and not one.derived and _DOES.search(left)):
+        return "chosen"
+    status = _stands_alone(left, right, opened=opened, several=several)
+    reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
+    if status == "chosen" and one.derived and not (_BARE_FORM.match(right) or reasoned):
         return "said"
     return "chosen" if status == "said" and _is_foreign(left, right, one) else status
 
@@ -729,7 +779,10 @@ def _names_a_choice(label: str) -> bool:
     return "@" in label or _ANSWERS.fullmatch(label) is not None or _CLAUSE.search(label) is not None
 
 
-def _stands_alone(left: str, right: str, *, opened: bool) -> Status:
+_SEVERAL = re.compile(r"[^\W\d_][\s_-]+[^\W\d_]")
+
+
+def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Status:
     """Return whether a mention is all that a part of a sentence says."""
     parted = list(_PARTED.finditer(left))
     if _COMPARED.fullmatch(parted[-1].group()) if parted else not opened:
@@ -739,7 +792,7 @@ def _stands_alone(left: str, right: str, *, opened: bool) -> Status:
         return "said"
     rest = _PARTED.search(right)
     tail = right if rest is None else right[: rest.start()]
-    if _TAIL.fullmatch(tail):
+    if _TAIL.fullmatch(tail) or (several and _MEASURED.fullmatch(tail)):
         return "chosen"
     return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.patterns import pattern
+from eyechart.spaces.reader.marks import is_contrary, is_mark
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
@@ -28,11 +29,13 @@ _ANSWER_TAG = pattern(
 )
 _BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
 _HASHED = pattern(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
-_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
+_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\] ]")
+_INLINE = pattern(r"\$\s?([+-]?[\d.]+(?:°|\s?m/s)?)\s?\$(?!\d)")
+_CIRC = pattern(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
 
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
-    r"|move|direction|control"
+    r"|move|direction|control|letter"
     r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
 )
 _OWN = (
@@ -45,9 +48,8 @@ _OWN = (
 )
 """What may stand before the name of an answer; ``previous_action`` or ``forbidden_action`` is another thing."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
-_KEY = pattern(
-    rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}", re.IGNORECASE
-)
+_KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+_KEY = pattern(_KEY_OF_ANSWER, re.IGNORECASE)
 _COUNTS = pattern(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
 _ONLY_KEY = pattern(
@@ -147,6 +149,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
+    text = names.in_digits(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
     found = _find(text, names)
     if found.action is None:
         return Decision(None, "refused") if refuses(visible) else found
@@ -161,7 +164,7 @@ def read_words(visible: str, names: Names) -> Decision[str]:
 def _find(text: str, names: Names) -> Decision[str]:
     if (bare := names.whole(fold(text))) is not None:
         return Decision(bare)
-    for form in (_objects, _tags, _boxes, _hashes):
+    for form in (_objects, _tags, _boxes, _hashes, _votes):
         if stated := list(form(text, names)):
             return _agreed(text, stated, names)
     text = _FENCE.sub(" ", _without_objects(text))
@@ -184,8 +187,20 @@ def _phrase(value: str, names: Names) -> Decision[str]:
     folded = fold(value)
     if (bare := names.whole(folded)) is not None:
         return Decision(bare)
-    found = _prose(_TEX.sub(" ", folded), names)
+    found = _in_brackets(folded, names) or _prose(_TEX.sub(" ", folded), names)
     return found if found.action or found.why != "no_action" else unparsed("unknown_action")
+
+
+_BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
+
+
+def _in_brackets(value: str, names: Names) -> Decision[str] | None:
+    """Return the mark in brackets behind its meaning, as in "faster (3)"; None where other words are an action too."""
+    found = _BRACKETS.fullmatch(value)
+    action = None if found is None else names.whole(found.group(2))
+    if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
+        return None
+    return None if _NO_STATEMENT.search(found.group(1)) or "?" in value else Decision(action)
 
 
 def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]:
@@ -193,12 +208,31 @@ def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]
     known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
     if not known:
         return unparsed(stated[0].why or "unknown_action")
-    if _takes_back(fold(_TAG.sub(" ", text[known[-1].end :])), str(known[-1].action), names):
+    last = str(known[-1].action)
+    before, after = (fold(_TAG.sub(" ", part)) for part in (text[: known[0].start], text[known[-1].end :]))
+    if _takes_back(after, last, names) or _commits_otherwise(before, last, names):
         return unparsed("several_actions")
     actions = {one.action for one in known if not _is_denied(text, one, names)}
     if len(actions) == 1:
         return Decision(actions.pop())
     return unparsed("several_actions" if actions else "negated")
+
+
+_COMMITS = pattern(
+    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
+    r"|(?:answer|choice|decision|action) is)\b[^\n]*",
+    re.IGNORECASE,
+)
+_ANEW = pattern(
+    r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore|first)\b",
+    re.IGNORECASE,
+)
+
+
+def _commits_otherwise(before: str, action: str, names: Names) -> bool:
+    """Return whether the words before a statement commit to another action, and nothing says that it was weighed."""
+    found = _last(_COMMITS, before)
+    return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
 
 
 def _is_denied(text: str, one: _Stated, names: Names) -> bool:
@@ -234,25 +268,58 @@ class _Pairs(list[tuple[str, object]]):
     """An object's keys and values in order, so that none that is given twice is lost."""
 
 
-def _stated_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that a JSON value states, None and why where what it states is no name."""
+def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that a JSON value states, None and why where what it states is no name.
+
+    A speed or an angle ``within`` an object of another thing is that thing's.
+    """
     if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
-            yield from _stated_in(inner, names)
+            yield from _stated_in(inner, names, within=within)
         return
     if not isinstance(value, _Pairs):
         return
-    if _at_fault(value):
+    if _at_fault(value) or _is_contrary(value, names):
         yield None, "negated"
     elif (named := _flagged(value, names) or _called(value, names)) is not None:
         yield named, None
-    elif (key := _answer_key(value)) is not None:
+    elif (key := _answer_key(value, names, within=within)) is not None:
         for name, inner in value:
             if name == key or _is_another(name, inner, names):
                 yield from _values(None if _is_count(name, inner) else inner, names)
     else:
-        for inner in (_given(name, inner) for name, inner in value if not _OTHERS.search(name)):
-            yield from _stated_in(inner, names)
+        for name, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
+            yield from _stated_under(name, inner, names, within=within)
+
+
+def _stated_under(key: str, value: object, names: Names, *, within: bool) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that the value of a key states which is no answer's, or holds the answer further in."""
+    if (_KEY.fullmatch(key) or (names.quantity.is_key(key) and not within)) and _is_listed(value, names):
+        return _named_in(value, names)
+    return _stated_in(value, names, within=within or not _HOLDS.fullmatch(key))
+
+
+_HOLDS = pattern(rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?", re.IGNORECASE)
+"""Keys whose objects are of what is done."""
+_LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
+
+
+def _is_listed(value: object, names: Names) -> bool:
+    """Return whether an answer is an option as a list has it: ``{"id": 3, "name": "faster"}``."""
+    if not isinstance(value, _Pairs) or _answer_key(value, names) is not None:
+        return False
+    return any(_LISTED.fullmatch(key) for key, _ in value) or {key for key, _ in value} == {"value", "unit"}
+
+
+def _named_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that an option has for its number, letter or name."""
+    for key, inner in value if isinstance(value, _Pairs) else ():
+        if _LISTED.fullmatch(key) or key == "value":
+            number = isinstance(inner, int | float) and not isinstance(inner, bool)
+            action = (
+                names.whole(fold(inner)) if isinstance(inner, str) else names.action(f"{inner}") if number else None
+            )
+            yield action, None if action is not None else "unknown_action"
 
 
 def _at_fault(value: _Pairs) -> bool:
@@ -266,6 +333,20 @@ def _at_fault(value: _Pairs) -> bool:
     )
 
 
+_SIDE = pattern(r"(?:steering_|turn_)?(?:direction|side|turn)", re.IGNORECASE)
+
+
+def _is_contrary(value: _Pairs, names: Names) -> bool:
+    """Return whether an object gives a number and, under another key, the side that its sign does not say."""
+    if not any(name.startswith("-") for name in names.actions):
+        return False
+    sides = [
+        str(inner).lower() for key, inner in value if _SIDE.fullmatch(key) and str(inner).lower() in {"left", "right"}
+    ]
+    keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
+    return any(is_contrary(number, side) for number in keyed if number is not None for side in sides)
+
+
 def _given(key: str, value: object) -> object:
     """Return a value; what a call of a tool is given may be JSON inside a string."""
     if key != "arguments" or not isinstance(value, str):
@@ -273,16 +354,21 @@ def _given(key: str, value: object) -> object:
     return next((inner for _, _, inner in json_objects(value, _Pairs)), None)
 
 
+_ANOTHER = pattern(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
+
+
 def _is_another(key: str, value: object, names: Names) -> bool:
-    """Return whether a key is of an action too, as ``final_action`` beside ``action``, and its value one's name."""
-    if not key.lower().endswith("action") or _KEY.fullmatch(key) is None:
+    """Return whether a key is of an answer too, as ``final_action`` beside ``action``, and its value a name."""
+    if _ANOTHER.fullmatch(key) is None or _KEY.fullmatch(key) is None:
         return False
-    return isinstance(value, str) and names.whole(fold(value)) is not None
+    return names.whole(fold(value)) is not None if isinstance(value, str) else _counted(value, names).action is not None
 
 
-def _answer_key(value: _Pairs) -> str | None:
+def _answer_key(value: _Pairs, names: Names, *, within: bool = False) -> str | None:
     """Return the key that holds the answer, the plainest of several; None where an object holds it further in."""
     known = [key for key, _ in value if _KEY.fullmatch(key)]
+    if not within and all(_SIDE.fullmatch(key) for key in known):
+        known = [key for key, _ in value if names.quantity.is_key(key)] or known
     if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
         known = [value[0][0]]
     if not known:
@@ -375,6 +461,19 @@ def _hashes(text: str, names: Names) -> Iterator[_Stated]:
             yield _Stated(match.start(), match.end(), action)
 
 
+_VOTE = pattern(
+    r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE
+)
+
+
+def _votes(text: str, names: Names) -> Iterator[_Stated]:
+    """Yield the one action with a yes where each of the space's has a line with a yes or a no."""
+    found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
+    voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
+    if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
+        yield _Stated(voted[0].start(), found[-1][1].end(), names.whole(voted[0].group(1)))
+
+
 def _marked(text: str, names: Names) -> Decision[str] | None:
     """Return the decision of the last line that begins with ``action:``; None where no such line says one.
 
@@ -382,6 +481,7 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     between. What follows the line may take it back.
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
+    marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
     read = [(mark.group(), mark.start(), *_value(text, mark.end(), names)) for mark in marks]
     said = [one for one in read if one[3].why not in {"no_action", "not_chosen"} and not _is_no_input(*one[:3], text)]
     if not said:
@@ -389,7 +489,8 @@ def _marked(text: str, names: Names) -> Decision[str] | None:
     label, start, end, last = said[-1]
     if last.action is None:
         return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
-    if _takes_back(text[end:], last.action, names):
+    before = text[: said[0][1]] + label
+    if _takes_back(text[end:], last.action, names) or _commits_otherwise(before, last.action, names):
         return unparsed("several_actions")
     differ = (one for one in said[:-1] if one[3].action not in {None, last.action})
     if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
@@ -424,6 +525,6 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
         return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
         return found.end(), Decision(bare)
-    read = _prose(value, names)
+    read = _in_brackets(value, names) or _prose(value, names)
     short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
     return found.end(), unparsed("unknown_action") if short else read

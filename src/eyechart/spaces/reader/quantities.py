@@ -1,0 +1,184 @@
+"""Numbers as a quantity: the unit that a space of numbers has, what is called after it, and numbers in words.
+
+A space has a unit where every one of its numbers has it, in its name or in an alias: then other spellings of the unit
+are it too, and a "speed" or an "angle" states an action. A space whose numbers exchange with their opposites under
+reflection steers.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from eyechart.patterns import pattern
+from eyechart.spaces.reader.marks import is_mark, split_number
+
+_DEGREES = (
+    *(
+        "°",
+        "deg",
+        "degs",
+        "deg.",
+        "degree",
+        "degrees",
+        "º",
+        "˚",
+        "Grad",
+        "grado",
+        "grados",
+        "degré",
+        "degrés",
+        "gradi",
+        "graus",
+    ),
+    *("grau", "graden", "градус", "градуса", "градусов", "度"),
+)
+_METRES_A_SECOND = (
+    *("m/s", "mps", "m/sec", "m/second", "meters/second", "metres/second", "米/秒", "米每秒", "м/с"),
+    *(f"{metre}{s} per second" for metre in ("meter", "metre") for s in ("", "s")),
+    "Meter pro Sekunde",
+    "mètres par seconde",
+    "metros por segundo",
+)
+_KILOMETRES_AN_HOUR = (
+    *("km/h", "kmh", "kph", "km/hr", "公里/小时", "км/ч"),
+    *("kilometers per hour", "kilometres per hour"),
+)
+
+_STEERING = (
+    r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd|output|input|bin|level))?"
+    r"|lenkung|lenkbefehl|转向|方向盘"
+)
+_ANGLE = (
+    rf"{_STEERING}|(?:turn(?:ing)?[ _-]|yaw[ _-])?angle|lenkwinkel|winkel|[aá]ngulo(?: de (?:giro|dirección))?"
+    r"|angle de braquage|angolo(?: di sterzata)?|转向角度?|角度|舵角|угол(?: поворота)?"
+)
+_SPEED = r"speed|velocity|geschwindigkeit|vitesse|velocidad|velocit[àa]|velocidade|snelheid|速度|скорость|prędkość"
+_WANTED = (
+    r"(?:(?:the|my|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
+    r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
+)
+"""What may stand before the name of a quantity that is set; ``current_speed`` or ``lead_speed`` is measured."""
+_IN = r"(?:[ _-]?(?:in[ _-])?(?:deg|degs|degrees|mps|ms|m_s|m/s|kmh|kph|km_h|value|command|cmd))?"
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What the numbers of a space are: the spellings of its unit, and the words for what is set by them."""
+
+    units: tuple[str, ...]
+    words: str
+
+    def is_key(self, key: str) -> bool:
+        """Return whether a key of JSON is of this quantity as it is set."""
+        return bool(self.words) and re.fullmatch(rf"{_WANTED}(?:{self.words}){_IN}", key, re.IGNORECASE) is not None
+
+    def lines(self, text: str) -> Iterator[re.Match[str]]:
+        """Yield where a line of a folded text begins with the quantity and a colon or the like."""
+        if self.words:
+            yield from re.finditer(
+                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{_WANTED}(?:{self.words}){_IN}"
+                r"(?:[ \t]?[(\[](?:°|deg(?:ree)?s?|m/s|km/h)[)\]])?"
+                r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*"
+                r"|[ \t](?=[+-]?\d[^\n]{0,9}$)|\((?=[+-]?[\d.]+\)[;\s]*$))",
+                text,
+                re.IGNORECASE | re.MULTILINE,
+            )
+
+
+_KINDS = (
+    Quantity(_DEGREES, _ANGLE),
+    Quantity(_METRES_A_SECOND, _SPEED),
+    Quantity(_KILOMETRES_AN_HOUR, _SPEED),
+)
+_PLAIN = Quantity((), "")
+_STEERED = Quantity((), rf"{_STEERING}|bin")
+
+
+def quantity_of(written: Sequence[tuple[str, str]], *, sided: bool) -> Quantity:
+    """Return what the numbers of a space are, by its written names and their actions."""
+    actions = {action for _, action in written if split_number(action) is not None}
+    for kind in _KINDS:
+        known = {unit.upper() for unit in kind.units}
+        united = {action for name, action in written if _unit(name).upper() in known}
+        if actions and actions <= united:
+            return kind
+    return _STEERED if sided else _PLAIN
+
+
+def _unit(name: str) -> str:
+    split = split_number(name) if is_mark(name) else None
+    return "" if split is None else split[1].strip()
+
+
+# Numbers in words.
+
+_SMALL = (
+    *("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"),
+    *("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen", "nineteen"),
+)
+_TENS = ["twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ninety"]
+_WHOLE = {
+    **{word: at for at, word in enumerate(_SMALL)},
+    **{word: 10 * at for at, word in enumerate(_TENS, 2)},
+    **{f"{ten}-{_SMALL[one]}": 10 * at + one for at, ten in enumerate(_TENS, 2) for one in range(1, 10)},
+}
+_ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
+_MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"
+_WORDED = rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?)"
+_BEHIND_OPTION = pattern(
+    rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
+    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
+    re.IGNORECASE,
+)
+_SIGNED = pattern(rf"(?<![\d\w])(?<!\d\s){_MINUS}\s*(?=\.?\d)", re.IGNORECASE)
+_VERB = pattern(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
+
+
+def number_in_words(text: str) -> str | None:
+    """Return the number that words spell, as short as it can be: "-2" of "minus two"; None where they spell none."""
+    if not re.fullmatch(_WORDED, text, re.IGNORECASE):
+        return None
+    words = " ".join(text.lower().split())
+    sign = "-" if re.match(rf"{_MINUS}\s", words) else ""
+    words = re.sub(rf"^{_MINUS}\s+", "", words)
+    half = words.endswith(" and a half")
+    whole, _, rest = words.removesuffix(" and a half").partition(" point ")
+    value = _WHOLE[whole.replace(" ", "-")] + Decimal("0.5" if half else "0")
+    value += Decimal(f"0.{_WHOLE[rest.replace(' ', '-')]}") if rest else 0
+    split = split_number(f"{sign}{value:f}")
+    return None if split is None else split[0]
+
+
+_FOREIGN = pattern(
+    r"\b(?:antwort|aktion|entscheidung|geschwindigkeit|lenkwinkel|winkel|wähle|nehme|respuesta|acción|decisión"
+    r"|velocidad|ángulo|elijo|escojo|réponse|vitesse|choisis|prends|risposta|azione|velocità|angolo|scelgo|resposta|ação"
+    r"|velocidade|escolho|ответ|скорость|угол|выбираю|antwoord|snelheid|kies|odpowiedź|prędkość|svar)\b",
+    re.IGNORECASE,
+)
+"""Words of languages in which a comma is the point of a number."""
+_COMMA = pattern(r"(?<![\w.,\[])([+-]?\d{1,3}),(\d{1,2})(?![\d.,]|\s?,\s?\d)")
+
+
+def in_digits(text: str, units: Sequence[str]) -> str:
+    """Return a text with digits for numbers in words and with points for commas, where both are a choice's.
+
+    Words count behind "option" or the like and before the space's unit; "one" also means other things. A comma is a
+    point before the unit, and beside words of a language that writes it so.
+    """
+    unit = (
+        rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""
+    )
+    text = _SIGNED.sub("-", text)
+    text = _BEHIND_OPTION.sub(_digits, text)
+    if unit:
+        text = re.sub(rf"(?<![\w-])(?P<before>)(?P<number>{_WORDED}){unit}", _digits, text, flags=re.IGNORECASE)
+        text = re.sub(_COMMA.pattern + unit, r"\1.\2", text, flags=re.IGNORECASE)
+    return _COMMA.sub(r"\1.\2", text) if "," in text and _FOREIGN.search(text) else text
+
+
+def _digits(match: re.Match[str]) -> str:
+    number = match["number"]
+    if number.lower() == "one" and _VERB.search(match["before"]):
+        return match.group()
+    return match["before"] + (number_in_words(number) or number)

@@ -1,0 +1,83 @@
+"""Kinds of replies with numbers, letters and phrases, each with its kin: what is a choice, and what looks like one.
+
+`marks/kin.jsonl` was written beside the rules, unlike the corpus: the unit of a space, words for numbers, what is set,
+forms of a verb, reasons and cases; measures, counts, other units, what others do, states, lists, plans and questions.
+"""
+
+import json
+
+import pytest
+
+from eyechart.calls import Reply
+from eyechart.spaces.discrete import DRIVING, Discrete
+from marked_replies import MARKS, SPACES, Marked
+
+KIN = [json.loads(line) for line in (MARKS / "kin.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_a_choice_is_read_in_whatever_form(space: str) -> None:
+    """As a careful reader reads it."""
+    kin = [(one["text"], one["action"]) for one in KIN if one["space"] == space and one["action"] is not None]
+    assert [(text, action) for text, action in kin if Marked(space, text, None, None).read != action] == []
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_what_only_looks_like_a_choice_is_not_read(space: str) -> None:
+    """A wrong action costs more than a missing one."""
+    texts = [one["text"] for one in KIN if one["space"] == space and one["action"] is None]
+    assert [(text, found) for text in texts if (found := Marked(space, text, None, None).read) is not None] == []
+
+
+CONTRADICTIONS = (
+    '{"answer": "%s", "choice": "%s"}',
+    '{"action": "%s"}\nI choose %s.',
+    "Action: %s\nSo I choose %s.",
+    "I choose %s.\n\nAnswer: %s",
+    "Action: %s\nAction: %s",
+    "<answer>%s</answer><answer>%s</answer>",
+    "\\boxed{%s} \\boxed{%s}",
+    "I choose %s. I choose %s.",
+    "%s\n%s",
+)
+
+
+@pytest.mark.parametrize("form", CONTRADICTIONS)
+@pytest.mark.parametrize("space", ["ids", "bins", "gears", "letters", "moves", "rooms"])
+def test_a_reply_that_contradicts_itself_is_no_answer(space: str, form: str) -> None:
+    """In whatever forms it says the two; one that says the same twice is one."""
+    one, other = SPACES[space].actions[1:3]
+    assert Marked(space, form % (one, other), None, None).read is None
+    assert Marked(space, form % (other, one), None, None).read is None
+    assert Marked(space, form % (one, one), None, None).read == one
+
+
+@pytest.mark.parametrize("text", ["I choose %s.\n\nFinal answer: %s", "First I would choose %s. Wait, no. Answer: %s"])
+def test_what_was_weighed_before_contradicts_nothing(text: str) -> None:
+    """What comes last as the decision counts."""
+    assert Marked("letters", text % ("B", "C"), None, None).read == "C"
+
+
+@pytest.mark.parametrize(
+    "text", ["A truck is ahead; it is slowing.", "It is stopping.", "The lead? It's slowing down."]
+)
+def test_what_it_is_doing_is_said_of_a_thing(text: str) -> None:
+    """Nobody can tell that the controller itself is meant."""
+    assert DRIVING.read(Reply(text, "stop", None)).action is None
+
+
+def test_a_unit_is_the_space_s_where_each_number_has_it() -> None:
+    """Other spellings of it count then; in a space where one number has it only that number with that spelling."""
+    names = ("10", "20")
+    all_of_them = Discrete("all", names, (), (), (), (("10 km/h", "10"), ("20 km/h", "20")))
+    one_of_them = Discrete("one", names, (), (), (), (("10 km/h", "10"),))
+    for text, of_all, of_one in (
+        ("10 km/h", "10", "10"),
+        ("20 km/h", "20", None),
+        ("10 kph", "10", None),
+        ('{"speed": 20}', "20", None),
+        ("20 m/s", None, None),
+        ("10 km", None, None),
+    ):
+        assert all_of_them.read(Reply(text, "stop", None)).action == of_all
+        assert one_of_them.read(Reply(text, "stop", None)).action == of_one
