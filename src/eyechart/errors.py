@@ -155,11 +155,23 @@ def raising(
         raise kind(f"{what}: {(words or (why if of is OSError else str))(error)}{then}") from error
 
 
+MOST_BYTES = 1_000_000_000
+"""A text of a run or a bank has no more bytes; one of a hundred thousand frames has a hundredth of that."""
+
+
 def plain_file(path: Path) -> Path:
     """Return a path of a file that has an end; raises OSError where a pipe or a device stands there, or nothing."""
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device is no file", os.fspath(path))
+    return path
+
+
+def text_file(path: Path) -> Path:
+    """Return a path of a text that is read whole; raises OSError as `plain_file` does, and where it is too large."""
+    if (size := plain_file(path).stat().st_size) > MOST_BYTES:
+        words = f"it has {size} bytes, more than the {MOST_BYTES} that are read; restore it from a copy"
+        raise OSError(errno.EFBIG, words, os.fspath(path))
     return path
 
 
