@@ -129,3 +129,49 @@ def test_a_quota_is_a_full_disk_and_another_fault_is_none() -> None:
     assert why(beside) == SAYS
     assert not is_full(PermissionError(errno.EACCES, "denied"))
     assert why(PermissionError(errno.EACCES, "denied")) == "denied"
+
+
+@pytest.mark.parametrize("most_kb", [1, 20, 60, 120])
+def test_a_run_whose_files_may_grow_no_further_says_so_and_resumes(bank: Path, tmp_path: Path, most_kb: int) -> None:
+    """Whichever file meets the bound first: nothing stands half-written, every finished call is kept."""
+    resource = pytest.importorskip("resource")
+    out, given = tmp_path / "run", ["run", "battery", "--model", MODEL, "--frames", str(bank), "--out"]
+
+    def bounded() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_kb * 1024,) * 2)
+
+    program = [sys.executable, "-c", "from eyechart.cli import main; main()", *given, str(out)]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, preexec_fn=bounded)
+    assert done.returncode == 2, done.stderr
+    said = done.stderr.splitlines()[-1]
+    assert "ulimit -f" in said or SAYS in said
+    assert "Traceback" not in done.stderr
+    assert "Errno" not in said
+    kept = set()
+    if (out / "ledger.sqlite").exists():
+        with Ledger(out / "ledger.sqlite") as ledger:
+            kept, missing = ledger.finished(), ledger.missing
+        assert missing == NOTHING
+    assert battery.run(battery.plan(bank, [MODEL], out)).stopped is None
+    with Ledger(out / "ledger.sqlite") as ledger:
+        assert kept < ledger.finished()
+    left = {"run.json", "bank", "ledger.sqlite", "ledger.sqlite.counter", ".lock"}
+    assert {path.name for path in out.iterdir()} - left <= {"ledger.sqlite-wal", "ledger.sqlite-shm"}
+
+
+@pytest.mark.parametrize("command", ["report", "bundle"])
+def test_what_may_not_be_as_long_as_it_must_is_not_there(run: Path, tmp_path: Path, command: str) -> None:
+    """No part of a page or a bundle stands in its place or beside it."""
+    resource = pytest.importorskip("resource")
+    out = tmp_path / "out" / f"it.{'html' if command == 'report' else 'zip'}"
+    out.parent.mkdir()
+
+    def bounded() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60 * 1024,) * 2)
+
+    program = [sys.executable, "-c", "from eyechart.cli import main; main()", command, str(run), "--out", str(out)]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, preexec_fn=bounded)
+    assert done.returncode == 2, done.stderr
+    assert "ulimit -f" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not list(out.parent.iterdir())

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 
 from banks import build_bank
 from eyechart.api import run_battery
-from eyechart.calls import Query
+from eyechart.calls import Query, Reply
 from eyechart.frames import FrameBank, Stimulus, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
@@ -117,6 +118,42 @@ def test_a_stimulus_cannot_be_changed_and_can_be_copied() -> None:
             part["main"] = b""  # type: ignore[index]
     for copied in (pickle.loads(pickle.dumps(shown)), deepcopy(shown)):  # noqa: S301 - its own
         assert copied == shown
+
+
+class Changes:
+    """A model that changes the schema that it is given, and fails at first."""
+
+    version, facts = "1", {}
+
+    def __init__(self) -> None:
+        self.seen: list[str] = []
+
+    async def answer(self, query: Query) -> Reply:
+        """Keep the digest of what came, change it, and answer the second time."""
+        self.seen.append(query.sha256())
+        query.schema["properties"]["action"]["enum"] = ["MINE"]  # type: ignore[index]
+        return Reply("SLOW", "stop") if len(self.seen) % 2 == 0 else Reply(error="server_error")
+
+    async def close(self) -> None:
+        """Hold nothing."""
+
+
+def test_no_model_changes_the_schema_that_another_call_is_given(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither of the same call when it is made again, nor of those of another model."""
+    monkeypatch.setattr("eyechart.attempts.pause_s", lambda *_: 0)
+    planned = battery.plan(bank.root, ["scripted:depth", "scripted:constant"], tmp_path / "run", conditions=["real"])
+    careless = Changes()
+    battery.run(replace(planned, models={**planned.models, "scripted:depth": careless}), concurrency=1)
+    asked = [rows(tmp_path / "run", spec) for spec in ("scripted:depth", "scripted:constant")]
+    digests = [{key: digest for key, (digest, _) in one.items()} for one in asked]
+    assert digests[0] == digests[1]
+    assert sorted(careless.seen) == sorted([*digests[0].values()] * 2)
+    schema = {"type": "object", "properties": {"action": {"enum": ["A"]}}}
+    one, other = (Query("", "", Stimulus(), 0, schema) for _ in range(2))
+    one.schema["properties"]["action"]["enum"].append("MINE")  # type: ignore[index]
+    assert other.schema == schema == {"type": "object", "properties": {"action": {"enum": ["A"]}}}
 
 
 def guard(run: Path, name: str) -> dict[str, bool | None]:

@@ -85,7 +85,7 @@ class Caller:
                 pace.leave(entered, _NOT_SENT)
                 return made
             attempt = await self._writer.begin(key, digest)
-            reply = self._settled(key.model, await ask(model, query), last=number == self._attempts)
+            reply = self._settled(key.model, await ask(model, replace(query)), last=number == self._attempts)
             silence = self._is_silence(key.model, reply, last=number == self._attempts)
             await self._writer.close(attempt, reply, silence=silence)
             made = Made(reply, silence or reply.error not in UNFINISHED)

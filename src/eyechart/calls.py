@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from types import MappingProxyType
@@ -97,7 +98,8 @@ class Query:
     """Everything that a model may see, and a seed for its sampling. There is no field for ground truth.
 
     ``stimulus`` is what a condition shows. ``seed`` is derived from the call's key, so that a model that samples
-    answers the same call alike after a resume. ``schema`` is the JSON schema of an answer, for a model that it binds.
+    answers the same call alike after a resume. ``schema`` is the JSON schema of an answer, for a model that it binds,
+    and the query's own: who changes it changes no other call.
     """
 
     system: str
@@ -105,6 +107,9 @@ class Query:
     stimulus: Stimulus
     seed: int
     schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "schema", deepcopy(self.schema))
 
     @property
     def images(self) -> tuple[bytes, ...]:

@@ -17,6 +17,9 @@ _GREATEST = 1e30
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM_SAID = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE"})
 """The second: of a file that stands beside a ledger, SQLite cannot make it as long as it must be."""
+_TOO_LONG = "no file may be longer here (ulimit -f)"
+_NOT_WRITTEN = "SQLITE_IOERR_WRITE"
+"""What SQLite says of a file that may not be longer, and of a disk that fails."""
 
 _ARGUMENTS = {
     "accept-loss": "accept_loss=True",
@@ -129,11 +132,20 @@ def is_full(error: BaseException) -> bool:
     return vars(error).get("sqlite_errorname") in _NO_ROOM_SAID or "disk is full" in str(error)
 
 
+def is_too_long(error: OSError) -> bool:
+    """Return whether the system says that a file would be longer than this process may make one."""
+    return error.errno == errno.EFBIG and error.strerror == os.strerror(errno.EFBIG)
+
+
 def why(error: Exception) -> str:
     """Return in words why a file cannot be written or read: a full disk is called one."""
     if is_full(error):
         target = error.filename2 if isinstance(error, OSError) else None
         return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
+    if isinstance(error, OSError) and is_too_long(error):
+        return _TOO_LONG
+    if vars(error).get("sqlite_errorname") == _NOT_WRITTEN:
+        return f"{printable(str(error))}: the disk does not take more, or {_TOO_LONG}"
     return (error.strerror if isinstance(error, OSError) else None) or printable(str(error))
 
 
@@ -155,11 +167,23 @@ def raising(
         raise kind(f"{what}: {(words or (why if of is OSError else str))(error)}{then}") from error
 
 
+MOST_BYTES = 1_000_000_000
+"""A text of a run or a bank has no more bytes; one of a hundred thousand frames has a hundredth of that."""
+
+
 def plain_file(path: Path) -> Path:
     """Return a path of a file that has an end; raises OSError where a pipe or a device stands there, or nothing."""
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device is no file", os.fspath(path))
+    return path
+
+
+def text_file(path: Path) -> Path:
+    """Return a path of a text that is read whole; raises OSError as `plain_file` does, and where it is too large."""
+    if (size := plain_file(path).stat().st_size) > MOST_BYTES:
+        words = f"it has {size} bytes, more than the {MOST_BYTES} that are read; restore it from a copy"
+        raise OSError(errno.EFBIG, words, os.fspath(path))
     return path
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SourceError
+from eyechart.errors import SourceError, plain_file, read_at_most
 
 try:
     from inspect_ai import Task, task
@@ -29,6 +29,8 @@ else:
 
 MAX_TOKENS = 1024
 """The budget of a reply where none is given, as in a run of eyechart's own."""
+_LONGEST = 1_000_000
+"""Signs of a call, and bytes of what an export says of itself: a bound of memory without eyechart's own reader."""
 
 
 @task  # type: ignore[untyped-decorator]
@@ -53,21 +55,28 @@ def battery(asked: str) -> Any:  # noqa: ANN401 - a Task of Inspect
 
 def _rows(folder: Path) -> Iterator[dict[str, Any]]:
     try:
-        with (folder / "asked.jsonl").open(encoding="utf-8") as lines:
-            for line in lines:
-                yield json.loads(line)
-    except (OSError, ValueError) as error:
+        with plain_file(folder / "asked.jsonl").open(encoding="utf-8") as lines:
+            while line := lines.readline(_LONGEST + 1):
+                yield json.loads(_bounded(line))
+    except (OSError, ValueError, RecursionError) as error:
         raise SourceError(
             f"{folder} is no export: {error}; 'eyechart frames export BANK --out FOLDER' makes one"
         ) from None
 
 
+def _bounded(line: str) -> str:
+    """Return a line; raises ValueError where it is longer than any call is."""
+    if len(line) > _LONGEST:
+        raise ValueError(f"a line of asked.jsonl has more than {_LONGEST} signs")
+    return line
+
+
 def _batch(folder: Path) -> str:
     """Return a name of what is asked, which differs by bank, prompt and seed."""
     try:
-        about = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
+        about = json.loads(read_at_most(folder / "asked.json", _LONGEST, SourceError, "what an export says of itself"))
         return f"{about['bank']}-{about['batch'][:8]}"
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise SourceError(f"{folder} is no export: {error!r}") from None
 
 

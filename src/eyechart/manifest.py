@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
-from eyechart.errors import LedgerError, SpecError, plain_file, raising, why
+from eyechart.errors import LedgerError, SpecError, raising, text_file, why
 from eyechart.frames import BankManifest, FrameBank, locked, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
@@ -488,7 +488,7 @@ def read_episodes_manifest(path: Path) -> EpisodesManifest:
 def _read(path: Path, kind: type[M]) -> M:
     file = path / RUN
     try:
-        raw = parse_json(plain_file(file).read_text(encoding="utf-8"))
+        raw = parse_json(text_file(file).read_text(encoding="utf-8"))
         found = raw.pop("format")
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 from eyechart.costs import ALL
 from eyechart.destination import write_files
-from eyechart.errors import BankError, GuardianError, SpecError
+from eyechart.errors import BankError, GuardianError, SpecError, text_file
 from eyechart.frames import FrameBank, open_bank
 from eyechart.manifest import BANK
 from eyechart.models.prices import Prices, read_prices
+from eyechart.records import parse_json
 from eyechart.studies import Reading, Study, Tell, each_once, names_of, run_json, study_of
 
 if TYPE_CHECKING:
@@ -269,7 +270,7 @@ def _cleared(
 def _before(folder: Path) -> Mapping[str, str]:
     """Return what an earlier call wrote into a folder, by name its digest; nothing where no record can be read."""
     try:
-        files = json.loads((folder / WRITTEN).read_text(encoding="utf-8"))["files"]
+        files = parse_json(text_file(folder / WRITTEN).read_text(encoding="utf-8"))["files"]
         return {name: digest for name, digest in files.items() if isinstance(digest, str)}
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return {}

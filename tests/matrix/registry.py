@@ -98,7 +98,6 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.paper", "_before"): "paper",
     ("eyechart.paper", "_cleared"): "paper",
     ("eyechart.policies", "open_policy"): "drives",
-    ("eyechart.probe.sample", "_object"): "doctor of an endpoint",
     ("eyechart.processes", "open_pool"): "calibrate in processes",
     ("eyechart.records", "build"): "check",
     ("eyechart.records", "parse_json"): "check",

@@ -308,7 +308,7 @@ def write_ledger(out: Path, bank: FrameBank, models: Mapping[str, Hosted]) -> Pa
             for condition, answers in answers_of(model, bank).items():
                 for number, (frame, answer) in enumerate(zip(bank, answers, strict=True)):
                     key = CallKey("battery", spec, prompt.key, frame.id, condition)
-                    ledger.close(ledger.begin(key, "0" * 64), reply(answer, number, cut=model.cut))
+                    ledger.close(ledger.begin(key, ""), reply(answer, number, cut=model.cut))
     return out
 
 

@@ -96,7 +96,7 @@ def static_run(folder: Path) -> Path:
             for number, condition in enumerate(("real", "mirrored")):
                 for frame, pair in zip(bank, told, strict=True):
                     key = CallKey("structured", spec, prompt.key, frame.id, condition)
-                    ledger.close(ledger.begin(key, "0" * 64), Reply(str(pair[number]), "stop"))
+                    ledger.close(ledger.begin(key, ""), Reply(str(pair[number]), "stop"))
     return run
 
 
@@ -238,7 +238,7 @@ def prompt_study(folder: Path) -> Path:
                 for condition, answers in zip(("real", "blank"), _outputs(*counts), strict=True):
                     for number, (frame, answer) in enumerate(zip(frames, answers, strict=True)):
                         key = CallKey("battery", spec, prompt.key, frame.id, condition)
-                        ledger.close(ledger.begin(key, "0" * 64), hosted.reply(answer, number, cut=False))
+                        ledger.close(ledger.begin(key, ""), hosted.reply(answer, number, cut=False))
     return folder / "prompts"
 
 

@@ -1,6 +1,7 @@
 """Intervals over episodes: they hold their own value, say no more than their parts, and show no false certainty."""
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,9 @@ from eyechart.stats.episodes import (
     share_over_episodes,
 )
 from eyechart.stats.jackknife import FEW, association_interval, over_tables
+from eyechart.stats.paired import SignTest
+from eyechart.stats.resampling import permute_agreement
+from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
@@ -82,11 +86,37 @@ def test_few_episodes_have_no_interval_and_the_reason() -> None:
         assert (found.ci, found.note) == (None, FEW)
 
 
-@pytest.mark.parametrize("name", ["noisy_depth", "refuse_blank", "truncating", "constant"])
+def test_an_interval_that_excludes_its_value_is_none() -> None:
+    """Whoever makes one, or changes one, is told; rounding apart."""
+    one = Statistic(0.5, 3, (0.4, 0.6))
+    for make in (
+        lambda: Statistic(0.5, 3, (0.6, 0.7)),
+        lambda: Statistic(0.5, 3, (0.1, 0.49)),
+        lambda: Statistic(0.5, 3, (float("nan"), 0.6)),
+        lambda: replace(one, value=0.7),
+        lambda: SignTest(0.5, 3, (0.6, 0.7), wins=1, losses=1, ties=1),
+    ):
+        with pytest.raises(ValueError, match="excludes the value"):
+            make()
+    assert Statistic(0.5, 3, (0.5 + 1e-12, 0.6)).less(0.1).ci == pytest.approx((0.4, 0.5))
+    assert Statistic(None, 3, (0.1, 0.2)).value is None
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
 def test_no_statistic_of_a_score_excludes_its_own_value(name: str) -> None:
-    """Of every statistic that a battery has, of controllers of known answer."""
+    """Of every statistic that a battery has, of every controller of known answer."""
     world = make_world(SETTINGS["default"], np.random.default_rng(1))
     answered = answers_of(KNOWN[name], SETTINGS["default"], world, random.Random(1))  # noqa: S311 - no secret
     for test, one in statistics_of(answered, Resampling(resamples=99)).items():
         if one.ci is not None and one.value is not None:
             assert one.ci[0] - 1e-12 <= one.value <= one.ci[1] + 1e-12, test
+
+
+def test_the_agreement_of_random_orders_lies_in_its_interval_also_where_hardly_any_agrees() -> None:
+    """Of one decision that stands once in each of two long series."""
+    table = np.zeros((3, 3), dtype=int)
+    table[0, 1], table[2, 0], table[2, 1] = 1, 1, 198
+    found = permute_agreement(table, seed=0, resamples=500)
+    assert found.ci is not None
+    assert found.value is not None
+    assert found.ci[0] <= found.value <= found.ci[1]

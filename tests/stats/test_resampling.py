@@ -1,6 +1,5 @@
 import itertools
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -121,29 +120,6 @@ def test_the_size_of_a_chunk_changes_no_draw(monkeypatch: pytest.MonkeyPatch) ->
         assert np.array_equal(np.vstack(list(resampling._drawn(np.random.default_rng(6), 50, 7))), expected)
 
 
-@given(seed=st.integers(0, 999), frames=st.integers(0, 9))
-@settings(max_examples=40)
-def test_a_median_by_counts_is_the_median_of_the_repeated_values(seed: int, frames: int) -> None:
-    """Every value written out as often as its episode was taken, then numpy.median; nothing taken is NaN."""
-    rng = np.random.default_rng(seed)
-    values, episode = rng.integers(0, 5, frames) / 2, rng.integers(0, 3, frames)
-    counts = rng.integers(0, 3, (6, 3))
-    repeated = [np.repeat(values, row[episode]) for row in counts]
-    expected = [np.median(each) if len(each) else math.nan for each in repeated]
-    found = resampling.median_by_counts(values, episode, counts)
-    assert found == pytest.approx(np.array(expected), nan_ok=True)
-
-
-@pytest.mark.parametrize("enumerate_up_to", [0, 10_000])
-def test_the_bootstrap_of_counts_is_that_of_sums(enumerate_up_to: int) -> None:
-    """A ratio of sums, once from the sums and once from how often each episode was taken, from one seed."""
-    sums = np.array([[1.0, 4], [3, 5], [0, 2], [2, 2]])
-    options = {"seed": 3, "resamples": 200, "enumerate_up_to": enumerate_up_to}
-    by_sums = resampling.cluster_bootstrap(sums, **options)
-    by_counts = resampling.episode_bootstrap(4, lambda counts: resampling.ratio_of_sums(counts @ sums), **options)
-    assert by_counts == by_sums
-
-
 def test_the_multiset_weights_sum_to_one_and_their_mean_is_the_value() -> None:
     """A mean over episodes has its own value as bootstrap mean, and a variance of (k-1)/k times s^2/k."""
     sums = np.random.default_rng(1).normal(size=(9, 1))
@@ -184,24 +160,6 @@ def test_sums_that_are_not_finite_are_refused() -> None:
     """The error says what the rows are."""
     with pytest.raises(ValueError, match="one row per episode"):
         resampling.cluster_bootstrap([[math.nan, 1.0]], seed=0)
-
-
-@pytest.mark.parametrize("enumerate_up_to", [2_000_000, 0])
-def test_several_statistics_of_one_set_of_resamples_are_as_one_by_one(enumerate_up_to: int) -> None:
-    """Also where one of them is undefined in some resamples, constant, or undefined on the episodes."""
-    dice = np.random.default_rng(11)
-    sums = np.column_stack([dice.integers(0, 20, 9), dice.integers(1, 3, 9) * 20, dice.integers(0, 2, 9), np.zeros(9)])
-
-    def ratio(top: int, bottom: int) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda added: resampling.ratio_of_sums(added[:, [top, bottom]])
-
-    statistics = {"rate": ratio(0, 1), "sparse": ratio(0, 2), "one": ratio(1, 1), "never": ratio(0, 3)}
-    how = {"seed": 4, "enumerate_up_to": enumerate_up_to}
-    together = resampling.cluster_bootstraps(sums, statistics, **how)
-    for name, function in statistics.items():
-        alone = resampling.cluster_bootstrap(sums, function, **how)
-        assert (together[name].value, together[name].ci, together[name].detail) == (alone.value, alone.ci, alone.detail)
-        assert together[name].method.startswith(alone.method)
 
 
 def test_agreement_in_random_order_is_that_of_all_orders() -> None:

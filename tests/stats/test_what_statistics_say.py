@@ -655,23 +655,6 @@ CASES: dict[str, Case] = {
         lambda: resampling.cluster_bootstrap([[1, 2], [0, 2]], seed=0, level=0.9, resamples=99, enumerate_up_to=2),
         {"n": 2, "method": f"{EPISODES}, B=99", "level": 0.9},
     ),
-    "several of two episodes": (
-        lambda: resampling.cluster_bootstraps(
-            [[1, 2], [0, 2]], {"one": resampling.ratio_of_sums}, seed=0, level=0.9, resamples=99, enumerate_up_to=2
-        )["one"],
-        {"value": 0.25, "n": 2, "method": f"{EPISODES}, B=99", "level": 0.9},
-    ),
-    "several without a value": (
-        lambda: resampling.cluster_bootstraps([[1, 0], [1, 0]], {"one": resampling.ratio_of_sums}, seed=0, level=0.9)[
-            "one"
-        ],
-        {
-            "value": None,
-            "n": 2,
-            "method": f"{EPISODES}, all 3 multisets",
-            "note": "the statistic is undefined on these episodes",
-        },
-    ),
     "effect of two episodes": (
         lambda: total_effect.total_effect(TWO, TWO, level=0.9),
         {"value": None, "n": 2, "method": OWN, "note": "2 episodes have both answers, and three are needed"},
@@ -904,7 +887,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "resamples=0: ask for at least one",
     ),
     "a level of 0": (
-        lambda: resampling.episode_bootstrap(2, lambda counts: counts[:, 0], seed=0, level=0),
+        lambda: resampling.cluster_bootstrap([[1, 2], [0, 2]], seed=0, level=0),
         "level=0 must lie in (0, 1) and resamples=5000 be at least 1",
     ),
     "strata of another length": (

@@ -292,7 +292,7 @@ def test_unfinished_shards_merge_and_the_whole_resumes(bank: FrameBank, tmp_path
     second = study.plan(bank.root, [STEADY], tmp_path / "2", extent=study.Extent(shard=(2, 3)))
     study.run(replace(second, plan=replace(second.plan, frames=second.plan.frames[:3])))
     with Ledger(tmp_path / "2" / LEDGER, create=True) as ledger:
-        ledger.begin(next(key for key in second.plan.keys_of(STEADY) if key not in ledger.finished()), "cut")
+        ledger.begin(next(key for key in second.plan.keys_of(STEADY) if key not in ledger.finished()), "")
     study.merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     planned = study.plan(bank.root, [STEADY], tmp_path / "merged")
     calls, finished, unknown = planned.counts()

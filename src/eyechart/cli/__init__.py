@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from eyechart.cli.terminal import as_typed, end_as_interrupted, how_it_ends, was_told_to_end
-from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, printable, why
+from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, is_too_long, printable, why
 
 _ASCII = str.maketrans(
     {
@@ -83,8 +83,10 @@ def _command() -> None:
         if debug:
             raise
         where = (error.filename2 or error.filename) if isinstance(error, OSError) else None
-        full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
-        said = full if isinstance(error, OSError) and is_full(error) else str(error)
+        said = str(error)
+        if isinstance(error, OSError) and (is_full(error) or is_too_long(error)):
+            what = "the disk is full" if is_full(error) else why(error)
+            said = f"{what}{f' ({where})' if where else ''}: make room and try again"
         _end(2, "eyechart: " + "\n".join(map(printable, as_typed(said).split("\n"))))
     except (MemoryError, sqlite3.Error) as error:
         if debug:

@@ -9,7 +9,7 @@ from statistics import fmean
 from typing import NoReturn
 
 from eyechart.calls import SILENT, CallKey
-from eyechart.errors import LedgerError, SpecError, plain_file, raising
+from eyechart.errors import LedgerError, SpecError, raising, text_file
 from eyechart.frames import Scalar
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import EPISODES, LEDGER, RUN, EpisodesManifest, read_run
@@ -138,7 +138,8 @@ def read_episodes(path: Path) -> Iterator[Episode]:
     file = path / EPISODES
     if not file.exists():
         return
-    lines = plain_file(file).read_bytes().split(b"\n")
+    with raising(LedgerError, f"{file} cannot be read"):
+        lines = text_file(file).read_bytes().split(b"\n")
     for number, line in enumerate(lines[:-1], 1):
         try:
             yield _episode(line)
@@ -164,7 +165,7 @@ def mend_episodes(path: Path) -> None:
     """Cut off the beginning of an episode that a kill left at the end of a run folder's file, before more is added."""
     file = path / EPISODES
     if file.is_file():
-        text = plain_file(file).read_bytes()
+        text = text_file(file).read_bytes()
         whole = text.rfind(b"\n") + 1
         if whole < len(text):
             with file.open("r+b") as opened:
@@ -194,7 +195,7 @@ def recorded(run: Path) -> Mapping[str, int]:
     path = Path(folder)
     unlike = (OSError, ValueError, LookupError, TypeError)
     with raising(LedgerError, f"{path / RUN} is no manifest of a run", of=unlike):
-        driven = json.loads(plain_file(path / RUN).read_text(encoding="utf-8"))["format"] == EpisodesManifest.FORMAT
+        driven = parse_json(text_file(path / RUN).read_text(encoding="utf-8"))["format"] == EpisodesManifest.FORMAT
     by_spec = _of_episodes(path) if driven else _of_battery(path)
     if spec and spec not in by_spec:
         raise SpecError(f"{folder} holds no decisions of '{spec}'; it holds {', '.join(by_spec) or 'none'}")

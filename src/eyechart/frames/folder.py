@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-from eyechart.errors import BankError, EyechartError, SpecError, plain_file, raising, why
+from eyechart.errors import BankError, EyechartError, SpecError, raising, text_file, why
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -151,7 +151,7 @@ def read_bank_manifest(root: Path) -> BankManifest:
     """Read what a bank declares of itself, without its frames; raises BankError naming the file at fault."""
     path = root / "manifest.json"
     try:
-        raw = _plain(plain_file(path).read_text(encoding="utf-8"))
+        raw = _plain(text_file(path).read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
             raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
         kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
@@ -188,7 +188,7 @@ def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
     with raising(BankError, f"{path} cannot be read"):
-        lines = plain_file(path).read_bytes().splitlines()
+        lines = text_file(path).read_bytes().splitlines()
     for number, line in enumerate(lines, 1):
         try:
             frames.append(_frame_from_row(_plain(line.decode()), manifest))

@@ -232,10 +232,10 @@ def as_png(picture: bytes, name: str) -> bytes:
 
     Raises BankError as `decode` does.
     """
-    return picture if _is_bare(picture) else encode(decode(picture, name))
+    return picture if is_bare(picture) else encode(decode(picture, name))
 
 
-def _is_bare(picture: bytes) -> bool:
+def is_bare(picture: bytes) -> bool:
     """Return whether a picture is an 8-bit PNG of red, green and blue, not interlaced, with pixels alone in it."""
     if picture[:8] != _PNG or picture[24:29] != _BARE:
         return False

@@ -66,7 +66,8 @@ def read_counter(ledger: Path) -> Count:
     path = _beside(ledger)
     for look in range(_LOOKS):
         try:
-            line = plain_file(path).read_bytes()
+            with plain_file(path).open("rb") as file:
+                line = file.read(_LENGTH + 1)
         except FileNotFoundError:
             return Count()
         if (found := _read(line)) is not None:

@@ -1,6 +1,5 @@
 """What a probe asks beside its drawn pictures: the question of the run itself, a form of answer, a sentence drawn."""
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
 from eyechart.probe.pictures import road
 from eyechart.prompts import Prompt, find_prompt
+from eyechart.records import parse_json
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import AnySpace
@@ -92,7 +92,7 @@ async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]
 
 def _object(text: str) -> dict[str, object] | None:
     try:
-        value = json.loads(text)
+        value = parse_json(text)
     except (ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

@@ -1,7 +1,7 @@
 """What chance alone would give: permutation p values, Holm's correction and the episode bootstrap."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,8 +14,6 @@ Floats = npt.NDArray[np.float64]
 
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
-
-_BINS = 4096
 
 
 def permutation_p(exceedances: int, resamples: int) -> float:
@@ -76,7 +74,8 @@ def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000)
     detail = {"labels": len(counts), "observed": observed / n}
     p = permutation_p(int(np.count_nonzero(drawn >= observed)), resamples)
     expected = float(counts.sum(axis=1) @ counts.sum(axis=0)) / n**2
-    return Statistic(expected, n, (low, high), p, method, detail=detail)
+    ci = min(low, expected), max(high, expected)  # where nearly all orders agree alike, the mean may lie outside
+    return Statistic(expected, n, ci, p, method, detail=detail)
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
@@ -130,84 +129,7 @@ def cluster_bootstrap(
     given = np.asarray(sums, dtype=np.float64)
     if given.ndim != 2 or not np.isfinite(given).all():
         raise ValueError(f"sums must be finite, one row per episode, got shape {given.shape}")
-    return _over_episodes(len(given), given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
-
-
-def cluster_bootstraps(
-    sums: npt.ArrayLike,
-    statistics: Mapping[str, Callable[[Floats], Floats]],
-    *,
-    seed: int,
-    resamples: int = 5000,
-    level: float = 0.95,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
-) -> dict[str, Statistic]:
-    """Return `cluster_bootstrap` of several statistics of the same sums, over the same resamples, made once."""
-    given = np.asarray(sums, dtype=np.float64)
-    episodes, names = len(given), list(statistics)
-    if episodes < 2:
-        return {name: cluster_bootstrap(given, statistics[name], seed=seed, level=level) for name in names}
-    multisets = math.comb(2 * episodes - 1, episodes)
-    method = f"{100 * level:g}% percentile interval over episodes"
-    if multisets <= enumerate_up_to:
-        drawn = ((added, np.exp(log_p)) for added, log_p in _halves(given))
-        method += f", all {multisets} multisets"
-    else:
-        taken = _drawn(np.random.default_rng(seed), resamples, episodes)
-        drawn = ((counts @ given, np.full(len(counts), 1 / resamples)) for counts in taken)
-        method += f", B={resamples}"
-    parts: dict[str, list[Floats]] = {name: [] for name in names}
-    weights: list[Floats] = []
-    for added, weight in drawn:
-        weights.append(weight)
-        for name in names:
-            parts[name].append(statistics[name](added))
-    whole, found = np.concatenate(weights), {}
-    for name in names:
-        value = float(statistics[name](given.sum(axis=0)[None, :])[0])
-        if math.isnan(value):
-            found[name] = cannot_say("the statistic is undefined on these episodes", episodes, method)
-            continue
-        ci, undefined = _interval_by_bins(np.concatenate(parts[name]), whole, level)
-        found[name] = Statistic(value, episodes, ci, method=method, detail={"undefined": undefined}, level=level)
-    return found
-
-
-def episode_bootstrap(
-    episodes: int,
-    statistic: Callable[[Floats], Floats],
-    *,
-    seed: int,
-    resamples: int = 5000,
-    level: float = 0.95,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
-) -> Statistic:
-    """Return `cluster_bootstrap` of a statistic that no sums over episodes carry, such as a median.
-
-    ``statistic`` maps counts of shape (resamples, episodes), how often each episode was taken, to (resamples,).
-    ValueError for a ``level`` outside (0, 1).
-    """
-    return _over_episodes(episodes, None, statistic, _Draws(seed, resamples, level, enumerate_up_to))
-
-
-def median_by_counts(values: npt.ArrayLike, episode: npt.ArrayLike, counts: npt.ArrayLike) -> Floats:
-    """Return the median of each resample of whole episodes, shape (resamples,), NaN where it takes no value.
-
-    ``values`` are numbers, ``episode`` the number of the episode that each belongs to, and ``counts``, shape
-    (resamples, episodes), how often each resample takes each episode.
-    """
-    given, taken = np.asarray(values, dtype=np.float64), np.asarray(counts)
-    order = np.argsort(given, kind="stable")
-    ordered, episodes = given[order], np.asarray(episode)[order]
-    out = np.full(len(taken), np.nan)
-    if not len(ordered):
-        return out
-    for rows in chunks(len(taken), len(ordered)):
-        below = np.cumsum(taken[rows].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
-        n = below[:, -1:]
-        low, high = np.argmax(below >= (n + 1) // 2, axis=1), np.argmax(below >= n // 2 + 1, axis=1)
-        out[rows] = np.where(n[:, 0] > 0, (ordered[low] + ordered[high]) / 2, np.nan)
-    return out
+    return _over_episodes(given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,28 +142,26 @@ class _Draws:
     enumerate_up_to: int
 
 
-def _over_episodes(episodes: int, sums: Floats | None, statistic: Callable[[Floats], Floats], how: _Draws) -> Statistic:
-    """Return a statistic of resampled episodes: of what they add up to, or where ``sums`` is None of their counts."""
+def _over_episodes(sums: Floats, statistic: Callable[[Floats], Floats], how: _Draws) -> Statistic:
+    """Return a statistic of what resampled episodes add up to."""
     if not 0 < how.level < 1 or how.resamples < 1:
         raise ValueError(f"level={how.level} must lie in (0, 1) and resamples={how.resamples} be at least 1")
     method = f"{100 * how.level:g}% percentile interval over episodes"
-    if episodes == 0:
+    if (episodes := len(sums)) == 0:
         return cannot_say("no episodes", method=method)
-    once = np.ones(episodes) if sums is None else sums.sum(axis=0)
-    value = float(statistic(once[None, :])[0])
+    value = float(statistic(sums.sum(axis=0)[None, :])[0])
     if math.isnan(value):
         return cannot_say("the statistic is undefined on these episodes", episodes, method)
     if episodes < 2:
         return Statistic(value, 1, method=method, note="one episode cannot be resampled")
     multisets = math.comb(2 * episodes - 1, episodes)
     if multisets <= how.enumerate_up_to:
-        halves = _halves(np.eye(episodes) if sums is None else sums)
-        parts = [(statistic(added), np.exp(log_p)) for added, log_p in halves]
+        parts = [(statistic(added), np.exp(log_p)) for added, log_p in _halves(sums)]
         values, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
         method += f", all {multisets} multisets"
     else:
         drawn = _drawn(np.random.default_rng(how.seed), how.resamples, episodes)
-        values = np.concatenate([statistic(counts if sums is None else counts @ sums) for counts in drawn])
+        values = np.concatenate([statistic(counts @ sums) for counts in drawn])
         weights = np.full(how.resamples, 1 / how.resamples)
         method += f", B={how.resamples}"
     ci, undefined = _weighted_interval(values, weights, how.level)
@@ -333,31 +253,3 @@ def _weighted_interval(values: Floats, weights: Floats, level: float) -> tuple[t
     places = np.searchsorted(below / below[-1], [tail - 1e-12, 1 - tail - 1e-12])
     low, high = values[order[np.minimum(places, len(order) - 1)]]
     return (float(low), float(high)), undefined
-
-
-def _interval_by_bins(values: Floats, weights: Floats, level: float) -> tuple[tuple[float, float] | None, float]:
-    """Return what `_weighted_interval` does, sorting only the values near the tails: bins find where these are."""
-    defined = ~np.isnan(values)
-    undefined = max(0.0, 1.0 - float(weights[defined].sum() / weights.sum()))
-    if not defined.any():
-        return None, undefined
-    if undefined or not defined.all():
-        values, weights = values[defined], weights[defined]
-    low, high = float(values.min()), float(values.max())
-    if low == high:
-        return (low, high), undefined
-    codes = np.minimum(((values - low) * (_BINS / (high - low))).astype(np.int32), _BINS - 1)
-    below = np.asarray(np.cumsum(np.bincount(codes, weights, _BINS)), dtype=np.float64)
-    tail = (1 - level) / 2
-    ends = [_quantile_in(values, weights, codes, below, share) for share in (tail - 1e-12, 1 - tail - 1e-12)]
-    return (ends[0], ends[1]), undefined
-
-
-def _quantile_in(values: Floats, weights: Floats, codes: npt.NDArray[np.int32], below: Floats, share: float) -> float:
-    """Return the inverse distribution at ``share``; ``below`` is the weight up to the end of each bin."""
-    place = min(int(np.searchsorted(below, share * below[-1])), len(below) - 1)
-    inside = np.flatnonzero(codes == place)
-    order = inside[np.argsort(values[inside])]
-    before = below[place - 1] if place else 0.0
-    first = int(np.searchsorted(before + np.cumsum(weights[order]), share * below[-1]))
-    return float(values[order[min(first, len(order) - 1)]])

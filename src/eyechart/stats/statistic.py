@@ -18,10 +18,11 @@ class Statistic:
     """A value with the evidence behind it.
 
     ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
-    the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``. ``p`` is None where
-    no test was made. ``unit`` is that of the value, empty for a share or another pure number. ``detail`` holds further
-    plain numbers (a table, bin sizes, a rival variant) for whoever audits the value; numbers that are read by a rule
-    are fields of a kind of Statistic, and stand in the JSON of ``detail`` too.
+    the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``, which holds the value:
+    ValueError where it does not, because it is then of something else. ``p`` is None where no test was made. ``unit``
+    is that of the value, empty for a share or another pure number. ``detail`` holds further plain numbers (a table, bin
+    sizes, a rival variant) for whoever audits the value; numbers that are read by a rule are fields of a kind of
+    Statistic, and stand in the JSON of ``detail`` too.
     """
 
     value: float | None
@@ -33,6 +34,15 @@ class Statistic:
     detail: Mapping[str, object] | None = None
     level: float = 0.95
     unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Require that the interval, if there is one, is one and holds the value, but for rounding."""
+        if self.ci is None or self.value is None:
+            return
+        (low, high), value = self.ci, self.value
+        rounding = TIE * max(1.0, abs(value))
+        if not low - rounding <= value <= high + rounding:
+            raise ValueError(f"[{low}, {high}], the interval of {self.method or 'it'}, excludes the value {value}")
 
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from eyechart.costs import ALL, Account, Unread, unread
-from eyechart.errors import LedgerError, SpecError, plain_file, why
+from eyechart.errors import LedgerError, SpecError, text_file, why
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
@@ -372,7 +372,7 @@ def run_json(folder: Path) -> Mapping[str, object]:
     """
     file = folder / RUN
     try:
-        found = parse_json(plain_file(file).read_text(encoding="utf-8"))
+        found = parse_json(text_file(file).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return {}
     except OSError as error:

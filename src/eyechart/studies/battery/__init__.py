@@ -24,6 +24,7 @@ from eyechart.studies.battery.planning import (
 )
 from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
 from eyechart.studies.battery.replication import differences
+from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, taken, took, took_run
 from eyechart.studies.battery.study import OfFrames
 
@@ -49,6 +50,7 @@ __all__ = [
     "questions_of",
     "read_answers",
     "read_columns",
+    "require_requests",
     "resumed",
     "run",
     "sample_of",

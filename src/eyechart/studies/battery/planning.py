@@ -48,6 +48,7 @@ from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Calling, MotionPlan, Plan, ask_again, execute, spread
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
+from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
@@ -424,13 +425,15 @@ def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
 def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple[RunManifest, Ledger]]:
     """Hold a run on a bank while calls are added to it; yield its manifest, joined with what stands there, and ledger.
 
-    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    Raises LedgerError where another process is writing to the same run, the ledger cannot be written, or holds calls
+    that the run does not ask.
     """
     with alone_in(out):
         # Again, now that nobody else writes: another process may have begun or extended this run since.
         manifest = resumed(out, manifest, bank)
         write_run(out, manifest, bank)
         with Ledger(out / LEDGER, create=True) as ledger:
+            require_requests(ledger, manifest, plan_of(manifest, bank))
             yield manifest, ledger
 
 

@@ -26,6 +26,7 @@ from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, asked_of_model, staged, stages_of, supplied, widest
 from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
@@ -182,8 +183,8 @@ def score(
 
     ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
     has the replies of a run that was begun under an older version of the reader read by today's. Raises
-    LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError where independence is
-    declared of a bank with episodes.
+    LedgerError or BankError where the folder is no run, needs ``reread``, or holds calls that it does not ask, and
+    SpecError where independence is declared of a bank with episodes.
     """
     manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
@@ -194,7 +195,7 @@ def score(
             why = "its answers chose its frames" if manifest.stop_early else "it asks about none of them"
             raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
         manifest = replace(manifest, frames=asked)
-    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True)
 
 
 def require_scorable(
@@ -223,13 +224,24 @@ def require_scorable(
 
 
 def score_run(
-    manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resamples: int = 5000, independent: bool = False
+    manifest: RunManifest,
+    bank: FrameBank,
+    ledger_path: Path,
+    *,
+    resamples: int = 5000,
+    independent: bool = False,
+    held: bool = False,
 ) -> BatteryScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+
+    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    """
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(ledger_path) as ledger:
+        if held:
+            require_requests(ledger, manifest, plan)
         may, asked, answers = supplied(manifest, plan), dict[str, Asked](), dict[str, Answers]()
         for spec in manifest.models:
             replies = list(ledger.replies(spec))

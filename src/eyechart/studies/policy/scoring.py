@@ -17,7 +17,7 @@ from eyechart.run import MotionPlan
 from eyechart.spaces.motion import MOTION_READER
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.stats.total_effect import share_difference
-from eyechart.studies.battery import taken
+from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
 from eyechart.studies.policy.reading import Motions, read_motions
@@ -95,7 +95,7 @@ def score(path: Path, *, reread: bool = False) -> PolicyScore:
     """
     manifest, bank = read_run(path)
     require_scorable(path, manifest, reread=reread)
-    return score_run(manifest, bank, path / LEDGER)
+    return score_run(manifest, bank, path / LEDGER, held=True)
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
@@ -112,11 +112,16 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
         )
 
 
-def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> PolicyScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> PolicyScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+
+    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    """
     found: dict[str, OnePolicy] = {}
     with Ledger(ledger_path) as ledger:
         plan = drawn_of(ledger, manifest, bank)
+        if held:
+            require_requests(ledger, manifest, plan)
         for spec, version in manifest.models.items():
             drawn = spec in plan.drawn
             order = [sent.key for sent in ledger.attempts(spec)] if drawn else []

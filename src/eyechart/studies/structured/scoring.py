@@ -18,7 +18,7 @@ from eyechart.stats.agreement import rate
 from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.jackknife import mean_over_episodes
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
-from eyechart.studies.battery import CallsScore, plan_of, took_run
+from eyechart.studies.battery import CallsScore, plan_of, require_requests, took_run
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.told import Floats, Mask, Told, read_told
 from eyechart.verdicts import Evidence
@@ -236,7 +236,7 @@ def score(path: Path, *, reread: bool = False) -> StructuredScore:
     """
     manifest, bank = read_run(path)
     require_scorable(path, manifest, reread=reread)
-    return score_run(manifest, bank, path / LEDGER)
+    return score_run(manifest, bank, path / LEDGER, held=True)
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
@@ -250,10 +250,15 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
         )
 
 
-def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> StructuredScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> StructuredScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+
+    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    """
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
+        if held:
+            require_requests(ledger, manifest, plan)
         told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
     accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent

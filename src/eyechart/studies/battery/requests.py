@@ -1,0 +1,144 @@
+"""What each call in a ledger asked, by its digest, is held to what the run asks: by its bank, its prompt, its seed."""
+
+import hashlib
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+from eyechart.calls import CallKey
+from eyechart.errors import EyechartError, LedgerError, printable
+from eyechart.frames import FrameBank, is_bare
+from eyechart.ledger import Ledger
+from eyechart.manifest import BANK, RunManifest
+from eyechart.perception.view import NONE, find_view
+from eyechart.run import Plan
+from eyechart.stimuli import Stimuli
+
+FEW = 8
+"""So many frames of a condition are compared whose pictures are encoded for each call, which takes a while."""
+MOST_BYTES = 200_000_000
+"""So many bytes of pictures are compared: making their digests takes no longer than a score."""
+_OF_BANK = "pictures of the bank"
+
+Asked = Mapping[str, CallKey]
+"""The digests of what was asked about one frame under one condition, each with the first call that asked so."""
+
+
+def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
+    """Raise LedgerError where a call in a run's ledger asked something else than its ``plan`` does, naming the first.
+
+    Words without pictures are compared first. Then, up to 200 MB of pictures, those that leave as they lie in the bank;
+    of those that are encoded for a call a few frames, where this machine encodes as that of the run did. A validation
+    of the run's bundle compares them all. Nothing is said of what nobody can know: of a row without a digest, of
+    pictures that are gone or are not those of the run, of a view or a condition that is not there any more.
+    """
+    asked, held = _asked_in(ledger, plan), _Held(ledger.path.parent, manifest, plan)
+    for condition, frame in sorted(asked, key=lambda shown: shown[0] != "text_only"):
+        with suppress(EyechartError):
+            held.compare(condition, frame, asked[condition, frame])
+    if held.wrong:
+        raise LedgerError(f"{ledger.path}: {_words(held.wrong)}")
+
+
+def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, CallKey]]:
+    """Return what was asked by condition and frame; a row without a digest says nothing."""
+    asked: dict[tuple[str, str], dict[str, CallKey]] = {}
+    for spec in plan.models:
+        for sent in ledger.attempts(spec):
+            if sent.request_sha256:
+                digests = asked.setdefault((sent.key.condition, sent.key.frame), {})
+                digests.setdefault(sent.request_sha256, sent.key)
+    return asked
+
+
+def _words(wrong: list[CallKey]) -> str:
+    _, model, _, frame, condition, _ = map(printable, map(str, wrong[0]))
+    more = f", as do {len(wrong) - 1} other calls" if len(wrong) > 1 else ""
+    return (
+        f"the call of {model} about frame '{frame}' under {condition} asked something else than this run asks{more}: "
+        "the ledger was made with another bank, prompt or seed than run.json says; restore the ledger or run.json from "
+        "a copy, or run anew with another --out"
+    )
+
+
+@dataclass
+class _Held:
+    """The requests of a run, compared frame by frame; ``wrong`` are the calls that asked something else."""
+
+    run: Path
+    manifest: RunManifest
+    plan: Plan
+    _wrong: list[CallKey] = field(default_factory=list)
+    _alike: set[str] = field(default_factory=set)
+    _unlike: dict[str, list[CallKey]] = field(default_factory=dict)
+    _made: dict[str, bool] = field(default_factory=dict)
+    _times: Counter[str] = field(default_factory=Counter)
+    _bytes: int = 0
+
+    @property
+    def wrong(self) -> list[CallKey]:
+        """Return the calls that asked something else.
+
+        A picture that was encoded and differs counts only where another of its kind came out the same.
+        """
+        return [*self._wrong, *(key for kind in self._alike for key in self._unlike.get(kind, ()))]
+
+    @cached_property
+    def _bank(self) -> FrameBank:
+        """Return the bank with its pictures as they lie on disk: in the run, or where they were."""
+        own = self.run / BANK
+        held = (own / self.plan.bank.frames[0].file).is_file()
+        return replace(self.plan.bank, root=own if held else Path(self.manifest.bank_path), plain=False)
+
+    @cached_property
+    def _stored(self) -> Stimuli:
+        return replace(self.plan, bank=self._bank, view=None).stimuli()
+
+    @cached_property
+    def _sent(self) -> Stimuli:
+        bank = replace(self._bank, plain=self.plan.bank.plain)
+        return replace(self.plan, bank=bank, view=find_view(self.manifest.view)).stimuli()
+
+    def compare(self, condition: str, frame: str, asked: Asked) -> None:
+        """Compare what was asked about a frame under a condition; raises BankError where a picture cannot be read."""
+        if self._bytes > MOST_BYTES or self._times[condition] == FEW:
+            return
+        exact = self._leaves_as_it_is(condition, frame)
+        self._times[condition] += not exact
+        seen = (self._stored if exact else self._sent).show(condition, frame)
+        self._bytes += sum(map(len, seen.images.values()))
+        key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
+        wrong = asked.keys() - {self.plan.query(key, seen).sha256()}
+        kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
+        if not exact and len(wrong) < len(asked):
+            self._alike.add(kind)
+        if wrong and self._is_recorded(condition, frame):
+            found = self._wrong if exact else self._unlike.setdefault(kind, [])
+            found.extend(call for digest, call in asked.items() if digest in wrong)
+
+    def _leaves_as_it_is(self, condition: str, frame: str) -> bool:
+        """Return whether the pictures of a call leave as they lie in the bank, or none does."""
+        if self._is_made(condition, frame):
+            return False
+        images = self._stored.show(condition, frame).images.values()
+        as_they_lie = not self.plan.bank.plain or all(map(is_bare, images))
+        return not images or (as_they_lie and self.manifest.view == NONE)
+
+    def _is_made(self, condition: str, frame: str) -> bool:
+        """Return whether a condition makes its pictures, as it does for the first frame that is asked for."""
+        if condition not in self._made:
+            lying = [self._bank.read(file) for file in self.plan.sources(condition, self._bank.frame(frame))]
+            images = self._stored.show(condition, frame).images.values()
+            self._made[condition] = not all(image in lying for image in images)
+        return self._made[condition]
+
+    def _is_recorded(self, condition: str, frame: str) -> bool:
+        """Return whether the pictures of a call are those of the run: else nobody can say what it asked."""
+        recorded = self._bank.manifest.images
+        return all(
+            hashlib.sha256(self._bank.read(file)).hexdigest() == recorded.get(file)
+            for file in self.plan.sources(condition, self._bank.frame(frame))
+        )
