@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from adversary_door import PIXELS, SIZES, adversary, look, see_frame
+from adversary_door import adversary, looks, see_frame
 from eyechart.calibrate.adversaries import Adversary
 from eyechart.conditions import show
 from eyechart.frames import LEAD_GAP, MAIN, Frame, FrameBank
@@ -82,11 +82,12 @@ class Pictures:
         }
 
 
-def _shown(condition: str, frame: Frame, bank: FrameBank) -> tuple[bytes | None, Sight | None]:
+def _shown(condition: str, frame: Frame, bank: FrameBank) -> tuple[Mapping[str, str], Sight | None]:
+    """Return what the rules of the pixels answer to a picture, for which it is decoded once, and what is seen in it."""
     if condition in DRAWN and condition not in frame.counterfactuals:
-        return None, None
+        return {}, None
     image = show(condition, frame, bank, 0).images.get(MAIN)
-    return image, see_frame(image)
+    return looks(image), see_frame(image)
 
 
 def _number(value: object) -> float:
@@ -99,11 +100,11 @@ def _answers(name: str, pictures: Pictures, condition: str, draws: int) -> NDArr
     return np.array([[_answer(name, *shown, rng) for _ in range(draws)] for shown in pictures.shown[condition]]).T
 
 
-def _answer(name: str, image: bytes | None, sight: Sight | None, rng: random.Random) -> str:
+def _answer(name: str, looked: Mapping[str, str], sight: Sight | None, rng: random.Random) -> str:
     if sight is None:
         return ""
-    if name in PIXELS or name in SIZES:
-        return look(name, image)
+    if name in looked:
+        return looked[name]
     answer = adversary(name).decide(sight, rng)
     return answer if isinstance(answer, str) else ""
 

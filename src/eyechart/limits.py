@@ -104,7 +104,8 @@ class Outcome:
 
     ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost. ``failed``
     says of each model with calls that failed how many, and what the last one was; ``lasting`` are those of these whose
-    failures do not pass by themselves: what is wrong must be mended first.
+    failures do not pass by themselves: what is wrong must be mended first. ``whole`` says that every call of every
+    stage that came is finished, so that nobody need read the ledger for what is left; False where that was not counted.
     """
 
     set_aside: Mapping[str, str]
@@ -112,6 +113,7 @@ class Outcome:
     uncounted: int = 0
     failed: Mapping[str, str] = field(default_factory=dict)
     lasting: frozenset[str] = frozenset()
+    whole: bool = field(default=False, compare=False)
 
 
 class Budget:

@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, TypedDict, Unpack
 
@@ -289,22 +289,26 @@ class _Execution:
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
         self.stimuli = self.plan.stimuli()
         to_the_end(self._run(todo))
-        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting())
+        found = Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting())
+        return replace(found, whole=self.done == self.planned and not self.again)
 
     async def _run(self, todo: list[CallKey]) -> None:
         self._report()
+        by_model: dict[str, list[CallKey]] = {}
+        for key in todo:
+            by_model.setdefault(key.model, []).append(key)
         try:
             async with asyncio.TaskGroup() as group:
                 for turn in self.plan.turns or [(spec,) for spec in self.plan.models]:
-                    group.create_task(self._take_turn(turn, todo))
+                    group.create_task(self._take_turn(turn, by_model))
         finally:
             for model in self.models.values():
                 await close(model)
 
-    async def _take_turn(self, turn: Sequence[str], todo: Sequence[CallKey]) -> None:
+    async def _take_turn(self, turn: Sequence[str], by_model: Mapping[str, Sequence[CallKey]]) -> None:
         """Ask models one after another, and let each go before the next is asked."""
         for spec in turn:
-            await self._ask(spec, [key for key in todo if key.model == spec])
+            await self._ask(spec, by_model.get(spec, ()))
             if spec != turn[-1]:
                 await close(self.models[spec])
 

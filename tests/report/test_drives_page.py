@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,10 +27,26 @@ def _corridor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SIMULATORS, "corridor", f"{open_corridors.__module__}:open_corridors")
 
 
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run of a model whose replies mean harm, and of a constant, that no test changes."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(SIMULATORS, "corridor", f"{open_corridors.__module__}:open_corridors")
+        return corridor_run(tmp_path_factory.mktemp("driven") / "run")
+
+
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    """Return a run of a model whose replies mean harm, and of a constant, with real and blank pictures."""
-    return corridor_run(tmp_path / "run")
+def run(driven: Path, tmp_path: Path) -> Path:
+    """Return a copy of that run, with real and blank pictures, which a test may change."""
+    return shutil.copytree(driven, tmp_path / "run")
+
+
+@pytest.fixture(scope="module")
+def page(driven: Path) -> Page:
+    """Return the page of that run, made once."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(SIMULATORS, "corridor", f"{open_corridors.__module__}:open_corridors")
+        return page_of(driven)
 
 
 def page_of(run: Path) -> Page:
@@ -60,16 +77,15 @@ def test_the_page_is_inert_and_the_same_every_time(run: Path) -> None:
     assert set(HOSTILE) == set(map(str, data_of(page)["texts"]))
 
 
-def test_the_page_says_what_the_blind_baseline_shows(run: Path) -> None:
+def test_the_page_says_what_the_blind_baseline_shows(page: Page) -> None:
     """In the words of the score, for each policy, and of the one that is a model at its head too."""
-    html = page_of(run).html.decode()
+    html = page.html.decode()
     assert html.count("the same to the last digit with blank pictures as with real ones") == 2 + 1
     assert "constant policies converge" in html
 
 
-def test_every_episode_stands_in_the_browser_with_its_steps(run: Path) -> None:
+def test_every_episode_stands_in_the_browser_with_its_steps(page: Page) -> None:
     """Decisions, executed actions and gaps; a few drives with pictures, one a moment and one at the end."""
-    page = page_of(run)
     episodes = data_of(page)["episodes"]
     assert len(episodes) == 12
     steps = episodes[0]["steps"]

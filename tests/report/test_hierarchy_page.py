@@ -47,9 +47,14 @@ def page_of(study: Path) -> Page:
     return make_hierarchy_page(study, score(study, resamples=200))
 
 
-def test_the_page_is_inert_the_same_every_time_and_says_what_completion_shows(study: Path) -> None:
+@pytest.fixture(scope="module")
+def page(study: Path) -> Page:
+    """Return the page of the study that no test changes, made once."""
+    return page_of(study)
+
+
+def test_the_page_is_inert_the_same_every_time_and_says_what_completion_shows(study: Path, page: Page) -> None:
     """A planner's name is text whatever it holds, and the words stand beside its rates with other pictures."""
-    page = page_of(study)
     html = page.html.decode()
     assert page_of(study).html == page.html
     assert HOSTILE_NAME not in html
@@ -62,16 +67,15 @@ def test_the_page_is_inert_the_same_every_time_and_says_what_completion_shows(st
     assert "23/25" in words
 
 
-def test_the_answer_says_why_a_planner_is_not_shown_to_see(study: Path) -> None:
+def test_the_answer_says_why_a_planner_is_not_shown_to_see(page: Page) -> None:
     """How many worlds it would need, which other pictures it lacks, or what the data allow."""
-    words = unescape(" ".join(re.sub(r"<[^>]+>", " ", page_of(study).html.decode().split("</section>")[0]).split()))
+    words = unescape(" ".join(re.sub(r"<[^>]+>", " ", page.html.decode().split("</section>")[0]).split()))
     assert "Why not more?" in words
     assert "with 2 worlds no exact test can reach .05" in words or "pictures, which show what it needs" in words
 
 
-def test_each_world_shows_every_source_and_how_it_ended(study: Path) -> None:
+def test_each_world_shows_every_source_and_how_it_ended(page: Page) -> None:
     """Two worlds in three groups; in words for those who cannot see them, and on the figure of outcomes too."""
-    page = page_of(study)
     html = unescape(page.html.decode())
     ways = page.drawings["ways"]
     assert [one.title for one in ways] == ["offset, seed 0", "offset, seed 1"] * 3
@@ -101,17 +105,17 @@ def test_a_way_runs_through_the_recorded_places_and_near_the_driven_ones(study: 
 
 
 @pytest.mark.slow
-def test_an_end_that_was_not_recorded_is_driven_again_and_checked(copied: Path, study: Path) -> None:
+def test_an_end_that_was_not_recorded_is_driven_again_and_checked(copied: Path, page: Page) -> None:
     """It is the same; where the drive ends in another state its way is left out, and the page says so."""
     file = copied / "primary" / "episodes.jsonl"
     file.write_text(re.sub(r',"y_m":[^,]*,"yaw":[^,}]*}', "}", file.read_text()))
     assert not any("y_m" in step.facts for one in read_episodes(copied / "primary") for step in one.steps)
-    before, after = (page_of(one).drawings["ways"] for one in (study, copied))
+    before, after = (one.drawings["ways"] for one in (page, page_of(copied)))
     assert [one.svg() for one in before] == [one.svg() for one in after]
     file.write_text(re.sub(r'"state_sha256":"....', '"state_sha256":"0000', file.read_text()))
-    page = page_of(copied)
-    assert any("does not drive again here" in note for note in page.notes)
-    assert "MPC-only: did not drive here" in page.drawings["ways"][0].description
+    other = page_of(copied)
+    assert any("does not drive again here" in note for note in other.notes)
+    assert "MPC-only: did not drive here" in other.drawings["ways"][0].description
 
 
 def test_a_world_with_other_obstacles_than_the_records_is_not_drawn(copied: Path) -> None:

@@ -80,9 +80,8 @@ def _texts(axes: Axes) -> Iterator[Text]:
                 yield tick.label1
 
 
-def collisions(figure: Figure) -> Iterator[tuple[str, str]]:
-    """Yield which texts lie upon one another, upon a picture, or beyond the figure."""
-    texts, pictures = boxes(figure)
+def collisions(figure: Figure, texts: dict[str, Bbox], pictures: dict[str, Bbox]) -> Iterator[tuple[str, str]]:
+    """Yield which of the boxes of a figure lie upon one another, upon a picture, or beyond the figure."""
     whole = figure.bbox
     for (name, one), (other_name, other) in combinations((texts | pictures).items(), 2):
         if min(one.x1, other.x1) - max(one.x0, other.x0) > 1 and min(one.y1, other.y1) - max(one.y0, other.y0) > 1:
@@ -105,8 +104,8 @@ def test_no_words_lie_upon_a_picture_nor_upon_others(joints: int, cameras: int, 
         lines = some_lines(space, count)
         with style():
             figure = paths(seen, space, lines) if plane else curves(seen, space, lines, np.ones(len(space.dimensions)))
-            assert list(collisions(figure)) == []
             texts, pictures = boxes(figure)
+        assert list(collisions(figure, texts, pictures)) == []
         assert len(pictures) == cameras
         if not plane:
             titles = [one.get_text() for axes in figure.axes[cameras:] for one in axes.texts]

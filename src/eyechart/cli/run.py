@@ -365,7 +365,7 @@ def _make_calls(
             sequential=allowed.sequential,
         )
     say(*(_after(planned) if early else ()))
-    _tell(outcome, failed, planned.left())
+    _tell(outcome, failed, 0 if outcome.whole and not early else planned.left())
     tell_empty([out])
     say(f"done: {done.format(out)}")
 
