@@ -763,15 +763,22 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     several = _SEVERAL.search(one.written) is not None
     if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
         return "said"  # of a thing in the picture: "a truck is ahead; it is slowing", "it is 30 degrees"
-    if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
-        return "chosen"
-    if (is_mark(one.action) and _SET_TO.search(left)) or (several and not one.derived and _DOES.search(left)):
+    if _is_chosen_around(left, right, one, several=several):
         return "chosen"
     status = _stands_alone(left, right, opened=opened, several=several)
-    reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
-    if status == "chosen" and one.derived and not (_BARE_FORM.match(right) or reasoned):
-        return "said"
+    if status == "chosen" and one.derived and not _BARE_FORM.match(right):
+        reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
+        return "chosen" if reasoned else "said"
     return "chosen" if status == "said" and _is_foreign(left, right, one) else status
+
+
+def _is_chosen_around(left: str, right: str, one: Mention, *, several: bool) -> bool:
+    """Return whether the words before a mention or after it choose it."""
+    if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
+        return True
+    if is_mark(one.action):
+        return _SET_TO.search(left) is not None
+    return several and not one.derived and _DOES.search(left) is not None
 
 
 def _names_a_choice(label: str) -> bool:
