@@ -144,11 +144,11 @@ def coin(**changes: Statistic) -> Found:
     return nothing_known() | held | changes
 
 
-def signs(wins: int, losses: int, ties: int, p_of: float, method: str = "sign test") -> SignTest:
+def signs(wins: int, losses: int, ties: int, p_of: float) -> SignTest:
     """Return a sign test with these counts."""
     n = wins + losses
     ends = (max(0.0, wins / n - 0.1), min(1.0, wins / n + 0.1))
-    return SignTest(wins / n, n, ends, p_of, method, note="by hand", wins=wins, losses=losses, ties=ties)
+    return SignTest(wins / n, n, ends, p_of, "sign test", note="by hand", wins=wins, losses=losses, ties=ties)
 
 
 def net(b: int, c: int, n: int, low: float) -> Discordant:

@@ -150,3 +150,69 @@ def test_an_equivalent_mutant_is_of_a_line_that_stands_in_the_code() -> None:
         assert set(one["out"].splitlines()) <= {line.strip() for line in text.splitlines()}, one["out"]
         assert one["in"] != one["out"]
         assert one["reason"]
+
+
+TOLD = {"note", "method", "detail", "because"}
+"""What a statistic or a ruling tells people: it is printed whole, and nothing is decided by it."""
+
+CUT = {"count", "endswith", "find", "get", "index", "partition", "removeprefix", "removesuffix", "rpartition", "split"}
+"""What takes a part of a text or a table, or looks whether it is there; besides these ``startswith``."""
+
+BY_WORDS = {
+    "studies/policy/settling.py",
+    "studies/policy/tables.py",
+    "verdicts/axes.py",
+    "verdicts/channels.py",
+    "verdicts/uses.py",
+}
+"""The modules that still read what is told of statistics of policies."""
+
+OF_OTHERS = {"report/table.py: one.note == first.note", "serve/server.py: request.method not in _READS"}
+"""The note of a table, and the method of a request."""
+
+
+def _told(node: ast.expr) -> bool:
+    """Return whether an expression is what a statistic tells, or that or something else."""
+    if isinstance(node, ast.BoolOp):
+        return any(map(_told, node.values))
+    return isinstance(node, ast.Attribute) and node.attr in TOLD
+
+
+def _decides(node: ast.AST) -> bool:
+    """Return whether a node compares what a statistic tells, or takes a part of it."""
+    if isinstance(node, ast.Compare):
+        absent = any(isinstance(one, ast.Is | ast.IsNot) for one in node.ops)
+        return not absent and any(map(_told, (node.left, *node.comparators)))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.func.attr in {*CUT, "startswith"} and _told(node.func.value)
+    return isinstance(node, ast.Subscript) and _told(node.value)
+
+
+def test_nothing_is_decided_by_what_a_statistic_tells_people() -> None:
+    """Outside ``stats`` a number that decides is a field; a note, a method, a detail or a reason is printed whole."""
+    found = {
+        (module, f"{module}: {ast.unparse(node)}")
+        for module, tree in trees().items()
+        if not module.startswith("stats/")
+        for node in ast.walk(tree)
+        if _decides(node)
+    }
+    compare({said for module, said in found if module not in BY_WORDS}, OF_OTHERS, "words that decide")
+    compare({module for module, _ in found if module in BY_WORDS}, BY_WORDS, "modules that decide by words")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "one.method.startswith('one-sided')",
+        "'do not vary' in noise.note",
+        "found.because[:-1]",
+        "(one.detail or {}).get('same') == 1.0",
+        "one.detail['k']",
+        "one.note.partition('; ')[2]",
+    ],
+)
+def test_what_decides_by_words_is_found(code: str) -> None:
+    """Each way to take a text apart; to print it whole, or to ask whether there is any, decides nothing by it."""
+    assert any(map(_decides, ast.walk(ast.parse(code))))
+    assert not any(map(_decides, ast.walk(ast.parse("print(one.note if one.detail is not None else one.method)"))))

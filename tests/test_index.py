@@ -153,8 +153,8 @@ def test_the_headline_counts_verdicts_of_one_kind_together_and_says_who_has_none
         entry("blind", "image_invariant", "blind", look),
         entry("turned", "depth", "sees", look),
         entry("turned", "undecided", "open", look, run="later"),
-        entry("good", "admitted", "good", admitted),
-        *(entry(f"bad-{number}", "not admitted", "bad", admitted) for number in range(2)),
+        entry("good", "admitted", "sees", admitted),
+        *(entry(f"bad-{number}", "not_admitted", "blind", admitted) for number in range(2)),
         entry("drove", "no verdict", "", ("drive by sight", "drivers")),
     ]
     said = overview._counted(entries)
@@ -266,8 +266,8 @@ def test_an_index_says_whether_an_estimator_is_admitted_and_by_which_clause(tmp_
         shutil.copytree(made / name, tmp_path / name)
     found = {(one.study, one.model): one.found for one in read_index(tmp_path, READING, silent)}
     over = found["estimates", "scripted:scene_over_calling"]
-    assert (over.label, over.tone, over.decided_by) == ("not admitted", "bad", "close_accuracy")
+    assert (over.label, over.tone, over.decided_by) == ("not_admitted", "blind", "close_accuracy")
     assert over.estimate is not None
     assert over.estimate.n > 0
     drove = {one.label for (study, _), one in found.items() if study == "drives"}
-    assert drove == {"admission cannot be said"}
+    assert drove == {"admission_cannot_be_said"}

@@ -200,7 +200,7 @@ def test_more_turns_are_named_than_there_are(rate: float, n: int, need: int | No
         (by_hand.signs(40, 16, 88, 0.02), 157),  # 139 at .01, and there are 144: at half of it, for Holm
         (by_hand.signs(42, 14, 88, 0.02), 150),  # and at a quarter of it
         (by_hand.signs(30, 10, 0, 0.02), 44),  # 40 at .01, as many as there are
-        (by_hand.signs(30, 10, 0, 0.02, "sign test of a reversal"), None),
+        (replace(by_hand.signs(30, 10, 0, 0.02), reversed=True), None),
         (by_hand.signs(51, 49, 44, 0.5), None),
         (by_hand.signs(52, 48, 44, 0.4), 9064),
         (by_hand.signs(0, 30, 100, 1.0), None),

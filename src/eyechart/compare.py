@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError
 from eyechart.frames import same_moments
+from eyechart.integrity import unfinished
 from eyechart.records import Written
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
@@ -172,8 +173,10 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
             said.append(f"{spec} was asked in another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
-        whole = ((spec, one.answered, one.planned) for spec, one in mine.models.items() if spec in theirs.models)
-        said += [f"{spec}: the {which} run is unfinished: {n} of {m} calls" for spec, n, m in whole if n < m]
+        left = {spec: unfinished(one.answered, one.planned) for spec, one in mine.models.items()}
+        said += [
+            f"{spec}: the {which} run is {words}" for spec, words in left.items() if words and spec in theirs.models
+        ]
     return tuple(sorted(said))
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Protocol, TypedDict, Unpack
 
 from eyechart.errors import SpecError, meant
-from eyechart.integrity import Guard, ServedGuard
+from eyechart.integrity import Guard, ServedGuard, unfinished
 from eyechart.modes import made_elsewhere
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
@@ -41,7 +41,7 @@ REQUIREMENTS = _meeting(LABELS, "calibrated verdict") | _meeting(LATERAL, "later
 UNPARSED = "max_unparsed"
 ADMISSION: dict[str, str] = {
     "admission": "every clause of admission",
-    **{name: one.says for name, one in CLAUSES.items()},
+    **{name: one.needs for name, one in CLAUSES.items()},
 }
 """What may be required of a run of scene estimates, which is asked for nothing of the above."""
 
@@ -247,15 +247,14 @@ def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Un
     found = [one for one in held.checks if clauses or one.requirement == UNPARSED]
     checks: list[Check] = []
     for spec in score.evidence():
-        (over, whole), (seen, why) = score.left(spec), score.frames(spec)
+        seen, why = score.frames(spec)
         mine = [one for one in found if one.model == spec]
         if seen is not True:
             mine = [replace(one, holds=None, because=f"{one.because}; {why}") if one.holds else one for one in mine]
         if {"frames", "admission"} & set(wanted):
             mine.append(Check(spec, "frames", seen, why))
-        if over < whole:
-            unfinished = f"the run is unfinished: {over} of {whole} episodes"
-            mine = [replace(one, holds=None, because=unfinished) for one in mine]
+        if left := unfinished(*score.left(spec), "episodes"):
+            mine = [replace(one, holds=None, because=f"the run is {left}") for one in mine]
         checks += mine
     return Gate(tuple(checks))
 
@@ -289,8 +288,7 @@ def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
     failed = [one for one in guards if one not in allowed]
     if not failed:
         return check
-    marks = (f"guard '{one.name}' failed: {one.because}" for one in failed)
-    nothing = check.holds or len(served) > len(allowed)
+    nothing, marks = check.holds or len(served) > len(allowed), (one.mark for one in failed)
     return replace(check, holds=None if nothing else check.holds, because="; ".join((check.because, *marks)))
 
 
@@ -300,7 +298,7 @@ def _no_evidence(one: Evidence) -> str:
         return "the run holds no finished call of this model"
     if one.unfinished:
         later = "; a shard asks no controls, the merged run, resumed, does" if one.part else ""
-        return f"the run is unfinished: {one.answered} of {one.planned} calls{later}"
+        return f"the run is {unfinished(one.answered, one.planned, part=True)}{later}"
     if errors := one.reasons().get("error"):
         return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
     return ""

@@ -41,10 +41,20 @@ class Guard:
     holds: bool | None
     because: str
 
+    @property
+    def mark(self) -> str:
+        """Return in words that it failed, and why: what it stands beside is not to be relied on."""
+        return f"guard '{self.name}' failed: {self.because}"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         outcome = {True: "holds", False: "fails", None: "cannot say"}[self.holds]
         return {**asdict(self), "outcome": outcome}
+
+
+def unfinished(over: int, whole: int, what: str = "calls", *, part: bool = False) -> str:
+    """Return in words how far a run is that is not finished, as a ``part`` of another never is; empty where it is."""
+    return f"unfinished: {over} of {whole} {what}" if part or over < whole else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,11 @@ from urllib.parse import quote
 
 from eyechart.errors import EyechartError, SpecError, printable, raising
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
-from eyechart.report.page import GLYPHS, Opening, Page, Said, fill
+from eyechart.report.page import Opening, Page, Said, fill
 from eyechart.report.table import MARK, Cell, Column, Mark, Table
 from eyechart.studies import NO_VERDICT, Finding, Made, Reading, Study, Tell, open_study, run_json, study_of
 from eyechart.studies.prompts import is_study
+from eyechart.verdicts.labels import GLYPHS
 
 DEEPEST = 4
 """Folders in folders that are looked into for runs."""
@@ -226,14 +227,12 @@ def _titled(folder: Path, name: str) -> Iterator[Path]:
             yield file
 
 
-_KINDS = {"good": "sees", "bad": "blind"}
 _ANSWERS = {"sees": "yes", "partly": "in part", "blind": "no", "open": "cannot be said"}
 
 
 def _tone(one: Entry) -> str:
     """Return the tone of a finding as the head of a page has it."""
-    tone = _KINDS.get(one.found.tone, one.found.tone)
-    return tone if tone in GLYPHS else "open"
+    return one.found.tone if one.found.tone in GLYPHS else "open"
 
 
 def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[Entry]]:

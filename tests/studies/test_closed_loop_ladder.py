@@ -152,7 +152,7 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     """Who brakes wherever there is any picture differs from blank, and not from another world's picture."""
     real, blank = drive("m", always("SLOW")), drive("m", always("LEFT"), condition="blank")
     (alone,) = score(make_run(tmp_path / "alone", [*real, *blank], models=["m"])).blind
-    assert (alone.finding, alone.asks, alone.tone) == ("differs", "whether there is a picture", "partly")
+    assert (alone.finding, alone.asks, alone.label.family) == ("differs", "whether there is a picture", "partly")
     assert "So its driving depends on whether there is a picture; for better" in alone.sentence
     unasked = "Whether it depends on what the camera shows was not asked"
     assert unasked in alone.sentence
@@ -160,7 +160,7 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     first, second = score(make_run(tmp_path / "both", [*real, *blank, *same], models=["m"])).blind
     assert "depends on whether there is a picture;" in first.sentence
     assert "what the camera shows" not in first.sentence, "the other comparison answers that"
-    assert (second.finding, second.tone) == ("identical", "blind")
+    assert (second.finding, second.label.family) == ("identical", "blind")
     assert "In these worlds what the camera shows has no say in how it drives." in second.sentence
 
 
@@ -173,7 +173,7 @@ def test_each_condition_says_what_it_asks(tmp_path: Path, condition: str) -> Non
     told = found.sentence.partition(" It completes")[0].partition(" Whether it depends")[0]
     assert ("depends on what the camera shows;" in told) == (condition == "shuffled")
     assert (f"depends on {found.asks};" in told) == (condition != "real_repeat")
-    assert found.tone == {"shuffled": "sees", "real_repeat": "open"}.get(condition, "partly")
+    assert found.label.family == {"shuffled": "sees", "real_repeat": "open"}.get(condition, "partly")
     assert found.as_dict()["asks"] == found.asks
     (alike,) = score(
         make_run(tmp_path / "same", [*real, *drive("m", always("SLOW"), condition=condition)], models=["m"])

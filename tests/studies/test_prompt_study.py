@@ -187,8 +187,7 @@ def cells_of(model: str, **p: float | None) -> list[prompts.CellScore]:
             planned=96,
             answered=96,
             statistics={
-                "mutual_information": gap,
-                "modal_share": gap,
+                **dict.fromkeys(("mutual_information", "obstacle", "cramers_v_real_blank", "modal_share"), gap),
                 "distinct_outputs": one if found is None else several,
             },
             holm={"mutual_information": found, "obstacle": None, "cramers_v_real_blank": 0.9},

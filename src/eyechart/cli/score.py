@@ -230,14 +230,11 @@ def transfer(
     print_each(lines, names=sorted(names | set(external)))
 
 
-def _how_found(correlation: "Statistic") -> str:
+def _how_found(one: "Statistic") -> str:
     """Return in words how the p of a correlation was found, behind a space; nothing where there is none."""
     from eyechart.report.table import p_value
-    from eyechart.stats.correlation import EXACT_UP_TO
+    from eyechart.stats.correlation import Correlation
 
-    exact = (correlation.detail or {}).get("p_exact")
-    if correlation.p is None:
+    if not isinstance(one, Correlation):
         return ""
-    if correlation.method.startswith("Pearson"):
-        return f" (t test; over all orders {p_value(exact)})" if isinstance(exact, float) else " (t test)"
-    return " (exact, over all orders)" if correlation.n <= EXACT_UP_TO else " (t approximation)"
+    return f" ({one.how}{'' if one.p_exact is None else f'; over all orders {p_value(one.p_exact)}'})"

@@ -13,7 +13,7 @@ from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_
 from eyechart.report.table import estimate as shown
 from eyechart.stats.committee import ABSTAIN, answers
 from eyechart.stats.paired import Discordant
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Statistic, UpperBound
 from eyechart.studies.battery.album import view_uri
 from eyechart.studies.guardian import ESTIMANDS, VIEWS, Bound, Frozen, GuardianScore, Nested, Replay
 
@@ -289,7 +289,8 @@ def _method(found: GuardianScore) -> str:
 
 def bound_lines(found: Bound) -> Iterator[str]:
     """Yield in words what is bounded, by how many episodes, and where that holds."""
-    if found.rate.ci is None or found.frame_rate.ci is None or found.any_miss.ci is None:
+    per_frame = found.frame_rate
+    if found.rate.ci is None or found.any_miss.ci is None or not isinstance(per_frame, UpperBound) or not per_frame.ci:
         yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"
         return
     at = f"at {100 * found.confidence:g} % confidence"
@@ -297,11 +298,10 @@ def bound_lines(found: Bound) -> Iterator[str]:
         f"Missed-hazard rate per episode ({ESTIMANDS['missed_hazard_rate']}): {number(found.rate.value, 4)}, at most "
         f"{found.rate.ci[1]:.4f} {at}, from {found.episodes} episodes"
     )
-    longest = (found.frame_rate.detail or {})["longest"]
     yield (
         f"Missed-hazard rate per frame ({ESTIMANDS['missed_hazard_rate_per_frame']}): "
-        f"{number(found.frame_rate.value, 4)}, at most {found.frame_rate.ci[1]:.4f} {at}, from {found.frame_rate.n} "
-        f"hazardous frames of {found.episodes} episodes, none of more than {longest} frames"
+        f"{number(per_frame.value, 4)}, at most {per_frame.ci[1]:.4f} {at}, from {per_frame.n} "
+        f"hazardous frames of {found.episodes} episodes, none of more than {per_frame.longest} frames"
     )
     yield (
         f"Episodes with any miss ({ESTIMANDS['any_miss_in_an_episode']}): {number(found.any_miss.value, 4)}, at most "

@@ -18,6 +18,7 @@ from eyechart import __version__
 from eyechart.destination import whole, write_files
 from eyechart.report.charts import Drawing
 from eyechart.report.table import Table, coded
+from eyechart.verdicts.labels import GLYPHS
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
@@ -33,8 +34,6 @@ class Page:
     notes: tuple[str, ...] = ()
 
 
-GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
-"""What stands before a word of each tone, for those who do not tell its colour."""
 SIGNS = {"brake": "■", "proceed": "▲", "other": "●"}
 """What stands before an action of each role; its colour says nothing: red and green are for wrong and right alone."""
 MOST_SAID = 6

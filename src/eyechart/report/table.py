@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from markupsafe import Markup
 
 from eyechart.destination import write_files
-from eyechart.stats.statistic import Statistic, percent
+from eyechart.stats.statistic import Statistic, UpperBound, percent
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -150,9 +150,8 @@ def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
 
 
 def ends(one: Statistic) -> tuple[float, float] | None:
-    """Return a statistic's interval, as an `AtMost` where its method bounds the value from above alone."""
-    bounded = one.ci is not None and one.method.startswith("one-sided") and "upper bound" in one.method
-    return AtMost(*one.ci) if bounded and one.ci is not None else one.ci
+    """Return a statistic's interval, as an `AtMost` where it bounds the value from above alone."""
+    return AtMost(*one.ci) if isinstance(one, UpperBound) and one.ci is not None else one.ci
 
 
 def level(one: Statistic) -> str:

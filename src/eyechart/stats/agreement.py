@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -126,9 +126,13 @@ def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SwapRate(Statistic):
-    """A mirror swap rate with the rate that the marginals give by chance, None without a directional decision."""
+    """A mirror swap rate with the rate that the marginals give by chance, None without a directional decision.
+
+    ``tested`` says in words how its p was found.
+    """
 
     chance: float | None = None
+    tested: str = field(default="", repr=False)
 
 
 def swap_test(
@@ -167,8 +171,9 @@ def swap_test(
         "resample_mean": float(resampled.mean()),
         "directions": directions,
     }
-    method = f"{result.method}; one-sided permutation of the pairing, B={resamples}"
-    return SwapRate(result.value, result.n, result.ci, p, method=method, detail=detail, level=level, chance=chance)
+    tested = f"one-sided permutation of the pairing, B={resamples}"
+    how = {"method": f"{result.method}; {tested}", "tested": tested}
+    return SwapRate(result.value, result.n, result.ci, p, **how, detail=detail, level=level, chance=chance)
 
 
 def binomial_tail(k: int, n: int, chance: float) -> float:

@@ -1,7 +1,7 @@
 """Correlation of two columns of numbers: Pearson's r and Spearman's rank correlation, each with n, interval and p."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field
 from itertools import permutations
 from statistics import NormalDist
 
@@ -15,6 +15,14 @@ EXACT_UP_TO = 9
 
 FEWEST = 4
 """Fewer pairs carry no interval: Fisher's z has a standard error of 1 / sqrt(n - 3)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correlation(Statistic):
+    """A correlation with ``how`` its p was found in words, and its p over all orders where that is another."""
+
+    how: str = field(repr=False)
+    p_exact: float | None = None
 
 
 def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
@@ -42,7 +50,7 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
 def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Pearson's r of two columns of one length, with Fisher's interval and the two-sided p of the t test.
 
-    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs ``detail`` has
+    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs it has
     ``p_exact`` besides, over all orders of one column, which takes nothing for normal. Says that it cannot say below
     four pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics, whose p
     is that of the t test.
@@ -51,7 +59,10 @@ def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stati
     if why := _undefined(one, other):
         return cannot_say(why, len(one), "Pearson correlation")
     found = pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
-    return replace(found, detail={"p_exact": _exact_p(one, other)}) if len(one) <= EXACT_UP_TO else found
+    exact = _exact_p(one, other) if len(one) <= EXACT_UP_TO else None
+    return Correlation(
+        found.value, found.n, found.ci, found.p, found.method, level=found.level, how="t test", p_exact=exact
+    )
 
 
 def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
@@ -62,8 +73,8 @@ def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stat
     """
     one, other = _columns(x, y)
     exact = len(one) <= EXACT_UP_TO
-    how = f"exact over {math.factorial(len(one))} orders" if exact else "t approximation"
-    method = f"Spearman's rank correlation, two-sided p ({how}), {100 * level:g}% interval of Bonett and Wright"
+    over = f"exact over {math.factorial(len(one))} orders" if exact else "t approximation"
+    method = f"Spearman's rank correlation, two-sided p ({over}), {100 * level:g}% interval of Bonett and Wright"
     if why := _undefined(one, other):
         return cannot_say(why, len(one), method)
     from scipy.stats import rankdata, spearmanr  # noqa: PLC0415 - slow to import
@@ -72,7 +83,8 @@ def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stat
     if exact:
         p = _exact_p(rankdata(one), rankdata(other))
     error = math.sqrt((1 + rho**2 / 2) / (len(one) - 3))
-    return Statistic(rho, len(one), _fisher(rho, error, level), p, method, level=level)
+    how = "exact, over all orders" if exact else "t approximation"
+    return Correlation(rho, len(one), _fisher(rho, error, level), p, method, level=level, how=how)
 
 
 def _columns(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -11,7 +11,7 @@ follower of the step number, exact but for 10 % missing answers, then passes for
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,14 @@ class _Layout:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trend(Statistic):
+class Exchanged(Statistic):
+    """A test by exchanging episodes, with the smallest p that it can attain; None where frames are permuted."""
+
+    smallest_p: float | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trend(Exchanged):
     """What was compared with its own null, and the mean and deviation of that."""
 
     null_mean: float
@@ -265,7 +272,7 @@ def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str)
     why = f"exchanging {list(layout.sizes)} episodes per scenario gives a p of {attainable:.3g} at best"
     note = "; ".join([f"{why}, above {alpha:g}", *layout.excluded])
     detail = {**layout.detail(), "smallest_p": attainable}
-    return Statistic(None, n, method=method, note=note, detail=detail)
+    return Exchanged(None, n, method=method, note=note, detail=detail, smallest_p=attainable)
 
 
 def _aligned(pairs: Sequence[Pairs]) -> Floats:
@@ -330,5 +337,5 @@ def _result(
         notes.append(f"{layout.shifted} frames are aligned with another step: mark missing decisions, drop none")
     note = "; ".join(notes)
     null_mean, null_sd = float(null.mean()), float(null.std())
-    method = f"{method}, {how}"
-    return Trend(observed, n, p=p, method=method, note=note, detail=detail, null_mean=null_mean, null_sd=null_sd)
+    found = Trend(observed, n, p=p, method=f"{method}, {how}", null_mean=null_mean, null_sd=null_sd)
+    return replace(found, note=note, detail=detail, smallest_p=smallest)

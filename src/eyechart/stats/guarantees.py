@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, UpperBound, cannot_say
 
 MOST_EPISODES = 10_000_000
 
@@ -28,9 +28,8 @@ def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
     method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
     if n == 0:
         return cannot_say("no episodes", method=method)
-    return Statistic(
-        k / n, n, (0.0, _clopper_pearson(k, n, confidence)), method=method, detail={"k": k}, level=confidence
-    )
+    ci = (0.0, _clopper_pearson(k, n, confidence))
+    return UpperBound(k / n, n, ci, method=method, detail={"k": k}, level=confidence)
 
 
 def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
@@ -49,7 +48,7 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
         return cannot_say("no episodes", method=method)
     mean, n = float(given.mean()), len(given)
     high = _lowest(lambda risk: hoeffding_bentkus_p(mean, n, risk) <= 1 - confidence, mean)
-    return Statistic(mean, n, (0.0, high), method=method, level=confidence)
+    return UpperBound(mean, n, (0.0, high), method=method, level=confidence)
 
 
 def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, confidence: float = 0.95) -> Statistic:
@@ -80,7 +79,7 @@ def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, c
 
     high = 1.0 if value == 1 else _lowest(lambda rate: rate < 1 and beaten(rate), value)
     detail = {"events": int(got.sum()), "episodes": int(np.count_nonzero(of)), "longest": longest}
-    return Statistic(value, n, (0.0, high), method=method, detail=detail, level=confidence)
+    return UpperBound(value, n, (0.0, high), method=method, detail=detail, level=confidence, longest=longest)
 
 
 def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -19,11 +19,15 @@ ENUMERATED_STATES = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignTest(Statistic):
-    """A sign test with its counts of frames in which the first is larger, smaller, and the same."""
+    """A sign test with its counts of frames in which the first is larger, smaller, and the same.
+
+    ``reversed`` says that its p is against the order, of a `reversal_test`.
+    """
 
     wins: int
     losses: int
     ties: int
+    reversed: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +130,8 @@ def reversal_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float =
     """
     found = sign_test(first, second, level=level)
     method = found.method.replace("sign test", "sign test of the reversal")
-    return replace(found, p=_fair_coin_tail(found.losses, found.n) if found.n else 1.0, method=method)
+    p = _fair_coin_tail(found.losses, found.n) if found.n else 1.0
+    return replace(found, p=p, method=method, reversed=True)
 
 
 def worst_part(tested: Mapping[str, SignTest], corrected: Sequence[float], powers: Sequence[float]) -> Statistic:

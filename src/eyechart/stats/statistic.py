@@ -1,7 +1,7 @@
 """A statistic is a number that travels with its n, its interval and its p; the number may be None."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 from eyechart.records import picked, plain
@@ -54,6 +54,13 @@ class Statistic:
         """Return the value and its interval moved down by as much, as what of a share is explained otherwise."""
         ci = None if self.ci is None else (self.ci[0] - by, self.ci[1] - by)
         return replace(self, value=None if self.value is None else self.value - by, ci=ci)
+
+
+@dataclass(frozen=True, slots=True)
+class UpperBound(Statistic):
+    """A rate that is bounded from above alone; of a rate per frame ``longest`` bounds the frames of an episode."""
+
+    longest: int | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

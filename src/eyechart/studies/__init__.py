@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs n
     from eyechart.report.page import Opening, Page
     from eyechart.report.table import Table
     from eyechart.stats.statistic import Statistic
-    from eyechart.verdicts import Verdict
+    from eyechart.verdicts import Label, Ruling, Verdict
 
 Tell = Callable[[str], None]
 """Is told in words what is under way, for whoever waits."""
@@ -134,6 +134,11 @@ class Finding:
     estimate: "Statistic | None" = None
     state: str = ""
     marks: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "Finding":
+        """Return what an index says by a ruling, whose label this is."""
+        return cls(ruling.label, label.family, ruling.decided_by, ruling.statistic, state, marks)
 
 
 NO_VERDICT = Finding("no verdict", "")

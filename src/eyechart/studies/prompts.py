@@ -7,6 +7,7 @@ Source: paper, section Prompt formulation gates measured grounding and Table t:p
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError
-from eyechart.integrity import Guard
+from eyechart.integrity import Guard, unfinished
 from eyechart.limits import Outcome, Spent
 from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
@@ -30,6 +31,8 @@ from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell, battery, run_json
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
+from eyechart.verdicts.labels import PROMPTED, Label
+from eyechart.verdicts.rules import Axis, Rule, compared, p_below
 
 if TYPE_CHECKING:
     from eyechart.report.page import Grid, Opening
@@ -233,12 +236,18 @@ class CellScore(Written):
     @property
     def state(self) -> str:
         """Return in words how far a cell is that is not finished; empty where it is."""
-        return "" if self.answered >= self.planned else f"unfinished: {self.answered} of {self.planned} calls"
+        return unfinished(self.answered, self.planned)
 
     @property
     def marks(self) -> tuple[str, ...]:
         """Return the guards that failed, in words: with one of them the cell is not to be relied on."""
-        return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.guards if guard.holds is False)
+        return tuple(guard.mark for guard in self.guards if guard.holds is False)
+
+    @cached_property
+    def label(self) -> Label:
+        """Return what its answers hold of the scene."""
+        found = {name: replace(self.statistics[name], p=self.holm[name]) for name in DEPENDENCE}
+        return PROMPTED[CELLS.evaluate({**self.statistics, **found}).label]
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
@@ -380,22 +389,19 @@ class PromptsScore:
         return {"study": "prompts", "cells": [cell.as_dict() for cell in self.cells]}
 
 
-_WORDS = {"sees": "goes with the gap", "partly": "tells that there is a picture", "blind": "always the same answer"}
+CELLS = Axis(
+    "prompts",
+    (
+        Rule("gap", "mutual_information", (p_below("mutual_information", LEVEL),)),
+        Rule("picture", "cramers_v_real_blank", (p_below("cramers_v_real_blank", LEVEL),)),
+        Rule("one_answer", "distinct_outputs", (compared("distinct_outputs", "value", "<=", 1.0),)),
+        Rule("no_link", "mutual_information"),
+    ),
+)
+"""What the answers of a cell hold of the scene; each p is corrected over the cells of its model."""
 _GRID = (
     "Bits of the answer that tell the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link shown"
 )
-
-
-def held(cell: CellScore) -> tuple[str, str]:
-    """Return what a cell's answers hold of the scene: sees, partly, blind or open, and in words."""
-    gap, blank = (cell.holm[name] for name in ("mutual_information", "cramers_v_real_blank"))
-    if gap is not None and gap < LEVEL:
-        tone = "sees"
-    elif blank is not None and blank < LEVEL:
-        tone = "partly"
-    else:
-        tone = "blind" if cell.statistics["distinct_outputs"].value == 1 else "open"
-    return tone, _WORDS.get(tone, "no link shown")
 
 
 @dataclass(frozen=True)
@@ -408,7 +414,7 @@ class Held:
     @property
     def seeing(self) -> list[CellScore]:
         """Return the cells whose answers go with the gap."""
-        return [one for one in self.cells if held(one)[0] == "sees"]
+        return [one for one in self.cells if one.label.family == "sees"]
 
     @property
     def tone(self) -> str:
@@ -416,7 +422,7 @@ class Held:
 
         A cell in which no link is shown may yet have one.
         """
-        tones = {held(one)[0] for one in self.cells}
+        tones = {one.label.family for one in self.cells}
         if "sees" in tones:
             return "sees" if tones == {"sees"} else "partly"
         return "blind" if tones == {"blind"} else "open"
@@ -454,14 +460,14 @@ class Held:
         rest = [one for one in self.cells if one not in self.seeing]
         told = []
         for tone in ("partly", "blind", "open"):
-            mine = [one for one in rest if held(one)[0] == tone]
+            mine = [one for one in rest if one.label.family == tone]
             if not mine:
                 continue
             least = min(mine, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
             p = p_value(least.holm["mutual_information"])
             n = max(one.statistics["mutual_information"].n for one in mine)
             told.append(f"Under {listed([one.name for one in mine])} {_WHY[tone].format(p=p, n=n)}.")
-        if open_cells := [one for one in rest if held(one)[0] != "blind"]:
+        if open_cells := [one for one in rest if one.label.family != "blind"]:
             n = max(one.statistics["mutual_information"].n for one in open_cells)
             told.append(f"More than {n} frames may show a weaker link.")
         return " ".join(told)
@@ -520,8 +526,7 @@ def _grid(everyone: Mapping[str, Held]) -> "Grid":
 
 
 def _told(cell: CellScore) -> tuple[str, str, str]:
-    tone, words = held(cell)
-    return tone, number(cell.statistics["mutual_information"].value, 2), words
+    return cell.label.family, number(cell.statistics["mutual_information"].value, 2), cell.label.says
 
 
 class Prompts(OfFrames[PromptsScore]):

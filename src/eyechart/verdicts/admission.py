@@ -8,30 +8,32 @@ from dataclasses import dataclass
 
 from eyechart.records import Written
 from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.rules import Axis, Clause, Rule, compared, there
 
-
-@dataclass(frozen=True, slots=True)
-class Clause:
-    """One clause: the statistic that it reads, the least value that meets it, and what that is in words."""
-
-    statistic: str
-    least: float
-    says: str
-
+_ASKED: Mapping[str, tuple[float, str]] = {
+    "parse": (0.95, "share of replies that hold an estimate"),
+    "close_accuracy": (0.75, "share of frames whose 'close' is right"),
+    "balanced_accuracy": (0.75, "mean of sensitivity and specificity of 'close'"),
+    "scene_equivariance": (0.65, "share of pairs whose scenes are each other's mirror image"),
+    "action_equivariance": (0.75, "share of pairs whose actions are each other's mirror image"),
+    "actions": (3, "different actions on the frames"),
+    "directional": (2, "decisions for LEFT or RIGHT on the frames"),
+}
+"""The least value of each statistic that meets its clause, and what that is in words."""
 
 CLAUSES: dict[str, Clause] = {
-    "parse": Clause("parse", 0.95, "share of replies that hold an estimate"),
-    "close_accuracy": Clause("close_accuracy", 0.75, "share of frames whose 'close' is right"),
-    "balanced_accuracy": Clause("balanced_accuracy", 0.75, "mean of sensitivity and specificity of 'close'"),
-    "scene_equivariance": Clause(
-        "scene_equivariance", 0.65, "share of pairs whose scenes are each other's mirror image"
-    ),
-    "action_equivariance": Clause(
-        "action_equivariance", 0.75, "share of pairs whose actions are each other's mirror image"
-    ),
-    "actions": Clause("actions", 3, "different actions on the frames"),
-    "directional": Clause("directional", 2, "decisions for LEFT or RIGHT on the frames"),
+    name: compared(name, "value", ">=", least, needs=says) for name, (least, says) in _ASKED.items()
 }
+
+ADMITS = Axis(
+    "admission",
+    (
+        Rule("not_admitted", says="it fails a clause", broken=tuple(CLAUSES.values())),
+        Rule("admission_cannot_be_said", says="not measured", broken=tuple(there(name, "value") for name in CLAUSES)),
+        Rule("admitted", "parse", says="it meets every clause"),
+    ),
+)
+"""Whether scenes may steer: the first clause that fails decides, else the first of which nothing can be said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +43,25 @@ class Held(Written):
     ``passes`` is None where the statistic cannot say, which admits nobody.
     """
 
-    written = "clause=name clause.least statistic.value statistic.n statistic.ci outcome"
+    written = "clause=name least statistic.value statistic.n statistic.ci outcome"
 
-    name: str
     clause: Clause
     statistic: Statistic
 
     @property
+    def name(self) -> str:
+        """Return the name of the statistic, which is that of the clause."""
+        return self.clause.statistic
+
+    @property
+    def least(self) -> float:
+        """Return the least value that meets the clause."""
+        return _ASKED[self.name][0]
+
+    @property
     def passes(self) -> bool | None:
         """Return whether the value is at least what the clause asks for."""
-        value = self.statistic.value
-        return None if value is None else value >= self.clause.least
+        return self.clause.holds({self.name: self.statistic})
 
     @property
     def outcome(self) -> str:
@@ -61,7 +71,7 @@ class Held(Written):
     @property
     def words(self) -> str:
         """Return what was found beside what is asked, with its n; or why nothing can be said."""
-        one, least = self.statistic, self.clause.least
+        one, least = self.statistic, self.least
         if one.value is None:
             return one.note
         return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
@@ -69,4 +79,4 @@ class Held(Written):
 
 def hold(statistics: Mapping[str, Statistic]) -> tuple[Held, ...]:
     """Hold every clause against a model's statistics."""
-    return tuple(Held(name, clause, statistics[clause.statistic]) for name, clause in CLAUSES.items())
+    return tuple(Held(clause, statistics[name]) for name, clause in CLAUSES.items())

@@ -46,23 +46,33 @@ BOUND_ALPHA = 0.05
 """Level of the bounds of an absence on pictures that are no other frame: mirrored, lead moved, noise, no picture."""
 
 
+GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
+"""What stands before a word of each family, for those who do not tell its colour."""
+
+
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One label. ``says`` is its sentence; a report draws it as ``glyph`` in the colours of its ``family``.
+    """One label: what it says, how it is drawn, what a gate reads in it, and what settles it early.
 
-    ``meets`` names the requirements of a gate that it meets; of any other,
-    ``otherwise`` says what it shows: that it fails, that it cannot say, or that it fails where the share of pairs in
-    which braking follows distance is bounded below the margin. ``early`` names the claims that settle it before a run
-    has ended, the first its evidence; without any it is never settled early. Those of ``depth`` only say what is left
-    out: whether it is one is decided on all frames, by the rules of a whole run.
+    A report draws it in the colours of its ``family``, with a sign of its ``own`` or that of its family. ``meets``
+    names the requirements of a gate that it meets; of any other, ``otherwise`` says what it shows: that it fails, that
+    it cannot say, or that it fails where the share of pairs in which braking follows distance is bounded below the
+    margin. ``early`` names the claims that settle it before a run has ended, the first its evidence; without any it is
+    never settled early. Those of ``depth`` only say what is left out: whether it is one is decided on all frames, by
+    the rules of a whole run.
     """
 
     says: str
     family: Literal["sees", "partly", "blind", "open"] = "open"
-    glyph: str = "?"
+    own: str = ""
     meets: tuple[str, ...] = ()
     otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
     early: tuple[str, ...] = ()
+
+    @property
+    def glyph(self) -> str:
+        """Return the sign before its word."""
+        return self.own or GLYPHS[self.family]
 
 
 _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
@@ -72,19 +82,17 @@ _NEARER = ("near_far", "net_near_far")
 
 LABELS: dict[str, Label] = {
     "not_scorable": Label(
-        "It may be trusted with nothing: too few of its replies hold a decision.", glyph="–", early=("unscorable",)
+        "It may be trusted with nothing: too few of its replies hold a decision.", own="–", early=("unscorable",)
     ),
     "depth_lateral": Label(
         "It may be tried as a longitudinal and lateral advisor: its braking follows distance, and its turns are "
         "exchanged when the picture is reflected.",
         "sees",
-        "●",
         meets=("depth", "depth_lateral"),
     ),
     "depth": Label(
         "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
         "sees",
-        "●",
         meets=("depth",),
         early=_NEARER,
     ),
@@ -98,16 +106,14 @@ LABELS: dict[str, Label] = {
     "content": Label(
         "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
         "partly",
-        "◐",
         otherwise="fails if bounded",
     ),
     "self_inconsistent": Label(
-        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind", "○"
+        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind"
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
-        "◐",
         otherwise="fails if bounded",
     ),
     "presence_only": Label(
@@ -119,13 +125,11 @@ LABELS: dict[str, Label] = {
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
-        "○",
         early=("presence_response", "bound_blank_kept", *_BLIND),
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
-        "○",
         early=("bound_blank", "bound_blank_response", *_BLIND),
     ),
     "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
@@ -145,6 +149,39 @@ LATERAL: dict[str, Label] = {
     "not_tested": Label("No direction could be asked for under reflection.", otherwise="cannot say"),
 }
 """The lateral labels: whether left and right are exchanged under reflection and follow the clear side."""
+
+ADMITTED: dict[str, Label] = {
+    "admitted": Label("It meets every clause: its scenes may steer.", "sees"),
+    "not_admitted": Label("It fails a clause: its scenes may not steer.", "blind"),
+    "admission_cannot_be_said": Label("What a clause asks for was not measured.", otherwise="cannot say"),
+}
+"""Whether the scenes of an estimator may steer."""
+
+SIGHT: dict[str, Label] = {
+    "by_camera": Label("drives by what it sees", "sees"),
+    "in_part": Label("its pictures matter in part", "partly"),
+    "unsteady": Label("its drives differ"),
+    "by_nothing_seen": Label("drives the same without its pictures", "blind"),
+    "identical": Label("identical drives"),
+    "no_difference_found": Label("no difference found"),
+    "cannot_say": Label("cannot say", otherwise="cannot say"),
+}
+"""What a driver shows beside itself with other pictures in the same worlds."""
+
+PLANNERS: dict[str, Label] = {
+    "by_pictures": Label("it completes by its pictures", "sees"),
+    "completion_alone": Label("completion does not show perception", "blind"),
+    "not_shown": Label("completion does not show perception", otherwise="cannot say"),
+}
+"""Whether a planner reaches its goals by its pictures."""
+
+PROMPTED: dict[str, Label] = {
+    "gap": Label("goes with the gap", "sees"),
+    "picture": Label("tells that there is a picture", "partly"),
+    "one_answer": Label("always the same answer", "blind"),
+    "no_link": Label("no link shown"),
+}
+"""What the answers under one prompt hold of the scene."""
 
 PAPER_LABELS = (
     "not_scorable",

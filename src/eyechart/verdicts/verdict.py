@@ -6,7 +6,7 @@ from functools import partial
 from typing import TypeGuard
 
 from eyechart.conditions import BATTERY
-from eyechart.integrity import Guard
+from eyechart.integrity import Guard, unfinished
 from eyechart.records import Written
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
@@ -97,13 +97,13 @@ class Verdict(Written):
     @property
     def marks(self) -> tuple[str, ...]:
         """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
-        return tuple(map(_marked, self.failed))
+        return tuple(one.mark for one in self.failed)
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Return the marks that put the verdict in doubt: not that all answers are one, where it says just that."""
         says_so = self.calibrated.label in CONSTANT
-        return tuple(_marked(guard) for guard in self.failed if not (says_so and guard.name == "degeneracy"))
+        return tuple(guard.mark for guard in self.failed if not (says_so and guard.name == "degeneracy"))
 
     @property
     def agreeing(self) -> tuple[str, ...]:
@@ -145,10 +145,6 @@ class Verdict(Written):
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
         return card(self.model, self.headline, self.trust, rows, (*self.marks, *self.notes, self.scope))
-
-
-def _marked(guard: Guard) -> str:
-    return f"guard '{guard.name}' failed: {guard.because}"
 
 
 def judge(score: Scored) -> dict[str, Verdict]:
@@ -247,7 +243,7 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     elif evidence.unfinished:
         unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
         early = any(name.startswith(PREFIX) for name in found)
-        words = f"unfinished: {evidence.answered} of {evidence.planned} planned calls are finished"
+        words = unfinished(evidence.answered, evidence.planned, "planned calls are finished", part=True)
         later = "; a shard asks no controls: merge the shards, and resume the merged run" if evidence.part else ""
         said.append(words + later + (unsettled if early else ""))
     if reasons := evidence.reasons(BATTERY):

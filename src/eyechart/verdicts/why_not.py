@@ -263,7 +263,7 @@ def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
 def _frames(one: Statistic) -> tuple[str, int | None]:
     """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
     need = None
-    if isinstance(one, SignTest) and one.n and not one.method.count("reversal"):
+    if isinstance(one, SignTest) and one.n and not one.reversed:
         rate, frames, alpha = one.value or 0.0, one.n + one.ties, ALPHA
         while rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
             need = math.ceil(trials_needed(rate, 0.5, alpha=alpha) * frames / one.n)

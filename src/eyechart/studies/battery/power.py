@@ -9,7 +9,7 @@ import numpy as np
 from eyechart.conditions import CONTROLS, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
-from eyechart.stats.exchange import exchange_test
+from eyechart.stats.exchange import Exchanged, exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
 from eyechart.studies.battery.controls import FEWEST_PAIRS
 from eyechart.studies.battery.odds import NOISE, Odds, calls_of, odds_of, sampled_of
@@ -171,8 +171,8 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
         found = exchange_test(levels, ranks, *columns, seed=0, alpha=ALPHA)
     except ValueError as error:
         return None, str(error)
-    smallest = (found.detail or {}).get("smallest_p")
-    return smallest if isinstance(smallest, float) else None, "" if found.p is not None else found.note
+    smallest = found.smallest_p if isinstance(found, Exchanged) else None
+    return smallest, "" if found.p is not None else found.note
 
 
 def _cannot_say(bank: FrameBank, calls: Mapping[str, int], pairs: int, exchange: str) -> dict[str, str]:

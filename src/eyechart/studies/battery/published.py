@@ -205,7 +205,7 @@ class Published:
             return found
         swapped = np.array([partner[str(one)] for one in real[have][turns]]) == mirrored[have][turns]
         share = self._over_episodes(swapped.astype(np.float64), self._episodes[have][turns], always=True)
-        method = f"{share.method}; {found.method.partition('; ')[2]}"
+        method = f"{share.method}; {found.tested}"
         return replace(found, ci=share.ci, method=method, note=found.note or share.note)
 
     def _gap_order(self) -> Statistic:

@@ -77,12 +77,10 @@ class BatteryStudy(OfFrames[BatteryScore]):
         return judge(score)
 
     def findings(self, score: BatteryScore) -> Mapping[str, Finding]:
-        found = {}
-        for spec, one in judge(score).items():
-            label, by = one.calibrated.label, one.calibrated.decided_by
-            estimate = score.models[spec].statistics[by]
-            found[spec] = Finding(label, LABELS[label].family, by, estimate, one.state, one.marks)
-        return found
+        return {
+            spec: Finding.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
+            for spec, one in judge(score).items()
+        }
 
     def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table

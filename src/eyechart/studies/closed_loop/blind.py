@@ -7,7 +7,7 @@ picture tells whether it matters what the picture shows.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from eyechart.conditions import CONDITIONS, OVER
@@ -17,8 +17,13 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.identical import same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
 from eyechart.studies.closed_loop.reading import UNDECIDED, Driver, Drives, undecided_share
+from eyechart.verdicts.labels import SIGHT, Label
+from eyechart.verdicts.rules import Axis, Rule, compared, fact, p_below
+from eyechart.verdicts.ruling import Ruling
 
 DIFFERS, NO_DIFFERENCE, SAME, CANNOT_SAY = "differs", "no_difference_found", "identical", "cannot_say"
+_FINDING = {"by_camera": DIFFERS, "in_part": DIFFERS, "unsteady": DIFFERS, "by_nothing_seen": SAME}
+"""The finding that a label rests on, where that has another name."""
 
 _WORDS = {
     "crash_rate": "crash rate",
@@ -53,11 +58,28 @@ ASKS = {
 picture as its own, tells what the camera shows."""
 
 
+_ALIKE, _DIFFERS = compared("alike", "value", ">=", 1.0, untested=False), p_below("difference", LEVEL)
+DRIVES = Axis(
+    "drives",
+    (
+        Rule("cannot_say", "failed", (compared("failed", "value", ">", 0.0),)),
+        Rule("by_nothing_seen", "alike", (_ALIKE, compared("shows_nothing", "value", ">", 0.0))),
+        Rule("identical", "alike", (_ALIKE,)),
+        Rule("by_camera", "difference", (_DIFFERS, compared("of_camera", "value", ">", 0.0))),
+        Rule("unsteady", "difference", (_DIFFERS, compared("of_itself", "value", ">", 0.0))),
+        Rule("in_part", "difference", (_DIFFERS,)),
+        Rule("cannot_say", "worlds_to_spare", (compared("worlds_to_spare", "value", "<", 0.0),)),
+        Rule("no_difference_found", "difference"),
+    ),
+)
+"""What drives with other pictures tell of a driver: ``difference`` is the outcome of the smallest p after Holm."""
+
+
 @dataclass(frozen=True)
 class Blind(Written):
     """A policy with real pictures less the same policy under another condition, and what that shows, in words.
 
-    ``finding`` is one of differs, no_difference_found, identical (every drive the same to the last digit), cannot_say.
+    ``unasked`` is what would have to be driven besides, ``rest`` what silence and completing say.
     """
 
     written = "*paired driver.policy condition asks finding sentence"
@@ -65,8 +87,33 @@ class Blind(Written):
     driver: Driver
     condition: str
     paired: Paired
-    finding: str
-    sentence: str
+    ruling: Ruling
+    shows: str = ""
+    unasked: str = ""
+    rest: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Return it in words, after who drove and with which pictures."""
+        who = f"{self.driver.policy}, {self.condition}: " if self.of_pictures else ""
+        return who + " ".join(filter(None, [self.shows, self.unasked, self.rest]))
+
+    @property
+    def label(self) -> Label:
+        """Return what is shown of the driver."""
+        return SIGHT[self.ruling.label]
+
+    @property
+    def finding(self) -> str:
+        """Return differs, no_difference_found, identical (every drive the same to the last digit) or cannot_say."""
+        return _FINDING.get(self.ruling.label, self.ruling.label)
+
+    @property
+    def decisive(self) -> str:
+        """Return the outcome that differs with the smallest p after Holm; of none that does, the reward."""
+        first = self.ruling.decided_by if self.finding == DIFFERS else "reward"
+        differences = self.paired.differences
+        return next((name for name in (first, *OUTCOMES) if differences[name].value is not None), "reward")
 
     @property
     def asks(self) -> str:
@@ -83,14 +130,6 @@ class Blind(Written):
         """Return whether it asks anything of pictures: not so beside its own marginal, which is another driver."""
         return self.asks != MOMENT
 
-    @property
-    def tone(self) -> str:
-        """Return the kind of evidence that this is: sees, partly, blind or open."""
-        if self.finding == DIFFERS and self.asks != REPEAT:
-            return "sees" if self.asks == CAMERA else "partly"
-        shows_nothing = self.asks in {CAMERA, MOMENT} or _unseen(self.condition)
-        return "blind" if self.finding == SAME and shows_nothing else "open"
-
 
 def beside_marginals(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
     """Return each driver beside its own marginal, which drove in the same run: its decisions, drawn without looking.
@@ -105,11 +144,9 @@ def beside_marginals(drives: Sequence[Drives], outcomes: Outcomes, *, resamples:
         for one in real:
             each = corrected([paired(one, drawn, outcomes, resamples=resamples)])[0]
             tests = sum(p is not None for p in each.holm.values())
-            worlds = sorted(one.by_world.keys() & drawn.by_world.keys())
-            same = sum(same_drive(one.by_world[name], drawn.by_world[name]) for name in worlds)
-            finding = _finding(each, same, tests)
-            sentence = f"{each.first.policy} beside its own marginal: {_beside(finding, each, tests)}"
-            found.append(Blind(one.driver, MARGINAL, each, finding, sentence))
+            told = Blind(one.driver, MARGINAL, each, _ruling(one, drawn, each, MARGINAL, tests))
+            shows = f"{each.first.policy} beside its own marginal: {_beside(told.finding, each, tests)}"
+            found.append(replace(told, shows=shows))
     return found
 
 
@@ -163,27 +200,38 @@ def _unseen(condition: str) -> bool:
 
 def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests: int, *, shown: bool) -> Blind:
     """Return what a comparison says; ``shown`` tells that other worlds' pictures were driven too."""
-    condition = other.driver.condition
-    worlds = sorted(real.by_world.keys() & other.by_world.keys())
-    same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
-    failed = _failed(real, other)
-    finding = CANNOT_SAY if failed else _finding(found, same, tests)
-    what = failed or _shows(finding, found, condition, tests)
-    if finding == DIFFERS and not shown and asks(condition) != REPEAT:
-        what += f" Whether it depends on {CAMERA} was not asked: drive it with other worlds' pictures (shuffled) too."
-    ends = "" if asks(condition) == REPEAT else _completion(real, other, worlds, outcomes)
+    condition, failed = other.driver.condition, _failed(real, other)
+    one = Blind(real.driver, condition, found, _ruling(real, other, found, condition, tests, failed=bool(failed)))
+    unasked = one.finding == DIFFERS and not shown and one.asks != REPEAT
+    ends = "" if one.asks == REPEAT else _completion(real, other, outcomes)
     silent = _often(real, other, "the steps", undecided_share)
     silence = f"It decides nothing at {silent}: the fail-safe drives there." if silent else ""
-    sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", silence, ends]))
-    return Blind(real.driver, condition, found, finding, sentence)
+    return replace(
+        one,
+        shows=failed or _shows(one.finding, found, condition, tests),
+        unasked=_UNASKED if unasked else "",
+        rest=" ".join(filter(None, [silence, ends])),
+    )
 
 
-def _finding(found: Paired, same: int, tests: int) -> str:
-    if found.worlds and same == found.worlds:
-        return SAME
-    if any(name in OUTCOMES for name in found.changed):
-        return DIFFERS
-    return CANNOT_SAY if found.worlds < _needed(tests) else NO_DIFFERENCE
+_UNASKED = f"Whether it depends on {CAMERA} was not asked: drive it with other worlds' pictures (shuffled) too."
+
+
+def _ruling(real: Drives, other: Drives, found: Paired, condition: str, tests: int, *, failed: bool = False) -> Ruling:
+    """Return what drives in the same worlds show, of a driver under a condition."""
+    same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world.keys() & other.by_world)
+    name, what = min(OUTCOMES, key=lambda one: 2.0 if (p := found.holm.get(one)) is None else p), asks(condition)
+    known = {
+        "alike": Statistic(same / found.worlds if found.worlds else None, found.worlds),
+        "difference": replace(found.differences[name], p=found.holm.get(name)),
+        "worlds_to_spare": Statistic(float(found.worlds - _needed(tests)), found.worlds),
+        **fact("failed", holds=failed),
+        **fact("of_camera", holds=what == CAMERA),
+        **fact("of_itself", holds=what == REPEAT),
+        **fact("shows_nothing", holds=what in {CAMERA, MOMENT} or _unseen(condition)),
+    }
+    ruling = DRIVES.evaluate(known)
+    return replace(ruling, decided_by=name) if ruling.decided_by == "difference" else ruling
 
 
 def _needed(tests: int) -> int:
@@ -290,11 +338,12 @@ def _failed_share(steps: Sequence[Step]) -> float:
     return sum(step.decision.missing == "error" for step in steps) / max(1, len(steps))
 
 
-def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Outcomes) -> str:
+def _completion(real: Drives, other: Drives, outcomes: Outcomes) -> str:
     """Return what completing shows and what it does not, with the counts.
 
     Who completes with pictures that show nothing needs none; who does so with wrong ones may still have used them.
     """
+    worlds = real.by_world.keys() & other.by_world.keys()
     if not worlds:
         return ""
     with_real = sum(outcomes.success(real.by_world[name]) for name in worlds)

@@ -11,10 +11,10 @@ from eyechart.report.charts import BLUE, HEAD, MUTED, WIDE, Drawing, dots, scatt
 from eyechart.report.page import Opening, Page, Said, Section, fill, parted
 from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
-from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
+from eyechart.studies.closed_loop import DIFFERS, Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
 from eyechart.studies.closed_loop.ladder import CONSTANT, MARGINAL
-from eyechart.studies.closed_loop.sight import FINDINGS, by_sight, named, told_of, word
+from eyechart.studies.closed_loop.sight import by_sight, named, told_of
 from eyechart.studies.closed_loop.tables import (
     MEASURES,
     NAMES,
@@ -32,6 +32,7 @@ from eyechart.studies.closed_loop.tables import (
     served_words,
     unfinished_words,
 )
+from eyechart.verdicts.labels import SIGHT
 
 MOST_ROWS = 40
 """Drivers in a figure; the tables have all of them."""
@@ -111,7 +112,7 @@ def opening(score: ClosedLoopScore) -> Opening:
     """Return what a page of drives says first: who drives by sight, then who comes first by score."""
     told = by_sight(score)
     said = [
-        Said(who, word(one), one.tone, shows, why, "blind")
+        Said(who, one.label.says, one.label.family, shows, why, "blind")
         for who, one in told.items()
         for shows, why in [told_of(one)]
     ]
@@ -129,7 +130,7 @@ def opening(score: ClosedLoopScore) -> Opening:
 def _found(one: Blind) -> str:
     """Return the finding of a comparison in words, with what a difference is of."""
     what = one.asks if one.of_pictures else "it matters when it does what"
-    return FINDINGS.get(one.finding, f"differs: {what}")
+    return f"differs: {what}" if one.finding == DIFFERS else SIGHT[one.finding].says
 
 
 def _best(score: ClosedLoopScore) -> list[str]:
@@ -218,7 +219,7 @@ def make_drives_page(
         paper=paper_table(beside) if beside else None,
         paper_words=paper_words(beside, score.ladder) if beside else [],
         paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # told above them
-        blind=[(one, one.tone, _found(one)) for one in score.blind],
+        blind=[(one, one.label.family, _found(one)) for one in score.blind],
         blind_table=blind_table(score.blind),
         audit=degeneracy_table(score.audit),
         audit_words=degeneracy_words(score.audit),

@@ -258,10 +258,8 @@ def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
 
 def served_words(found: Mapping[str, ServedGuard]) -> list[str]:
     """Return a line a model that more than one answered for: whatever is said of it is said of no one model."""
-    return [
-        f"guard 'served' failed: {who}: {one.because}; no number of it is that of one model"
-        for who, one in found.items()
-    ]
+    named = (replace(one, because=f"{who}: {one.because}") for who, one in found.items())
+    return [f"{one.mark}; no number of it is that of one model" for one in named]
 
 
 def reference_tables(score: ClosedLoopScore) -> list[Table]:
@@ -285,7 +283,7 @@ def blind_table(found: Sequence[Blind]) -> Table:
             f"{one.driver.run} · {one.driver.policy}" if one.driver.run and one.driver.needed else one.driver.policy,
             one.condition,
             one.asks,
-            Mark(one.finding.replace("_", " "), one.tone),
+            Mark(one.finding.replace("_", " "), one.label.family),
             *difference_cells(one.paired),
         )
         for one in found

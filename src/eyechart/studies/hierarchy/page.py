@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from eyechart.report.charts import Drawing
-from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
+from eyechart.report.page import Opening, Page, Said, fill, parted
 from eyechart.report.table import Table, p_value
 from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Paired
@@ -14,8 +14,8 @@ from eyechart.studies.closed_loop.page import made, sight_of
 from eyechart.studies.closed_loop.tables import SIGNED, served_words, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, count_of, unless_shown
-from eyechart.studies.hierarchy.sight import BY_PICTURES, family, pairs_of, why_not
+from eyechart.studies.hierarchy.scoring import count_of, unless_shown
+from eyechart.studies.hierarchy.sight import pairs_of, why_not
 from eyechart.studies.hierarchy.tables import (
     TITLES,
     against_table,
@@ -141,16 +141,15 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     completions = {(one.part, one.policy): one for one in score.completions}
     cards: list[dict[str, object]] = []
     for (part, policy), many in pairs.items():
-        shown = completions[part, policy].shown
-        kind = family(many, shown=shown)
+        label = completions[part, policy].label
         cards.append(
             {
                 "planner": policy,
                 "arm": _ARMS.get(PARTS[part].simulator, PARTS[part].simulator),
                 "simulator": PARTS[part].simulator,
-                "family": kind,
-                "glyph": GLYPHS[kind],
-                "label": BY_PICTURES if shown else NOT_PERCEPTION,
+                "family": label.family,
+                "glyph": label.glyph,
+                "label": label.says,
                 "why_not": why_not(many),
                 "real": goals[part, policy, "real"],
                 "others": [(one.condition, goals[part, policy, one.condition], *_goals(one.paired)) for one in many],

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies import is_episodes
 from eyechart.studies.closed_loop import (
+    CANNOT_SAY,
     DIFFERS,
     LEVEL,
     Blind,
@@ -36,8 +37,25 @@ from eyechart.studies.closed_loop import (
     unfinished_of,
 )
 from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED, PARTS, SCRIPTED, name_of
+from eyechart.verdicts.labels import PLANNERS, Label
+from eyechart.verdicts.rules import Axis, Rule, compared, fact, p_below
 
-NOT_PERCEPTION = "completion does not show perception"
+NOT_PERCEPTION = PLANNERS["completion_alone"].says
+NEEDED = ("shuffled", "blank")
+"""The pictures without which fewer worlds must be completed; of shuffled ones the difference says most."""
+
+_FEWER = {name: (compared(name, "value", ">", 0.0, untested=False), p_below(name, LEVEL)) for name in NEEDED}
+"""That fewer worlds are completed without the own picture, significantly so after Holm."""
+
+COMPLETES = Axis(
+    "planners",
+    (
+        Rule("not_shown", broken=tuple(compared(f"driven.{name}", "value", ">", 0.0) for name in NEEDED)),
+        Rule("by_pictures", NEEDED[0], needs=tuple(clause for both in _FEWER.values() for clause in both)),
+        Rule("completion_alone", NEEDED[0]),
+    ),
+)
+"""What drives without its own pictures tell of how a planner completes."""
 
 _WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 
@@ -112,7 +130,7 @@ class Source(Written):
 class Completion(Written):
     """How often a model reaches the goal in one arm, beside itself with pictures that show nothing of its world.
 
-    ``goals`` are by condition, ``shown`` says whether both paired differences, from blank and from other worlds'
+    ``goals`` are by condition; it is ``shown`` where both paired differences, from blank and from other worlds'
     pictures, exclude zero after Holm, upwards.
     """
 
@@ -121,7 +139,12 @@ class Completion(Written):
     part: str
     policy: str
     goals: Mapping[str, Statistic]
-    shown: bool
+    label: Label
+
+    @property
+    def shown(self) -> bool:
+        """Return whether it completes by its pictures."""
+        return self.label is PLANNERS["by_pictures"]
 
     @property
     def sentence(self) -> str:
@@ -187,15 +210,18 @@ class HierarchyScore:
                 reached = exact_rate(sum(map(self.outcomes.success, one.episodes)), len(one.episodes))
                 goals.setdefault(one.driver.policy, {})[one.driver.condition] = reached
             found += [
-                Completion(part, policy, rates, self._shown(part, policy))
+                Completion(part, policy, rates, self._label(part, policy))
                 for policy, rates in goals.items()
                 if "real" in rates  # nothing is concluded of a model before it drove with real pictures
             ]
         return tuple(found)
 
-    def _shown(self, part: str, policy: str) -> bool:
+    def _label(self, part: str, policy: str) -> Label:
         mine = {one.condition: one for name, one in self.blind if (name, one.driver.policy) == (part, policy)}
-        return {"blank", "shuffled"} <= mine.keys() and all(shows(mine[name]) for name in ("blank", "shuffled"))
+        found = {name: _fewer(mine.get(name)) for name in NEEDED}
+        for name in NEEDED:
+            found |= fact(f"driven.{name}", holds=name in mine and mine[name].finding != CANNOT_SAY)
+        return PLANNERS[COMPLETES.evaluate(found).label]
 
     def measured(self) -> tuple[Measured, ...]:
         """Return the audit of every model in every arm, a simulator each."""
@@ -247,14 +273,21 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     return HierarchyScore(drives, resamples, unfinished, served)
 
 
-def shows(one: Blind) -> bool:
-    """Return whether more worlds are completed with real pictures, significantly so after Holm.
+def _fewer(one: Blind | None) -> Statistic:
+    """Return how many more worlds are completed with real pictures, with its p after Holm; None where none differs.
 
-    Never where calls failed so often that the fail-safe, and not the picture, may have made the difference, nor where
-    the model never decided under one of the conditions.
+    It is None where calls failed so often that the fail-safe, and not the picture, may have made the difference, and
+    where the model never decided under one of the conditions.
     """
-    goals, p = one.paired.differences["success_rate"].value, one.paired.holm.get("success_rate")
-    return one.finding == DIFFERS and goals is not None and goals > 0 and p is not None and p < LEVEL
+    if one is None or one.finding != DIFFERS:
+        return Statistic(None, 0)
+    return replace(one.paired.differences["success_rate"], p=one.paired.holm.get("success_rate"))
+
+
+def shows(one: Blind) -> bool:
+    """Return whether more worlds are completed with real pictures, significantly so after Holm."""
+    found = {NEEDED[0]: _fewer(one)}
+    return all(clause.holds(found) for clause in _FEWER[NEEDED[0]])
 
 
 def unless_shown(one: Blind) -> str:

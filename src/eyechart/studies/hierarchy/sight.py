@@ -3,14 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from eyechart.studies import NO_VERDICT, Finding
-from eyechart.studies.closed_loop import CANNOT_SAY, DIFFERS, Blind, bounds
+from eyechart.studies.closed_loop import DIFFERS, Blind, bounds
 from eyechart.studies.closed_loop.sight import told_of
 from eyechart.studies.hierarchy.planning import PARTS
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, Completion, HierarchyScore, count_of, shows
-
-BY_PICTURES = "it completes by its pictures"
-NEEDED = ("shuffled", "blank")
-"""The pictures without which fewer worlds must be completed; of shuffled ones the difference says most."""
+from eyechart.studies.hierarchy.scoring import NEEDED, Completion, HierarchyScore, count_of, shows
 
 
 def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
@@ -19,12 +15,6 @@ def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
     for part, one in score.blind:
         found.setdefault((part, one.driver.policy), []).append(one)
     return found
-
-
-def family(many: Sequence[Blind], *, shown: bool) -> str:
-    """Return the kind of evidence that a planner's comparisons are: sees, blind, or open where they cannot say."""
-    unsure = not set(NEEDED) <= {one.condition for one in many if one.finding != CANNOT_SAY}
-    return "open" if unsure else "sees" if shown else "blind"
 
 
 def why_not(many: Sequence[Blind]) -> str:
@@ -57,7 +47,7 @@ def findings(score: HierarchyScore) -> dict[str, Finding]:
 
 def _finding(score: HierarchyScore, mine: Sequence[Completion], pairs: Mapping[str, Sequence[Blind]]) -> Finding:
     """Return what one planner's arms show together, by the comparison that says most in the arm that shows most."""
-    spec, tones = mine[0].policy, [family(pairs[one.part], shown=one.shown) for one in mine]
+    spec, tones = mine[0].policy, [one.label.family for one in mine]
     tone = tones[0] if len(set(tones)) == 1 else "partly" if "sees" in tones else "open"
     best = mine[tones.index("sees") if "sees" in tones else 0]
     least = min(pairs[best.part], key=lambda one: NEEDED.index(one.condition) if one.condition in NEEDED else 9)
@@ -65,7 +55,5 @@ def _finding(score: HierarchyScore, mine: Sequence[Completion], pairs: Mapping[s
         f"{PARTS[best.part].simulator}, {count_of(best.goals['real'])} goals: success_rate, real less {least.condition}"
     )
     lacking = dict.fromkeys(one.words for many in score.unfinished.values() for one in many if one.policy == spec)
-    guards = [one for name, one in score.served.items() if name.partition(" in ")[0] == spec]
-    marks = [f"guard '{one.name}' failed: {one.because}" for one in guards]
-    label = BY_PICTURES if "sees" in tones else NOT_PERCEPTION
-    return Finding(label, tone, by, least.paired.differences["success_rate"], "; ".join(lacking), marks)
+    marks = [one.mark for name, one in score.served.items() if name.partition(" in ")[0] == spec]
+    return Finding(best.label.says, tone, by, least.paired.differences["success_rate"], "; ".join(lacking), marks)

@@ -271,7 +271,7 @@ class OnlineScore:
         for spec in self.manifest.models:
             one, guard = self.driven[spec], self.served.get(spec)
             steps = sum(one.decisions.values()) + one.fail_safe
-            nothing = {each.statistic: cannot_say("no frame was met") for each in CLAUSES.values()}
+            nothing = dict.fromkeys(CLAUSES, cannot_say("no frame was met"))
             guards = () if guard is None else (guard,)
             found[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
         return found

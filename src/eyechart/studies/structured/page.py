@@ -10,6 +10,7 @@ from eyechart.conditions import show
 from eyechart.costs import ALL
 from eyechart.errors import EyechartError
 from eyechart.frames import Frame
+from eyechart.integrity import unfinished
 from eyechart.perception.view import find_view, through
 from eyechart.report.accounts import deployment_tables
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
@@ -170,7 +171,7 @@ def _run(run: Estimates) -> dict[str, object]:
 
 def _card(who: Estimator) -> dict[str, Any]:
     score = who.model
-    state = "" if score.answered >= score.planned else f"unfinished: {score.answered} of {score.planned} calls"
+    state = unfinished(score.answered, score.planned)
     fails = [one.name for one in score.clauses if one.passes is False]
     unsaid = [one.name for one in score.clauses if one.passes is None]
     words = "meets every clause" if score.admitted else f"fails {', '.join(fails)}" if fails else "fails no clause"

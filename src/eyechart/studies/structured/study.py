@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
 from eyechart.gate import ADMISSION, ONLINE, Gate, Terms, hold_admission, hold_online
+from eyechart.integrity import unfinished
 from eyechart.manifest import read_manifest
+from eyechart.stats.statistic import Statistic
 from eyechart.studies import NO_DRIVES, Finding, Made, Packed, Reading, Tell
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
@@ -15,7 +17,9 @@ from eyechart.studies.structured import online
 from eyechart.studies.structured.online import VETTING
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
-from eyechart.verdicts.admission import Held
+from eyechart.verdicts import Reason, Ruling
+from eyechart.verdicts.admission import ADMITS
+from eyechart.verdicts.labels import ADMITTED
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from eyechart.studies.closed_loop.page import First
     from eyechart.studies.structured.tables import Estimates
 
+_UNSAID = "admission_cannot_be_said"
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
 
 
@@ -45,9 +50,8 @@ class Structured(OfFrames[StructuredScore]):
     def findings(self, score: StructuredScore) -> Mapping[str, Finding]:
         found = {}
         for spec, one in score.models.items():
-            left = one.planned - one.answered
-            state = f"unfinished: {one.answered} of {one.planned} calls" if left > 0 else ""
-            found[spec] = _finding(one.clauses, state, score.marks(spec))
+            state = unfinished(one.answered, one.planned)
+            found[spec] = _finding(one.statistics, state, score.marks(spec))
         return found
 
     def printed(self, score: StructuredScore) -> "Iterator[Table | str]":
@@ -92,15 +96,11 @@ class Structured(OfFrames[StructuredScore]):
         return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 
-def _finding(clauses: Sequence[Held], state: str, marks: Sequence[str] = ()) -> Finding:
+def _finding(statistics: Mapping[str, Statistic], state: str, marks: Sequence[str] = ()) -> Finding:
     """Return whether an estimator is admitted, with the first clause that it fails, or else that cannot be said."""
-    decides = next((one for holds in (False, None, True) for one in clauses if one.passes is holds), None)
-    if decides is None or decides.passes is None or state:
-        label, tone = "admission cannot be said", "open"
-    else:
-        label, tone = ("admitted", "good") if decides.passes else ("not admitted", "bad")
-    by, estimate = ("", None) if decides is None else (decides.name, decides.statistic)
-    return Finding(label, tone, by, estimate, state, marks)
+    ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", Reason("no frame was met"))
+    ruling = replace(ruling, label=_UNSAID) if state else ruling
+    return Finding.of(ruling, ADMITTED[ruling.label], state, marks)
 
 
 def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
@@ -138,9 +138,9 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     def findings(self, score: online.OnlineScore) -> Mapping[str, Finding]:
         found = {}
         for spec in score.manifest.models:
-            (over, whole), (seen, why) = score.left(spec), score.frames(spec)
-            state = f"unfinished: {over} of {whole} episodes" if over < whole else "" if seen else why
-            found[spec] = _finding(score.driven[spec].clauses, state)
+            seen, why = score.frames(spec)
+            state = unfinished(*score.left(spec), "episodes") or ("" if seen else why)
+            found[spec] = _finding(score.driven[spec].statistics, state)
         return found
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:

@@ -126,7 +126,7 @@ def clauses_words(found: Iterable[tuple[str, bool | None, str]]) -> str:
 
 
 def _clause_words(name: str, because: str) -> str:
-    says = f", {CLAUSES[name].says}" if name in CLAUSES else ""
+    says = f", {CLAUSES[name].needs}" if name in CLAUSES else ""
     return f"{name}{says}: {because}"
 
 
@@ -141,10 +141,10 @@ def _held_table(name: str, caption: str, held: Iterable[tuple[str, Held]]) -> Ta
         (
             label,
             one.name,
-            one.clause.least,
+            one.least,
             *statistic_cells(one.statistic)[:-1],
             _OUTCOME[one.passes],
-            one.clause.says + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
+            one.clause.needs + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
         )
         for label, one in held
     )

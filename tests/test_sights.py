@@ -1,0 +1,46 @@
+"""Rows say of random drives, planners, prompts and estimates what functions said of them before."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+import test_rules
+from evidences import digests
+from eyechart.studies.closed_loop.blind import DRIVES
+from eyechart.studies.hierarchy.scoring import COMPLETES
+from eyechart.studies.prompts import CELLS
+from eyechart.verdicts.admission import ADMITS
+from eyechart.verdicts.labels import ADMITTED, PLANNERS, PROMPTED, SIGHT, Label
+from eyechart.verdicts.rules import Axis
+from sights import SAID
+
+OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_sights.json").read_text("utf-8"))
+"""Digests of what was said of blocks of them when the rules were functions and no rows."""
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_rows_say_what_was_said_before(kind: str) -> None:
+    """Label, tone, deciding statistic and sentence of the first blocks."""
+    say, seed, of = SAID[kind]
+    assert list(digests(say, seed, 3, of)) == OLD[kind][:3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SAID)
+def test_rows_say_what_was_said_before_of_many(kind: str) -> None:
+    """The same of 800 runs of drives, and of 60,000 of each other kind."""
+    say, seed, of = SAID[kind]
+    assert list(digests(say, seed, len(OLD[kind]), of)) == OLD[kind]
+
+
+AXES = ((ADMITS, ADMITTED), (DRIVES, SIGHT), (COMPLETES, PLANNERS), (CELLS, PROMPTED))
+
+
+@pytest.mark.parametrize(("axis", "labels"), AXES, ids=lambda one: getattr(one, "name", ""))
+def test_every_clause_is_three_valued_and_every_label_has_a_rule(axis: Axis, labels: Mapping[str, Label]) -> None:
+    """As of a battery; the last rule needs nothing, so that there is a label of any statistics."""
+    test_rules.test_every_clause_is_three_valued(axis)
+    assert {rule.label for rule in axis.rules} == labels.keys()
+    assert axis.rules[-1].needs == ()
