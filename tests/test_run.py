@@ -138,6 +138,16 @@ def test_a_finished_run_makes_no_further_calls(plan: Plan, ledger: Ledger) -> No
     assert moves == [(48, 48)]
 
 
+def test_a_run_is_whole_where_every_planned_call_is_finished(plan: Plan, ledger: Ledger) -> None:
+    """Then nobody need read its ledger for what is left; one that a limit stopped is not."""
+    stopped = execute(plan, {"m": StandIn()}, ledger, limits=Limits(calls=5))
+    assert stopped.stopped is not None
+    assert not stopped.whole
+    for _ in range(2):
+        assert execute(plan, {"m": StandIn()}, ledger).whole
+        assert ledger.finished() == set(plan.keys())
+
+
 def test_resuming_repeats_exactly_the_unfinished_and_the_unknown(plan: Plan, ledger: Ledger) -> None:
     """Finished calls stand; calls that were sent with unknown outcome, or failed for now, are made again."""
     keys = plan.keys()

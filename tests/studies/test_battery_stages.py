@@ -80,6 +80,11 @@ def rule(found: Mapping[str, Statistic], *, supplied: Collection[str], asked: Co
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the stand-ins SPECs; what is wanted of whom is a rule of these tests."""
+    install(monkeypatch)
+
+
+def install(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do so for as long as the patches hold."""
     monkeypatch.setattr(stand_ins, "open_model", lambda name, _: stand_ins.StandIn(ANSWERS[name]))
     monkeypatch.setitem(ADAPTERS, "standin", "stand_ins")
     monkeypatch.setattr(stages, "controls_wanted", rule)
@@ -158,16 +163,28 @@ def test_a_stage_begins_when_the_one_before_is_finished_and_has_an_order_of_its_
     assert sorted(order(tmp_path / "again", READER)) == sorted(sent)
 
 
+@pytest.fixture(scope="module")
+def whole(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run of two models that nothing cut and that no test changes."""
+    out = tmp_path_factory.mktemp("whole") / "run"
+    with pytest.MonkeyPatch.context() as patched:
+        install(patched)
+        make(bank, out, READER, PAINT)
+    return out
+
+
 @pytest.mark.parametrize("calls", [200, 400, 440, 470])
-def test_a_run_that_is_cut_anywhere_ends_as_one_that_was_not(bank: FrameBank, tmp_path: Path, calls: int) -> None:
-    """Whatever stage it was in: the same calls, the same controls, the same statistics."""
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    make(bank, whole, READER, PAINT)
-    study.run(planned(bank, cut, READER, PAINT), concurrency=3, limits=Limits(calls=calls))
+def test_a_run_that_is_cut_anywhere_ends_as_one_that_was_not(
+    bank: FrameBank, whole: Path, tmp_path: Path, calls: int
+) -> None:
+    """Whatever stage it was in: the same calls, the same controls, the same statistics, and nothing is left."""
+    cut = tmp_path / "cut"
+    assert not study.run(planned(bank, cut, READER, PAINT), concurrency=3, limits=Limits(calls=calls)).whole
     half = planned(bank, cut, READER, PAINT)
     assert half.counts()[1] == calls
     assert half.left() > 0
-    study.run(half, concurrency=5)
+    assert study.run(half, concurrency=5).whole
+    assert half.left() == 0
     assert {spec: sorted(order(cut, spec)) for spec in (READER, PAINT)} == {
         spec: sorted(order(whole, spec)) for spec in (READER, PAINT)
     }
