@@ -15,8 +15,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.spaces.space import unanswered
 from eyechart.studies import battery
-from faults import FaultServer, completion
-from models.test_hosted_faults import gemini
+from faults import FaultServer, completion, gemini
 from seeing import Endpoint, read
 from ways import Kept, OnTheWay, Rig, enlarged
 
