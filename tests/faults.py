@@ -328,3 +328,15 @@ def main(pause_s: float) -> None:
 
 if __name__ == "__main__":
     main(float(sys.argv[1]))
+
+
+SPENT = "You exceeded your current quota, please check your plan and billing details."
+
+
+def gemini(delay: object = "45.837906927s", quota: str = "PerMinute", *, delayed: bool = True) -> dict[str, object]:
+    """Return the body of a 429 as Gemini writes it."""
+    failure = {"violations": [{"quotaId": f"GenerateRequests{quota}PerProjectPerModel-FreeTier"}]}
+    details: list[object] = [{"@type": "type.googleapis.com/google.rpc.QuotaFailure", **failure}]
+    if delayed:
+        details.append({"@type": "type.googleapis.com/google.rpc.RetryInfo", "retryDelay": delay})
+    return {"error": {"code": 429, "message": SPENT, "status": "RESOURCE_EXHAUSTED", "details": details}}

@@ -18,19 +18,9 @@ from eyechart.modes import RequestMode, mode_text, read_mode
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute
 from eyechart.spaces.space import ending, unanswered
-from faults import FaultServer, answer, completion
+from faults import FaultServer, answer, completion, gemini
 
 QUERY = Query("Drive.", "Which action?", Stimulus(), 7)
-SPENT = "You exceeded your current quota, please check your plan and billing details."
-
-
-def gemini(delay: object = "45.837906927s", quota: str = "PerMinute", *, delayed: bool = True) -> dict[str, object]:
-    """Return the body of a 429 as Gemini writes it."""
-    failure = {"violations": [{"quotaId": f"GenerateRequests{quota}PerProjectPerModel-FreeTier"}]}
-    details: list[object] = [{"@type": "type.googleapis.com/google.rpc.QuotaFailure", **failure}]
-    if delayed:
-        details.append({"@type": "type.googleapis.com/google.rpc.RetryInfo", "retryDelay": delay})
-    return {"error": {"code": 429, "message": SPENT, "status": "RESOURCE_EXHAUSTED", "details": details}}
 
 
 @pytest.mark.parametrize("body", [gemini(), [gemini()], gemini("1s"), gemini(2)])

@@ -1,94 +1,17 @@
 """A probe shows that a run's pictures arrive: at their size, several at once, each with its own call."""
 
-import asyncio
-import base64
-import copy
-import io
-import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import pytest
-from aiohttp import web
-from PIL import Image
 
-from eyechart.frames import decode
 from eyechart.modes import RequestMode
 from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
 from eyechart.probe.pinning import MOST_CALLS
 from eyechart.probe.sample import Sample
 from faults import FaultServer
-from seeing import Endpoint, colour, read
-
-LARGE = (640, 400)
-
-
-@dataclass
-class OnTheWay(Endpoint):
-    """An endpoint whose way does something to pictures. It counts the picture that was sent, as ``tokens``.
-
-    One that is ``honest`` counts the picture that arrived; of no tokens it tells no usage at all.
-    """
-
-    way: str = ""
-    tokens: int = 85
-    honest: bool = False
-    under_way: list[bytes] = field(default_factory=list)
-    first: dict[str, bytes] = field(default_factory=dict)
-
-    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
-        """Answer about the picture that arrives."""
-        user, sent = read(asked)
-        arrived = await self.arrived(user, sent)
-        response = await super().__call__(request, with_picture(asked, arrived), attempt)
-        if not isinstance(response, web.Response) or response.status != 200:
-            return response
-        said = json.loads(str(response.text))
-        shown = arrived if self.honest else sent
-        counted = len(user.split()) + (0 if shown is None else self.tokens)
-        if self.way == "caches":  # and counts what it had to compute: of known words the last alone
-            counted -= 0 if user not in self.first else len(user.split()) - 1
-            self.first[user] = b""
-        said["usage"] = {"prompt_tokens": counted, "completion_tokens": 3} if self.tokens else None
-        return web.json_response(said)
-
-    async def arrived(self, user: str, sent: bytes | None) -> bytes | None:
-        """Return the picture that the model is shown."""
-        if sent is None:
-            return None
-        if self.way == "drops":
-            high, wide, _ = decode(sent, "the picture").shape
-            return None if high * wide > 384 * 384 else sent
-        if self.way == "mixes":
-            self.under_way.append(sent)
-            place = len(self.under_way)
-            await asyncio.sleep(0.03)
-            found = self.under_way[place % len(self.under_way)]
-            await asyncio.sleep(0.03)
-            self.under_way = []
-            return found
-        if self.way == "keeps":
-            kind = next((kind for kind in ("colour", "side", "How many") if kind in user), "")
-            return self.first.setdefault(kind, sent)
-        return sent
-
-
-def with_picture(asked: dict[str, object], picture: bytes | None) -> dict[str, object]:
-    """Return a request with another picture, or with none."""
-    changed = copy.deepcopy(asked)
-    parts = [part for part in changed["messages"][-1]["content"] if part["type"] == "text"]
-    if picture is not None:
-        url = f"data:image/png;base64,{base64.b64encode(picture).decode()}"
-        parts.insert(0, {"type": "image_url", "image_url": {"url": url}})
-    changed["messages"][-1]["content"] = parts
-    return changed
-
-
-def enlarged(picture: bytes) -> bytes:
-    """Return a picture as large as a camera's."""
-    written = io.BytesIO()
-    Image.open(io.BytesIO(picture)).resize(LARGE).save(written, "PNG")
-    return written.getvalue()
+from seeing import Endpoint
+from ways import Kept, OnTheWay, Rig, enlarged
 
 
 def large_sample() -> Sample:
@@ -156,27 +79,6 @@ def test_a_cache_by_prefix_is_named_as_the_cause() -> None:
     assert "a cache by prefix" in found.causes[0]
 
 
-@dataclass
-class Rig(Endpoint):
-    """An endpoint of several cameras. ``hands_on`` says how many pictures of a query the model is shown."""
-
-    hands_on: int = 9
-    counts_all: bool = False
-
-    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
-        """Name the colours of all pictures that are handed on."""
-        urls = [part["image_url"]["url"] for part in asked["messages"][-1]["content"] if part["type"] == "image_url"]
-        response = await super().__call__(request, asked, attempt)
-        if not isinstance(response, web.Response) or response.status != 200 or "Which colours" not in read(asked)[0]:
-            return response
-        shown = [base64.b64decode(url.partition(",")[2]) for url in urls[: self.hands_on]]
-        said = json.loads(str(response.text))
-        said["choices"][0]["message"]["content"] = ", ".join(colour(decode(one, "one")) for one in shown)
-        count = len(urls) if self.counts_all else len(shown)
-        said["usage"]["prompt_tokens"] = 50 + 85 * count
-        return web.json_response(said)
-
-
 def rig_sample() -> Sample:
     """Return the sample with two cameras."""
     plain = default_sample()
@@ -197,22 +99,6 @@ def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
             found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
             assert server.requests <= MOST_CALLS
         assert any("one of two colours" in note for note in found.notes) is noted
-
-
-@dataclass
-class Kept(Endpoint):
-    """An endpoint whose cache by prefix takes all pictures of one size for the first."""
-
-    first: dict[object, bytes] = field(default_factory=dict)
-
-    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
-        """Answer about the first picture of this size."""
-        sent = read(asked)[1]
-        if sent is not None:
-            sent = self.first.setdefault(decode(sent, "one").shape, sent)
-        if sent is not None and "Which action" not in read(asked)[0] and "colour" not in read(asked)[0]:
-            sent = None
-        return await super().__call__(request, with_picture(asked, sent), attempt)
 
 
 def test_a_cache_by_prefix_ends_the_probe_and_a_model_of_one_answer_does_not() -> None:

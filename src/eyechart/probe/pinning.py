@@ -9,7 +9,7 @@ import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-from eyechart.calls import REFUSED, Emptiness, Reply, is_cut
+from eyechart.calls import BLOCKED, REFUSED, Emptiness, Reply, is_cut
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
@@ -169,6 +169,12 @@ class _Probe:
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""
         reply = await self.asker.ask(self.sample.query(0))
+        for _ in self.sample.asked[1:]:
+            if not _is_blocked(reply):
+                break
+            first, *others = self.sample.asked
+            self.sample = replace(self.sample, asked=[*others, first])
+            reply = await self.asker.ask(self.sample.query(0))
         while is_cut(reply):
             self._grow(reply)
             reply = await self.asker.ask(self.sample.query(0))
@@ -228,13 +234,17 @@ class _Probe:
     async def _samples(self) -> list[Reply]:
         """Return complete replies to the run's own questions, the last one without its picture.
 
-        The budget grows until none is cut off.
+        The budget grows until none is cut off. A picture that a filter blocks is left out: in the run it is a refusal.
         """
         came: list[Reply] = []
-        count = max(_SAMPLES, len(self.sample.asked))
-        while len(came) <= count:
-            query = self.sample.query(len(came)) if len(came) < count else self.sample.query(0, picture=False)
+        left = list(range(max(_SAMPLES, len(self.sample.asked))))
+        while len(came) <= len(left):
+            number = left[len(came)] if len(came) < len(left) else None
+            query = self.sample.query(0, picture=False) if number is None else self.sample.query(number)
             reply = await self.asker.ask(query)
+            if number is not None and _is_blocked(reply) and len(left) > 1:
+                left.remove(number)
+                continue
             if reply.error is not None and query.image is not None:  # some endpoints need a picture
                 words = f"a call of the probe failed with {reply.error}: {reply.error_detail}"
                 raise ProbeError(words, self.asker.spent)
@@ -281,6 +291,11 @@ class _Probe:
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
         reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
         return True if reply.error is None else False if reply.error in REFUSED else None
+
+
+def _is_blocked(reply: Reply) -> bool:
+    """Return whether a filter may have taken the answer: a reply in order, without one in it."""
+    return reply.error == "unreadable" and reply.finish_reason == BLOCKED
 
 
 def _seed_matters(drawn: Sequence[Reply]) -> bool | None:
