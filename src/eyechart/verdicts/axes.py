@@ -4,7 +4,8 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -26,35 +27,31 @@ from eyechart.verdicts.uses import (
     IGNORED,
     LEAST_NOISE,
     USED,
+    WORDS,
     Asked,
     Known,
-    Says,
     Statistics,
-    Word,
     above,
     asked,
     carrying,
     disuse,
     enough,
-    every,
     following,
     lossy,
-    lost,
     may_follow,
     measured,
-    of,
     of_action,
     opposing,
     quoted,
-    saying,
+    say,
     sentence,
     settled,
     share,
-    unfollowed,
+    undecided,
     use,
     used,
     way,
-    why_open,
+    word,
 )
 
 OF_DATA_SET = 0.10
@@ -120,63 +117,41 @@ class Judged:
         return {**found, "data_set": {"label": self.of_data_set, **episodes, **bound}}
 
 
-@dataclass(frozen=True)
-class _Channel:
-    """What the rules of a channel are made of: its name, what a sentence calls it, and the words of its sentences."""
-
-    channel: str
-    what: str
-
-    @property
-    def say(self) -> Callable[..., Says]:
-        """Return what makes the reason of a rule from its sentence."""
-        raise NotImplementedError
-
-    @property
-    def swap(self) -> str:
-        """Return the name of the share that goes with another episode's."""
-        return f"T.swapped@{self.channel}"
-
-    def against(self, claim: str) -> Iterator[tuple[tuple[Clause, ...], tuple[Clause, ...]]]:
-        """Yield, with what they need, the conditions of which each has to hold where an absence is said."""
-        del claim
-        yield from ()
-
-    def controls(self, claim: str) -> tuple[str, ...]:
-        """Return the conditions that have to be asked for that, of those that the bank can show."""
-        del claim
-        return ()
-
-    def absence(self, rule: Rule, claim: str, shown: str = "{shown}") -> Iterator[Rule]:
-        """Yield a rule of absence behind those that take it away.
-
-        A part of the answer, or another picture, shows a use; the run did not ask what may show one; or more of its
-        episodes respond than may. ``shown`` are the shares that the label rests on, in words.
-        """
-        rests = tuple(f"T.{name}" for name in rests_on(claim, self.channel))
-        bound, controls = f"{claim}@{self.channel}", self.controls(claim)
-
-        def unless(words: str, *broken: Clause, needs: tuple[Clause, ...] = (), **more: Word) -> Rule:
-            says = self.say(f"{shown}; {words}", **more)
-            return Rule("undecided", rule.decided_by, (*rule.needs, *needs), says, broken)
-
-        parts = "but that is the mean over all numbers, and some go with it: {parts}"
-        yield unless(parts, *map(_no_part, rests), parts=lambda found: _parts(found, rests))
-        for needs, broken in self.against(claim):
-            yield unless("but {but}", *broken, needs=needs)
-        yield unless("but {but}", *map(_no_scatter, rests))
-        other = "but that is at one seed, and another seed changes {noise}: ask it without 'seedable' too"
-        yield unless(other, needs=_SEEDS, noise=of(of_action, "noise"))
-        forgot = "whether other pictures show a use is open: {forgot}"
-        if controls:
-            yield unless(forgot, *map(asked, controls), forgot=lambda found: found.forgot(*controls))
-        for exact in ((compared("noise", "value", "<", LEAST_NOISE),), tuple(map(missing, rests))):
-            some = (*exact, compared(bound, "value", ">", OF_DATA_SET))
-            yield unless("but that is the mean, and {some}", needs=some, some=of(_responding, bound))
-        yield replace(rule, bound=bound)
+_GAIN, _TOLD, _RATHER, _LOG = "follow.named", "follow.told", "follow.rather", "follow.logged"
+_HEARS, _STATE = "T.swapped@instruction", "T.swapped@state"
+_MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("plus", "minus"))
+_ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
+_FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
+Beside = tuple[tuple[str, ...], tuple[str, ...]]
+"""The single cameras of which there are shares, and those that the bank could exchange and the run did not ask."""
 
 
-_SEEDS = (there("noise", "seeds"), compared("noise", "value", ">=", IGNORED))
+def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: Beside = ((), ())) -> Iterator[Rule]:
+    """Yield a rule of absence behind those that take it away.
+
+    A part of the answer, or another picture, shows a use; the run did not ask what may show one; or more of its
+    episodes respond than may. ``shown`` are the shares that the label rests on, in words.
+    """
+    rests, bound = tuple(f"T.{name}" for name in rests_on(claim, channel)), f"{claim}@{channel}"
+
+    def unless(sentence: str, *broken: Clause, needs: tuple[Clause, ...] = ()) -> Rule:
+        return undecided(rule.decided_by, (*rule.needs, *needs), f"{shown}; {sentence}", *broken)
+
+    parts = f"{{parts:{','.join(rests)}}}"
+    yield unless(f"but that is the mean over all numbers, and some go with it: {parts}", *map(_no_part, rests))
+    for needs, broken in _against(claim, channel, beside[0]):
+        yield unless("but {but}", *broken, needs=needs)
+    yield unless("but that is their mean, and {but}", *map(_no_scatter, rests))
+    seeds = (there("noise", "seeds"), compared("noise", "value", ">=", IGNORED))
+    other = "but that is at one seed, and another seed changes {of_action:noise}: ask it without 'seedable' too"
+    yield unless(other, needs=seeds)
+    if controls := _controls(claim, channel, (*beside[0], *beside[1])):
+        open_ = f"whether other pictures show a use is open: {{forgot:{','.join(controls)}}}"
+        yield unless(open_, *map(asked, controls))
+    for exact in ((compared("noise", "value", "<", LEAST_NOISE),), tuple(map(missing, rests))):
+        some = (*exact, compared(bound, "value", ">", OF_DATA_SET))
+        yield unless(f"but that is the mean, and {{responding:{bound}}}", needs=some)
+    yield replace(rule, bound=bound)
 
 
 def _no_part(name: str) -> Clause:
@@ -184,155 +159,125 @@ def _no_part(name: str) -> Clause:
     return Clause(name, (Reading("carried", "missing"), Reading("p", ">", ALPHA, otherwise=False)))
 
 
-def _parts(found: Known, rests: Iterable[str]) -> str:
-    carried = {
-        part: one
-        for name in rests
-        if not _no_part(name).holds(found)
-        for part, one in (found[name].carried or {}).items()
-    }
-    return ", ".join(f"{part} (T {one:.2f})" for part, one in list(carried.items())[:4])
+def _parts(found: Known, names: str) -> str:
+    gone = [found[name].carried or {} for name in names.split(",") if not _no_part(name).holds(found)]
+    return ", ".join(f"{part} (T {one:.2f})" for part, one in list(dict(ChainMap(*gone[::-1])).items())[:4])
+
+
+WORDS["parts"] = _parts
 
 
 def _no_scatter(name: str) -> Clause:
     """Return the condition that answers scatter as they do otherwise, so that their mean tells all."""
-    but = "that is their mean, and how its answers scatter changes, by {one.scatter:.0%} of the variation (p {one.scatter_p:.4f})"
-    return fail(
-        every(name, Reading("scatter", ">", USED, otherwise=False), Reading("scatter_p", "<=", ALPHA, otherwise=False)),
-        but,
-    )
+    scatter = Reading("scatter", "<=", USED, otherwise=True), Reading("scatter_p", ">", ALPHA, otherwise=True)
+    return Clause(name, scatter, "how its answers scatter changes, by {scatter}")
 
 
+@word
+def _scatter(one: Share) -> str:
+    return f"{one.scatter:.0%} of the variation (p {one.scatter_p:.4f})"
+
+
+@word
 def _responding(one: Share) -> str:
     return f"{_count(one)} of {one.n} episodes each respond by {IGNORED:.2f} of the variation or more"
 
 
-@dataclass(frozen=True)
-class _Camera(_Channel):
-    """The rules of all cameras together, or of one; ``singles`` are the single cameras of which there are shares.
+def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tuple[tuple[Clause, ...], list[Clause]]]:
+    """Yield which other pictures must not carry as much as must not be ignored where an absence is said, after needs.
 
-    And ``others`` those which the bank could exchange and the run did not ask.
+    Noise is none of them: no robot is shown noise, and who ignores what it is shown may answer to it. What is drawn in
+    the pictures of all cameras, which are ignored otherwise, may have been seen through any of them.
     """
+    if channel in {"state", "instruction"}:
+        return
+    drawn = {name: (f"T.{name}", f"{what} change {{of_action}}") for name, what in OF_ITS_WORLD.items()}
+    if channel != "cameras":
+        own, whole = f"T.exchanged@{channel.partition(':')[2]}", "T.swapped@cameras"
+        unused = (*disuse(whole), fail(use(whole)))
+        yield (), [fail(carrying(own), drawn["exchanged"][1])]
+        seen = [fail(carrying(name), f"{but}, by whichever camera") for name, but in drawn.values()]
+        yield (*unused, measured(own, holds=False)), seen[:1]
+        yield unused, seen[1:]
+        return
+    moved = "an object that is moved in the picture is followed {way} of the oracle's way"
+    followed = [fail(following(f"follow.{which}", FOLLOWED), moved) for which in ("named", "other")]
+    alone = [
+        (f"T.{name}", f"the {one.partition(':')[2]} camera alone carries {{of_action}} while the others are there")
+        for one in singles
+        for name in rests_on(claim, one)
+    ]
+    seen, single = ([fail(carrying(name), but) for name, but in some] for some in (drawn.values(), alone))
+    yield (), [*seen, *followed, *single]
 
-    singles: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
+
+def _controls(claim: str, channel: str, singles: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the conditions that show such pictures."""
+    if channel != "cameras":
+        return (f"exchanged@{channel.partition(':')[2]}",) if channel.startswith("camera:") else ()
+    return tuple(dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for one in singles for name in rests_on(claim, one)))))
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """The rules of all cameras together, or of one, and what its sentences share."""
+
+    channel: str
+    what: str
+    beside: Beside
+
+    def share(self, name: str) -> str:
+        """Return the name of a share of this camera: of what is drawn otherwise by the camera's own name."""
+        of_all = self.channel == "cameras"
+        if name in {"blank", "exchanged"}:
+            return f"T.{name}" if of_all else f"T.{name}@{self.channel.partition(':')[2]}"
+        return f"T.{name}@{self.channel}"
 
     @property
-    def over(self) -> str:
-        """Return what stands behind a condition of this camera alone."""
-        return "" if self.channel == "cameras" else f"@{self.channel.partition(':')[2]}"
-
-    def of(self, condition: str) -> str:
-        """Return the name of a share of this camera: of the conditions of world and blank by its own name."""
-        return f"T.{condition}{self.over}" if condition in {"blank", *OF_ITS_WORLD} else f"T.{condition}@{self.channel}"
+    def swap(self) -> str:
+        """Return the name of the share that goes with another episode's."""
+        return self.share("swapped")
 
     @property
-    def say(self) -> Callable[..., Says]:
-        """Return what makes the reason of a rule from its sentence."""
-        carry = "carry" if self.what.endswith("cameras") else "carries"
-        return saying(
-            what=lambda _: self.what,
-            shown=lambda found: f"{self.what} {carry} {of_action(found[self.swap])}",
-            matched=of(share, self.of("matched")),
-            grey=of(share, self.of("blank")),
-            few=self._few,
-            gain=of(way, _GAIN),
-            lost=lambda found: lost(found[self.of("matched")]),
-        )
+    def shown(self) -> str:
+        """Return that share in words."""
+        return f"{self.what} {'carry' if self.what.endswith('cameras') else 'carries'} {{of_action:{self.swap}}}"
 
-    def _few(self, found: Known) -> str:
-        n, of_all = found[self.of("matched")].n, found[self.swap].n
-        return "" if n == of_all else f" ({n} of {of_all} moments have one)"
-
-    def against(self, claim: str) -> Iterator[tuple[tuple[Clause, ...], tuple[Clause, ...]]]:
-        """Yield which other pictures may carry as much as must not be ignored, so that no absence is said.
-
-        Noise is none of them: no robot is shown noise, and who ignores what it is shown may answer to it. What is drawn
-        in the pictures of all cameras, which are ignored otherwise, may have been seen through any of them.
-        """
-        if self.over:
-            own, whole = self.of("exchanged"), "T.swapped@cameras"
-            unused = (*disuse(whole), fail(use(whole)))
-            yield (), (_no_use(own, f"{OF_ITS_WORLD['exchanged']} change {{of_action}}"),)
-            drawn = {
-                name: _no_use(f"T.{name}", f"{what} change {{of_action}}, by whichever camera")
-                for name, what in OF_ITS_WORLD.items()
-            }
-            yield (*unused, measured(own, holds=False)), (drawn.pop("exchanged"),)
-            yield unused, tuple(drawn.values())
-            return
-        alone = "the {} camera alone carries {{of_action}} while the others are there"
-        moved = "an object that is moved in the picture is followed {way} of the oracle's way"
-        yield (
-            (),
-            (
-                *(_no_use(f"T.{name}", f"{what} change {{of_action}}") for name, what in OF_ITS_WORLD.items()),
-                *(fail(following(f"follow.{which}", FOLLOWED), moved) for which in ("named", "other")),
-                *(
-                    _no_use(f"T.{name}", alone.format(single.partition(":")[2]))
-                    for single in self.singles
-                    for name in rests_on(claim, single)
-                ),
-            ),
-        )
-
-    def controls(self, claim: str) -> tuple[str, ...]:
-        """Return the conditions that show such pictures."""
-        if self.over:
-            return (f"exchanged{self.over}",)
-        alone = (name for single in (*self.singles, *self.others) for name in rests_on(claim, single))
-        return tuple(dict.fromkeys((*OF_ITS_WORLD, *_OWN_MOVES, *alone)))
+    @property
+    def seen(self) -> str:
+        """Return in words what it shares with pictures at a similar state."""
+        return f"{self.shown}, and {{share:{self.share('matched')}}} where the state is alike{{still:{self.channel}}}"
 
     def axis(self) -> Axis:
         """Return its rules."""
-        swap, matched = self.swap, self.of("matched")
-        own, alike = f"swapped@{self.channel}", f"matched@{self.channel}"
-        return Axis(
-            self.channel,
-            (
-                Rule(
-                    "undecided",
-                    swap,
-                    (missing(swap, "value"),),
-                    self.say("{what} cannot be judged: {why}", why=lambda f: f.without(own) or why_open(f[swap])),
-                ),
-                Rule(
-                    "undecided",
-                    swap,
-                    says=self.say("{shown}; {forgot}", forgot=lambda f: f.forgot(alike)),
-                    broken=(asked(alike),),
-                ),
-                *self.unshown((measured(matched, holds=False),)),
-                *self.unshown(disuse(matched)),
-                *self.pose((*use(swap), *disuse(matched))),
-                *self.content((*use(swap), *use(matched))),
-                *self.open(),
-            ),
+        swap, matched, alike = self.swap, self.share("matched"), f"matched@{self.channel}"
+        open_ = f"{self.what} cannot be judged: {{without:swapped@{self.channel}|why_open:{swap}}}"
+        rules = (
+            undecided(swap, (missing(swap, "value"),), open_),
+            undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", asked(alike)),
+            *self.unshown((measured(matched, holds=False),)),
+            *self.unshown(disuse(matched)),
+            *self.pose((*use(swap), *disuse(matched))),
+            *self.content((*use(swap), *use(matched))),
+            *self.open(),
         )
+        return Axis(self.channel, rules)
 
     def unshown(self, alike: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures that may be another episode's: whether they have to be there at all."""
-        grey, needs = self.of("blank"), (*disuse(self.swap), *alike)
-        words = "{what} could be unplugged{unnoticed} ({shown}; grey pictures {grey})"
-        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), self.say(words, unnoticed=self._unnoticed))
-        yield from self.absence(gone, "responds", "{shown}, and grey pictures {grey}")
-        shown = "{shown}, but grey pictures {grey}"
-        words = f"{shown}: that there is a picture matters, not which of these it is"
-        yield from self.absence(
-            Rule("camera_presence", grey, (*needs, *use(grey)), self.say(words)), "responds.shown", shown
+        grey, needs = self.share("blank"), (*disuse(self.swap), *alike)
+        words = (
+            f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
         )
-        words = "{shown}; whether a picture must be there is open: {why}"
-        yield Rule("undecided", grey, needs, self.say(words, why=self._presence))
-
-    def _unnoticed(self, found: Known) -> str:
-        """Return that nobody would notice, of who answers alike to the same and of whose episodes none responds."""
-        drawn, some = found[self.swap].p is not None, found[f"responds@{self.channel}"].value
-        return "" if drawn or some else " without anybody noticing"
-
-    def _presence(self, found: Known) -> str:
-        grey = found[self.of("blank")]
-        open_ = f"grey ones change {share(grey)}" if settled(grey) else why_open(grey)
-        return found.without(f"blank{self.over}") or open_
+        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), say(words))
+        shown = f"{self.shown}, and grey pictures {{share:{grey}}}"
+        yield from _absence(gone, "responds", self.channel, shown, self.beside)
+        shown = f"{self.shown}, but grey pictures {{share:{grey}}}"
+        says = say(f"{shown}: that there is a picture matters, not which of these it is")
+        there_ = Rule("camera_presence", grey, (*needs, *use(grey)), says)
+        yield from _absence(there_, "responds.shown", self.channel, shown, self.beside)
+        open_ = f"{{without:{grey.removeprefix('T.')}|settled:{grey}|why_open:{grey}}}"
+        yield undecided(grey, needs, f"{self.shown}; whether a picture must be there is open: {open_}")
 
     def pose(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures that are used, and not at a similar state.
@@ -340,16 +285,16 @@ class _Camera(_Channel):
         A bank may hold such moments in a part of its states only. So any other episode's picture must be used in these
         same moments too.
         """
-        shown, alike = (
-            "{shown}, but of another episode at a similar state{few} only {matched}",
-            f"swapped.alike@{self.channel}",
+        matched, alike = self.share("matched"), f"swapped.alike@{self.channel}"
+        shown = (
+            f"{self.shown}, but of another episode at a similar state{{few:{self.channel}}} only {{share:{matched}}}"
         )
-        words = "in these moments any other episode's changes {alike}, so that what it uses elsewhere is open"
-        says = self.say(f"{shown}; {words}", alike=of(share, alike))
-        yield Rule("undecided", alike, (*needs, measured(alike), fail(use(alike))), says)
-        rest: Word = lambda found: "; of the other moments nothing is said" if self._few(found) else ""
-        says = self.say(f"{shown}: it reads what its state tells too{{rest}}", rest=rest)
-        yield from self.absence(Rule("pose_only", self.of("matched"), needs, says), "responds.alike", shown)
+        why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
+        yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
+        pose = Rule(
+            "pose_only", matched, needs, say(f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
+        )
+        yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures whose content decides: whether the object in them is followed, is of all cameras.
@@ -358,116 +303,106 @@ class _Camera(_Channel):
         it changes as much, or was not asked; not from who follows an object that is moved, or answers to objects whose
         colours are exchanged, while the state stays.
         """
-        beyond, near, colours = f"beyond@{self.channel}", f"asked.near@{self.channel}", self.of("exchanged")
-        unseen = (*needs, *map(fail, (use(beyond), use(colours, COLOURED), *self._follows())))
-        says = self.say("{content}; but {own}: it may read its own pose", content=self._content, own=self._own)
-        yield Rule("undecided", beyond, (*unseen, *enough(beyond)), says)
-        words = "{content}; without a picture of its own episode it may read its own pose: {why}{also}"
-        says = self.say(words, content=self._content, also=self._also, why=self._not_near)
-        for open_ in (near, beyond):
-            yield Rule("undecided", beyond, (*unseen, measured(open_)), says)
-        if not self.over:
-            yield from self.grounded(needs)
-        yield Rule("camera_content", self.of("matched"), needs, self.say("{content}", content=self._content))
-
-    def _follows(self) -> tuple[tuple[Clause, ...], ...]:
-        return () if self.over else (following(_GAIN, FOLLOWED),)
-
-    def _content(self, found: Known) -> str:
-        """Return the shares of content; what no picture of the own episode shows otherwise counts too."""
-        shown = str(self.say("{shown}, and {matched} where the state is alike")(found, None))
-        still = ", ".join(map(str, found[f"beyond@{self.channel}"].still or ()))
-        proven = (use(self.of("exchanged"), COLOURED), *self._follows())
-        if not still or any(all(clause.holds(found) for clause in one) for one in proven):
-            return shown
-        return f"{shown}; what the picture tells of {still} of the state, which never changes within an episode, counts too"
-
-    def _also(self, found: Known) -> str:
-        colours = self.of("exchanged")
-        return f"; the objects' colours exchanged change {share(found[colours])}" if colours in found else ""
-
-    def _own(self, found: Known) -> str:
-        beyond = found[f"beyond@{self.channel}"]
-        own = f"one of its own episode, as far off in its state or farther, {share(found[self.of('near')])}"
-        apart = f"that it is more is not settled ({way(beyond)} more)"
-        return f"{lost(beyond) or f'{own}, and {apart}'}{self._also(found)}"
-
-    def _not_near(self, found: Known) -> str:
-        return found.without(f"near@{self.channel}") or why_open(found[f"beyond@{self.channel}"])
-
-    def grounded(self, content: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of whether it goes where the object that is named goes."""
-
-        def plain(
-            why_not: str, *needs: Clause, may: bool = False, broken: tuple[Clause, ...] = (), **words: Word
-        ) -> Rule:
-            label, by, may_be = "camera_content", self.of("matched"), "object_grounded" if may else ""
-            says, why = self.say("{content}", content=self._content), self.say(why_not, **words)
-            return Rule(label, by, (*content, *needs), says, broken, why_not=why, may_be=may_be)
-
-        words = "so whether it is followed is open"
-        yield plain(
-            f"{{why}}, {words}", may=True, broken=tuple(map(asked, _MOVES)), why=lambda found: found.forgot(*_MOVES)
-        )
-        yield plain(f"the bank moves no object, {words}", missing(_GAIN, "value"), may=True)
-        words = "the moved object is followed {gain} of the oracle's way; {open}"
-        for may in (True, False):
-            lacking = (fail(following(_GAIN, FOLLOWED)), *([may_follow(_GAIN)] if may else []))
-            yield plain(words, *lacking, may=may, open=of(unfollowed, _GAIN))
-        yield from self._because(plain, (there(_TOLD, "value"),), _TOLD, content)
-        yield from self._because(plain, (), "follow.rather", content)
-
-    def _because(
-        self, plain: Callable[..., Rule], given: tuple[Clause, ...], control: str, content: tuple[Clause, ...]
-    ) -> Iterator[Rule]:
-        """Yield the rules of whether it is followed because it is named, and towards it, by a control."""
-        words = "that it is followed because it is named is not shown: where it is named an object is followed {rather}"
-        words, half = f"{words} of the oracle's way farther; {{open}}", compared(f"half@{control}", "value", "<", 1.0)
-        rather, few = of(way, control), lambda _: "that is less than half of it"
-        for lacking, open_ in ((half, few), (fail(following(control, BECAUSE)), of(unfollowed, control))):
-            for may in (True, False):
-                needs = (*given, lacking, *([may_follow(control)] if may else []))
-                yield plain(words, *needs, may=may, rather=rather, open=open_)
-        part = compared("follow.rather", "evenly", "<", EVENLY)
-        words = "the named object is followed {gain} of the oracle's way, but {part}"
-        yield plain(words, *given, part, may=True, part=of(_part, "follow.rather"))
-        words = "its way is {off} degrees off that of the moved object, and goes {gain} of the oracle's along it"
-        yield plain(words, *given, compared(_GAIN, "heading", "<", HEADING), off=of(_degrees, _GAIN))
-        words = (
-            "{content}; moved, the named object is followed {gain} of the oracle's way (p {p}), and {rather} farther"
-        )
-        more = {"content": self._content, "rather": rather, "p": of(lambda one: f"{one.p:.4f}", _GAIN)}
-        says = self.say(f"{words} than where another is named", **more)
-        yield Rule("object_grounded", _GAIN, (*content, *given), says)
+        beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
+        unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
+        own = f"{{lost:{beyond}|own:{self.channel}}}{{also:{self.share('exchanged')}}}"
+        yield undecided(beyond, (*unseen, *enough(beyond)), f"{self.seen}; but {own}: it may read its own pose")
+        why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
+        why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
+        yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
+        plain = Rule("camera_content", self.share("matched"), needs, say(self.seen))
+        if self.channel == "cameras":
+            yield from _grounded(plain, self.seen)
+        yield plain
 
     def open(self) -> Iterator[Rule]:
         """Yield the rules of pictures of which neither is settled."""
-        swap, matched = self.swap, self.of("matched")
-        settles = (fail(use(swap)), fail(disuse(swap)))
-        yield Rule("undecided", swap, settles, self.say("{shown}: {why}", why=of(why_open, swap)))
-        says = self.say("{shown}: whether it tells more than the pose is open: {why}", why=self._unmatched)
-        yield Rule("undecided", swap, (missing(matched, "value"),), says)
-        bounds = ((use(swap), f"neither above {USED} nor below {IGNORED}"), ((), f"not below {IGNORED}"))
-        for needs, words in bounds:
-            why: Word = lambda found, words=words: lost(found[matched]) or words
-            says = self.say("{shown}: where the state is alike it is {matched}, {why}", why=why)
-            yield Rule("undecided", swap, needs, says)
-
-    def _unmatched(self, found: Known) -> str:
-        why = found.without(f"matched@{self.channel}") or found[self.of("matched")].note
-        return why or "the bank has no state to match by"
+        swap, matched = self.swap, self.share("matched")
+        neither = (fail(use(swap)), fail(disuse(swap)))
+        yield undecided(swap, neither, f"{self.shown}: {{why_open:{swap}}}")
+        why = f"{{without:matched@{self.channel}|note:{matched}|=the bank has no state to match by}}"
+        unmatched = f"{self.shown}: whether it tells more than the pose is open: {why}"
+        yield undecided(swap, (missing(matched, "value"),), unmatched)
+        shown = f"{self.shown}: where the state is alike it is {{share:{matched}}}, {{lost:{matched}|="
+        yield undecided(swap, use(swap), f"{shown}neither above {USED} nor below {IGNORED}}}")
+        yield undecided(swap, (), f"{shown}not below {IGNORED}}}")
 
 
-_GAIN, _TOLD = "follow.named", "follow.told"
-_OWN_MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("plus", "minus"))
-_MOVES = (*_OWN_MOVES, *(f"told_{name}" for name in _OWN_MOVES))
+def _proofs(channel: str) -> tuple[tuple[Clause, ...], ...]:
+    """Return the conditions of each proof that more than the own pose is seen, while the state stays."""
+    if channel != "cameras":
+        return (use(f"T.exchanged@{channel.partition(':')[2]}", COLOURED),)
+    return use("T.exchanged", COLOURED), following(_GAIN, FOLLOWED)
 
 
-def _no_use(name: str, but: str) -> Clause:
-    """Return the condition that a share is not used, or is less than what must not be ignored."""
-    return fail(carrying(name), but)
+def _still(found: Known, channel: str) -> str:
+    """Return in words which numbers of the state no picture of the own episode shows otherwise."""
+    still = ", ".join(map(str, found[f"beyond@{channel}"].still or ()))
+    proven = any(all(clause.holds(found) for clause in one) for one in _proofs(channel))
+    never = "of the state, which never changes within an episode, counts too"
+    return f"; what the picture tells of {still} {never}" if still and not proven else ""
 
 
+def _few(found: Known, channel: str) -> str:
+    n, of_all = found[f"T.matched@{channel}"].n, found[f"T.swapped@{channel}"].n
+    return "" if n == of_all else f" ({n} of {of_all} moments have one)"
+
+
+def _unnoticed(found: Known, channel: str) -> str:
+    """Return that nobody would notice, of who answers alike to the same and of whose episodes none responds."""
+    drawn, some = found[f"T.swapped@{channel}"].p is not None, found[f"responds@{channel}"].value
+    return "" if drawn or some else " without anybody noticing"
+
+
+def _own(found: Known, channel: str) -> str:
+    own = f"one of its own episode, as far off in its state or farther, {share(found[f'T.near@{channel}'])}"
+    return f"{own}, and that it is more is not settled ({way(found[f'beyond@{channel}'])} more)"
+
+
+WORDS |= {
+    "still": _still,
+    "few": _few,
+    "rest": lambda found, channel: "; of the other moments nothing is said" if _few(found, channel) else "",
+    "unnoticed": _unnoticed,
+    "own": _own,
+    "settled": lambda found, name: f"grey ones change {share(found[name])}" if settled(found[name]) else "",
+    "also": lambda found, name: (
+        f"; the objects' colours exchanged change {share(found[name])}" if name in found else ""
+    ),
+}
+
+
+def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
+    """Yield the rules of whether it goes where the object that is named goes."""
+
+    def plain(why_not: str, *needs: Clause, may: bool = False, broken: tuple[Clause, ...] = ()) -> Rule:
+        may_be = "object_grounded" if may else ""
+        return replace(content, needs=(*content.needs, *needs), why_not=say(why_not), may_be=may_be, broken=broken)
+
+    words = "so whether it is followed is open"
+    yield plain(f"{{{_FORGOT_MOVES}}}, {words}", may=True, broken=tuple(map(asked, _ALL_MOVES)))
+    yield plain(f"the bank moves no object, {words}", missing(_GAIN, "value"), may=True)
+    gain = f"followed {{way:{_GAIN}}} of the oracle's way"
+    words, away = f"the moved object is {gain}; {{unfollowed:{_GAIN}}}", fail(following(_GAIN, FOLLOWED))
+    yield plain(words, away, may_follow(_GAIN), may=True)
+    yield plain(words, away)
+    for given, control in (((there(_TOLD, "value"),), _TOLD), ((), _RATHER)):
+        words = "that it is followed because it is named is not shown: where it is named an object is followed"
+        words = f"{words} {{way:{control}}} of the oracle's way farther; "
+        half = compared(f"half@{control}", "value", "<", 1.0), "that is less than half of it"
+        for away, open_ in (half, (fail(following(control, BECAUSE)), f"{{unfollowed:{control}}}")):
+            yield plain(f"{words}{open_}", *given, away, may_follow(control), may=True)
+            yield plain(f"{words}{open_}", *given, away)
+        part = compared(_RATHER, "evenly", "<", EVENLY)
+        yield plain(f"the named object is {gain}, but {{part:{_RATHER}}}", *given, part, may=True)
+        off = f"its way is {{degrees:{_GAIN}}} degrees off that of the moved object, and goes {{way:{_GAIN}}}"
+        yield plain(f"{off} of the oracle's along it", *given, compared(_GAIN, "heading", "<", HEADING))
+        farther = f"{{way:{control}}} farther than where another is named"
+        says = say(f"{seen}; moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}")
+        yield Rule("object_grounded", _GAIN, (*content.needs, *given), says)
+
+
+@word
 def _part(one: Share) -> str:
     """Return in words of what that was told, or along which axis, an object is followed less than on the mean.
 
@@ -480,162 +415,121 @@ def _part(one: Share) -> str:
     return f"{where} it is followed only {far} farther than the other, and {whole} on the whole"
 
 
+@word
 def _degrees(one: Share) -> str:
     """Return how far the way of an answer is off that of what was moved."""
     assert isinstance(one, Followed)
     return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
 
 
+WORDS["p"] = lambda found, name: f"{found[name].p:.4f}"
+
+
 @cache
-def camera_axis(channel: str, what: str, singles: tuple[str, ...] = (), others: tuple[str, ...] = ()) -> Axis:
-    """Return the axis of a camera, or of all; ``singles`` and ``others`` as there."""
-    return _Camera(channel, what, singles, others).axis()
+def camera_axis(channel: str, what: str, *beside: tuple[str, ...]) -> Axis:
+    """Return the axis of a camera, or of all, which a sentence calls ``what``, ``beside`` others, see `Beside`."""
+    return _Camera(channel, what, beside or ((), ())).axis()  # type: ignore[arg-type]
 
 
-class _State(_Channel):
-    """The rules of the state, and of places that are answered relative to it.
+def _of_state() -> Iterator[Rule]:
+    """Yield the rules of the state, and of places that are answered relative to it.
 
     A place that stays is another motion relative to another state, and one that goes along with it is the same.
     """
-
-    @property
-    def say(self) -> Callable[..., Says]:
-        """Return what makes the reason of a rule from its sentence."""
-        return saying(
-            shown=lambda found: f"its state carries {of_action(found[self.swap])}",
-            reads=of(share, "reads@state"),
-            why=lambda found: found.without("swapped@state") or why_open(found[self.swap]),
-            open=of(why_open, self.swap),
-            told=lambda found: (
-                f"; another instruction changes {of_action(found[_HEARS])}" if used(found[_HEARS]) else ""
-            ),
-        )
-
-    def axis(self) -> Axis:
-        """Return its rules."""
-        swap, reads, say = self.swap, "reads@state", self.say
-        places = "its answers are places, and change by {reads} with its state"
-        along = "its answers are places that go along with it ({reads}): it reads it, and does the same from there"
-        stays = "relative to another state the same place is another motion"
-        stays = f"its answers are places, and as they are change by {{reads}} with it: {stays}"
-        measured_ = there(reads, "value")
-        short = "{shown}, and its cameras next to nothing{told}"
-        blind = compared("ignores_camera", "value", ">=", 1.0)
-        return Axis(
-            "state",
-            (
-                Rule("undecided", "", (compared("has_state", "value", "<", 1.0),), say("the bank has no state")),
-                Rule("undecided", swap, (missing(swap, "value"),), say("its state cannot be judged: {why}")),
-                *self.absence(Rule("ignores_state", reads, disuse(reads), say(places)), "responds", places),
-                Rule("undecided", reads, (measured_, *disuse(swap)), say(f"{{shown}}; but {along}")),
-                Rule("undecided", reads, (measured_, *use(swap), fail(use(reads))), say(f"{{shown}}; but {stays}")),
-                *self.absence(Rule("ignores_state", swap, disuse(swap), say("{shown}")), "responds"),
-                Rule("undecided", swap, (fail(use(swap)),), say("{shown}: {open}")),
-                Rule("state_shortcut", swap, (blind,), say(short), bound="responds@cameras"),
-                Rule("state_used", swap, (), say("{shown}")),
-            ),
-        )
+    swap, reads = _STATE, "reads@state"
+    yield undecided("", (compared("has_state", "value", "<", 1.0),), "the bank has no state")
+    open_ = f"its state cannot be judged: {{without:swapped@state|why_open:{swap}}}"
+    yield undecided(swap, (missing(swap, "value"),), open_)
+    shown = f"its answers are places, and change by {{share:{reads}}} with its state"
+    yield from _absence(Rule("ignores_state", reads, disuse(reads), say(shown)), "responds", "state", shown)
+    shown, given = f"its state carries {{of_action:{swap}}}", there(reads, "value")
+    along = (
+        f"its answers are places that go along with it ({{share:{reads}}}): it reads it, and does the same from there"
+    )
+    yield undecided(reads, (given, *disuse(swap)), f"{shown}; but {along}")
+    stays = (
+        f"its answers are places, and as they are change by {{share:{reads}}} with it: relative to another state the"
+    )
+    yield undecided(reads, (given, *use(swap), fail(use(reads))), f"{shown}; but {stays} same place is another motion")
+    yield from _absence(Rule("ignores_state", swap, disuse(swap), say(shown)), "responds", "state", shown)
+    yield undecided(swap, (fail(use(swap)),), f"{shown}: {{why_open:{swap}}}")
+    short, blind = (
+        say(f"{shown}, and its cameras next to nothing{{hears}}"),
+        compared("ignores_camera", "value", ">=", 1.0),
+    )
+    yield Rule("state_shortcut", swap, (blind,), short, bound="responds@cameras")
+    yield Rule("state_used", swap, (), say(shown))
 
 
-_HEARS = "T.swapped@instruction"
-STATE = _State("state", "its state").axis()
+WORDS["hears"] = lambda found, _: (
+    f"; another instruction changes {of_action(found[_HEARS])}" if used(found[_HEARS]) else ""
+)
 
 
-class _Instruction(_Channel):
-    """The rules of the instruction: whether another one changes the action, and towards what is named."""
-
-    @property
-    def say(self) -> Callable[..., Says]:
-        """Return what makes the reason of a rule from its sentence."""
-        logged = "follow.logged"
-        return saying(
-            shown=lambda found: f"another instruction{_exchanged(found[_HEARS])} changes {of_action(found[_HEARS])}",
-            forgot=lambda found: found.forgot("swapped@instruction") or why_open(found[_HEARS]),
-            without=lambda found: (
-                found.without("swapped@instruction") or "no two episodes of the bank are told different things"
-            ),
-            moves=lambda found: found.forgot(*_MOVES) or lost(found[_TOLD]),
-            open=of(why_open, _HEARS),
-            share=of(share, _TOLD),
-            way=of(way, _TOLD),
-            why=of(unfollowed, _TOLD),
-            nearer=lambda found: (
-                f"its own brings it nearer to what was logged by {way(found[logged])} of what both differ by"
-            ),
-            unlogged=of(unfollowed, logged),
-        )
-
-    def axis(self) -> Axis:
-        """Return its rules."""
-        swap, say = self.swap, self.say
-        told = "what it is told cannot be judged: {forgot}"
-        whether = say("{shown}; whether it goes to what is named is open: {moves}")
-        unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), say("{shown}"))
-        follows = "but it follows what is named {share} of the oracle's way more than what is not"
-        return Axis(
-            "instruction",
-            (
-                Rule("undecided", swap, says=say(told), broken=(asked("swapped@instruction"),)),
-                Rule("undecided", swap, (measured(swap), missing(swap, "value")), say(told)),
-                Rule("no_power", "", (missing(swap, "value"),), say("{without}")),
-                *(
-                    Rule("undecided", swap, (*known, *needs), whether, broken)
-                    for known in (use(swap), disuse(swap))
-                    for needs, broken in (((), tuple(map(asked, _MOVES))), ((lossy(_TOLD),), ()))
-                ),
-                *self.absence(unheard, "responds"),
-                *self.heard(use(swap)),
-                Rule("undecided", _TOLD, disuse(swap), say(f"{{shown}}, {follows}")),
-                Rule("undecided", swap, (), say("{shown}: {open}")),
-            ),
-        )
-
-    def heard(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of an instruction that changes the action: whether towards what is named."""
-        words = "{shown}, and it follows what is named {way} of the oracle's way more than what is not"
-        yield Rule("instruction_followed", _TOLD, (*needs, *following(_TOLD, HEARD)), self.say(words))
-        away = (
-            "{shown}, but it goes away from what is named or to what is not, {way} of the oracle's way: it may take one"
-        )
-        yield Rule("undecided", _TOLD, (*needs, *opposing(_TOLD)), self.say(f"{away} name for the other"))
-        only = self.say("{shown}, but it follows what is named only {way} of the oracle's way more; {why}")
-        for which in ("named", "other"):
-            yield Rule("undecided", _TOLD, (*needs, *following(f"follow.{which}", FOLLOWED)), only)
-        yield from self.logged(needs)
-
-    def logged(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of an instruction that changes the action where no object is followed, or none is moved.
-
-        Its own instruction has to bring it nearer to what was logged than another one does. Where nobody can say
-        whether it does, and nothing is moved, the label stands, and it is said what is not tested.
-        """
-        log, say = "follow.logged", self.say
-        yield Rule("undecided", log, (*needs, *opposing(log)), say("{shown}, but {nearer}: the other way"))
-        moved, still = (there(_TOLD, "value"),), (missing(_TOLD, "value"),)
-        nearer, open_ = say("{shown}, and {nearer}"), "whether it goes to what is named is open: {what}"
-        shown = ((moved, "that it follows an object is not shown"), (still, "the bank moves no object"))
-        for given, what in shown:
-            why = say(open_.format(what=what))
-            for proof in (following(log, HEARD), *([above(log, HEARD)] if given is still else [])):
-                yield Rule("instruction_followed", log, (*needs, *given, *proof), nearer, why_not=why)
-        words = "{shown}, but it follows what is named only {way} of the oracle's way more than what is not"
-        more = say(f"{words}, and {{nearer}}; {{unlogged}}")
-        yield Rule("undecided", _TOLD, (*needs, *moved, there(log, "value")), more)
-        yield Rule("undecided", _TOLD, (*needs, *moved), say(words))
-        words = say("{shown}, but {nearer}; {unlogged}: that it changes towards what it is told is not shown")
-        yield Rule("undecided", log, (*needs, there(log, "value")), words, may_be="instruction_followed")
-        why = (
-            "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
-        )
-        yield Rule("instruction_followed", self.swap, needs, say(f"{{shown}}; {why}"), why_not=why)
+def _of_instruction() -> Iterator[Rule]:
+    """Yield the rules of the instruction: whether another one changes the action, and towards what is named."""
+    swap, shown = _HEARS, f"another instruction{{exchanged:{_HEARS}}} changes {{of_action:{_HEARS}}}"
+    open_ = f"what it is told cannot be judged: {{forgot:swapped@instruction|why_open:{swap}}}"
+    yield undecided(swap, (), open_, asked("swapped@instruction"))
+    yield undecided(swap, (measured(swap), missing(swap, "value")), open_)
+    why = "{without:swapped@instruction|=no two episodes of the bank are told different things}"
+    yield Rule("no_power", "", (missing(swap, "value"),), say(why))
+    open_ = f"{shown}; whether it goes to what is named is open: {{{_FORGOT_MOVES}|lost:{_TOLD}}}"
+    for known in (use(swap), disuse(swap)):
+        yield undecided(swap, known, open_, *map(asked, _ALL_MOVES))
+        yield undecided(swap, (*known, lossy(_TOLD)), open_)
+    unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), say(shown))
+    yield from _absence(unheard, "responds", "instruction", shown)
+    yield from _heard(use(swap), shown)
+    follows = f"it follows what is named {{share:{_TOLD}}} of the oracle's way more than what is not"
+    yield undecided(_TOLD, disuse(swap), f"{shown}, but {follows}")
+    yield undecided(swap, (), f"{shown}: {{why_open:{swap}}}")
 
 
+def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
+    """Yield the rules of an instruction that changes the action: whether towards what is named.
+
+    Where no object is followed, or none is moved, its own has to bring it nearer to what was logged than another one
+    does. Where nobody can say whether it does, and nothing is moved, the label stands, and it is said what is not
+    tested.
+    """
+    label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
+    says = say(f"{shown}, and it follows what is named {more} than what is not")
+    yield Rule(label, _TOLD, (*needs, *following(_TOLD, HEARD)), says)
+    away = f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way"
+    yield undecided(_TOLD, (*needs, *opposing(_TOLD)), f"{shown}, but {away}: it may take one name for the other")
+    only = f"{shown}, but it follows what is named only {more}"
+    for name in (_GAIN, "follow.other"):
+        yield undecided(_TOLD, (*needs, *following(name, FOLLOWED)), f"{only}; {{unfollowed:{_TOLD}}}")
+    nearer = f"its own brings it nearer to what was logged by {{way:{_LOG}}} of what both differ by"
+    yield undecided(_LOG, (*needs, *opposing(_LOG)), f"{shown}, but {nearer}: the other way")
+    moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), say(f"{shown}, and {nearer}")
+    not_shown, none = "that it follows an object is not shown", "the bank moves no object"
+    sure = above(_LOG, HEARD)
+    for proof, what in (
+        ((moved, *following(_LOG, HEARD)), not_shown),
+        ((still, *following(_LOG, HEARD)), none),
+        ((still, *sure), none),
+    ):
+        why = say(f"whether it goes to what is named is open: {what}")
+        yield Rule(label, _LOG, (*needs, *proof), says, why_not=why)
+    only = f"{only} than what is not"
+    yield undecided(_TOLD, (*needs, moved, there(_LOG, "value")), f"{only}, and {nearer}; {{unfollowed:{_LOG}}}")
+    yield undecided(_TOLD, (*needs, moved), only)
+    why = f"{nearer}; {{unfollowed:{_LOG}}}: that it changes towards what it is told is not shown"
+    yield replace(undecided(_LOG, (*needs, there(_LOG, "value")), f"{shown}, but {why}"), may_be=label)
+    why = "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
+    yield Rule(label, _HEARS, needs, say(f"{shown}; {why}"), why_not=why)
+
+
+@word
 def _exchanged(one: Share) -> str:
     """Return in brackets what was told most often, and in its place."""
     return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
 
 
-INSTRUCTION = _Instruction("instruction", "its instruction").axis()
+STATE = Axis("state", tuple(_of_state()))
+INSTRUCTION = Axis("instruction", tuple(_of_instruction()))
 
 
 def judged(ruling: Ruling) -> Judged:

@@ -30,23 +30,23 @@ from eyechart.verdicts.uses import (
     LEAST_NOISE,
     UNSCORABLE,
     USED,
+    WORDS,
     Asked,
     Known,
     Statistics,
     following,
     ignored,
     lossy,
-    lost,
     may_follow,
     measured,
-    of,
     of_action,
-    saying,
+    say,
     sentence,
-    share,
+    undecided,
     use,
     used,
     way,
+    word,
 )
 from eyechart.verdicts.uses import asked as asked_for
 
@@ -336,57 +336,45 @@ def _guard(*rules: Rule) -> Axis:
 
 def _guards() -> Iterator[Axis]:
     """Yield what is asked before any axis, in the order of `GUARDS`."""
-    say = saying(
-        without=lambda found: f"{1 - (found['motions'].value or 0.0):.0%} of {found['motions'].n}",
-        misfit=of(_size, "misfit"),
-        unlike=of(_unlike, "misfit"),
-        varies=of(lambda one: f"{one.value:.3f}", "variation"),
-        noise=of(
-            lambda one: f"{one.value:.0%} of its variation is there when nothing changes at all, on {one.n}", "noise"
-        ),
-        nudged=of(share, "T.nudged"),
-        kept=of(
-            lambda one: f"{one.value:.0%} of its noise goes with the call before (p {one.p:.3f}, {one.n} calls)",
-            "memory",
-        ),
-    )
-    few = say("{without} calls hold no motion")
+    few = say("{unanswered:motions} calls hold no motion")
     yield _guard(
         Rule("not_scorable", "motions", (missing("motions", "value"),), few),
         Rule("not_scorable", "motions", (compared("motions", "value", "<", 1 - UNSCORABLE),), few),
     )
     unlike = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
-    words = "its error is {misfit} of the log's variance, and {unlike}: a skipped normalisation, another action space, or a policy that is hardly trained"
+    words = "a skipped normalisation, another action space, or a policy that is hardly trained"
+    words = f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {words}"
     yield _guard(Rule("misfit", "misfit", (compared("misfit", "value", ">=", MISFIT), unlike), say(words)))
-    words = f"it varies {{varies}} times as much as the log between episodes, below {CONSTANT}"
+    words = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}"
     yield _guard(
         Rule("constant", "variation", (compared("variation", "value", "<", CONSTANT),), say(words)),
         Rule("constant", "noise", (compared("noise", "alike", ">=", 1.0),), say("its answers are all the same")),
     )
-    label, kept = "self_inconsistent", "memory"
-    noisy, words = (
-        compared("noise", "value", ">", INCONSISTENT),
-        "it answers by the bytes of its pictures, as a cache or a hash of them does",
-    )
-    words = f"{{nudged}} of its variation goes with one value of its pictures that is one level off: {words}"
+    label, noisy = "self_inconsistent", compared("noise", "value", ">", INCONSISTENT)
+    noise = "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames"
+    words = "it answers by the bytes of its pictures, as a cache or a hash of them does"
+    nudged = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
     remembers = (
         compared("noise", "value", ">", LEAST_NOISE),
-        compared(kept, "value", ">", REMEMBERED),
-        compared(kept, "p", "<=", SURE),
+        compared("memory", "value", ">", REMEMBERED),
+        compared("memory", "p", "<=", SURE),
     )
+    kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
     yield _guard(
-        Rule(label, "noise", (noisy,), say("{noise} frames")),
-        Rule(label, "T.nudged", use("T.nudged"), say(words)),
-        Rule(label, kept, remembers, say("{kept}: it keeps something; empty it before every call (reset)")),
+        Rule(label, "noise", (noisy,), say(noise)),
+        Rule(label, "T.nudged", use("T.nudged"), say(f"{nudged}: {words}")),
+        Rule(label, "memory", remembers, say(f"{kept}: it keeps something; empty it before every call (reset)")),
     )
 
 
-def _size(one: Statistic) -> str:
+@word
+def _size(one: Share) -> str:
     """Return a ratio in words, with its interval where there is one."""
     return f"{one.value:.2g}" if one.ci is None else f"{one.value:.2g} [{one.ci[0]:.2g}, {one.ci[1]:.2g}]"
 
 
-def _unlike(one: Statistic) -> str:
+@word
+def _unlike(one: Share) -> str:
     """Return in words how a policy's numbers are not those of the log, nothing where they are."""
     assert isinstance(one, Misfit)
     found = []
@@ -402,34 +390,32 @@ def _dimension(name: str | None) -> str:
     return f"'{name}'" if name is not None else "a dimension"
 
 
+WORDS |= {
+    "unanswered": lambda found, name: f"{1 - (found[name].value or 0.0):.0%} of {found[name].n}",
+    "value": lambda found, name: f"{found[name].value:.3f}",
+    "percent": lambda found, name: f"{found[name].value:.0%}",
+    "p3": lambda found, name: f"{found[name].p:.3f}",
+    "n": lambda found, name: str(found[name].n),
+}
 GUARDING = tuple(_guards())
 
 
 def _unguarded() -> Iterator[Rule]:
     """Yield the rules of what is open where a guard could not be asked, and the last, of a policy of which each was."""
     without = {
-        "noise": "it draws its answers",
-        "misfit": "its numbers are those of the log",
-        "variation": "it varies at all",
-        "T.nudged": "it answers by the bytes of its pictures, and not by what they show",
+        "noise": ("{forgot:real_repeat|lost:noise|note:noise}", "it draws its answers"),
+        "misfit": ("{lost:misfit|note:misfit}", "its numbers are those of the log"),
+        "variation": ("{lost:variation|note:variation}", "it varies at all"),
+        "T.nudged": ("{lost:T.nudged|note:T.nudged} (nudged)", ""),
     }
-    for name, what in without.items():
-        say = saying(why=lambda found, name=name: _not_asked(found, name))
+    by_bytes = "it answers by the bytes of its pictures, and not by what they show"
+    for name, (why, what) in without.items():
         for clause in (missing(name, "value"), lossy(name)):
-            yield Rule(
-                "undecided", name, (measured(name), clause), say(f"{{why}}, so that nobody knows whether {what}")
-            )
-    words = "{forgot} (the same command asks it alone), so that nobody knows whether"
-    say = saying(forgot=lambda found: found.forgot("nudged"))(f"{words} {what}")
-    yield Rule("undecided", name, says=say, broken=(asked_for("nudged"),))
+            sentence = f"{why}, so that nobody knows whether {what or by_bytes}"
+            yield undecided(name, (measured(name), clause), sentence)
+    alone = f"{{forgot:nudged}} (the same command asks it alone), so that nobody knows whether {by_bytes}"
+    yield undecided("T.nudged", (), alone, asked_for("nudged"))
     yield Rule(HOLDS, "noise", (), "it does")
-
-
-def _not_asked(found: Known, name: str) -> str:
-    """Return why there is nothing of what a guard reads."""
-    one = found[name]
-    why = (found.forgot("real_repeat") if name == "noise" else "") or lost(one) or one.note
-    return f"{why} (nudged)" if name == "T.nudged" else why
 
 
 UNGUARDED = Axis("unguarded", tuple(_unguarded()))

@@ -10,7 +10,7 @@ from string import Formatter
 
 from eyechart.stats.shares import Followed, Misfit, Share, of_kind
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.rules import Clause, Found, Reading
+from eyechart.verdicts.rules import Clause, Found, Reading, Rule
 from eyechart.verdicts.ruling import Reason
 
 USED = 0.02
@@ -179,37 +179,60 @@ def settled(one: Statistic) -> bool:
     return all(reading.of(one) for reading in _SETTLED)
 
 
-Word = Callable[[Known], str]
-Says = Callable[[Found, Clause | None], Reason]
+Word = Callable[[Known, str], str]
+WORDS: dict[str, Word] = {
+    "forgot": lambda found, names: found.forgot(*names.split(",")),
+    "without": lambda found, name: found.without(name),
+    "note": lambda found, name: found[name].note,
+}
+"""The words that stand in sentences as places."""
 
 
-def saying(**words: Word) -> Callable[..., Says]:
-    """Return what makes the reason of a rule from its sentence, whose places are such ``words``, or further ones.
+def word(says: Callable[[Share], str]) -> Callable[[Share], str]:
+    """Let sentences have places for what is said of a statistic, and return the function."""
+    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
+    return says
 
-    The place ``but`` is what the clause says that decides, with places for its statistic, ``one``, and its ``share``.
+
+def told(sentence: str, found: Known, clause: Clause | None = None) -> str:
+    """Return a sentence with its places filled: ``{share:NAME}`` is what `share` says of a statistic.
+
+    Of ``{forgot:NAME|=words}`` it is the first that is not empty; ``{but}`` is what the clause says that decides, whose
+    places are of its own statistic where they name none.
     """
-
-    def say(sentence: str, **more: Word) -> Says:
-        names = [name for _, name, _, _ in Formatter().parse(sentence) if name]
-
-        def reason(found: Found, clause: Clause | None) -> Reason:
-            assert isinstance(found, Known)
-            told = {name: (words | more)[name](found) for name in names if name != "but"}
-            if clause is not None and "but" in names:
-                one = found[clause.statistic]
-                told["but"] = clause.but.format(one=one, share=share(one), of_action=of_action(one), way=way(one))
-            return Reason(sentence, told)
-
-        return reason
-
-    return say
+    parts = []
+    for literal, name, spec, _ in Formatter().parse(sentence):
+        parts.append(literal)
+        if name == "but" and clause is not None:
+            parts.append(told(clause.but, found, clause))
+        elif name is not None:
+            parts.append(next(filter(None, (_filled(one, found, clause) for one in f"{name}:{spec}".split("|"))), ""))
+    return "".join(parts)
 
 
-def of(word: Callable[[Share], str], name: str) -> Word:
-    """Return what a word says of a statistic."""
-    return lambda found: word(found[name])
+def _filled(place: str, found: Known, clause: Clause | None) -> str:
+    if place.startswith("="):
+        return place[1:]
+    name, _, of = place.partition(":")
+    return WORDS[name](found, of or (clause.statistic if clause is not None else ""))
 
 
+def say(sentence: str) -> Callable[[Found, Clause | None], Reason]:
+    """Return what makes the reason of a rule from its sentence, see `told`."""
+
+    def reason(found: Found, clause: Clause | None) -> Reason:
+        assert isinstance(found, Known)
+        return Reason(told(sentence, found, clause))
+
+    return reason
+
+
+def undecided(by: str, needs: tuple[Clause, ...], sentence: str, *broken: Clause) -> Rule:
+    """Return the rule of what is open."""
+    return Rule("undecided", by, needs, say(sentence), broken)
+
+
+@word
 def lost(one: Share) -> str:
     """Return in words how many of its calls hold no motion, where they are too many; nothing else."""
     if one.lost is None or one.lost <= UNSCORABLE:
@@ -217,6 +240,7 @@ def lost(one: Share) -> str:
     return f"{one.lost:.0%} of its calls hold no motion, and what it would have done there is not known"
 
 
+@word
 def unfollowed(one: Share) -> str:
     """Return why a following is not settled."""
     if gone := lost(one):
@@ -226,6 +250,7 @@ def unfollowed(one: Share) -> str:
     return "p is not below .01" if one.p is None or one.p >= ALPHA else "its lower end is too low"
 
 
+@word
 def why_open(one: Share) -> str:
     """Return why a share is neither used nor ignored."""
     if one.value is None:
@@ -239,6 +264,7 @@ def why_open(one: Share) -> str:
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
 
 
+@word
 def share(one: Statistic) -> str:
     """Return a share of the action in words; one above 1 is no percentage of anything, and below 0 is only noise."""
     if one.value is not None and one.value < 0:
@@ -250,6 +276,7 @@ def share(one: Statistic) -> str:
     return f"more than all (T {one.value:.2f}{_ends(one)})"
 
 
+@word
 def of_action(one: Statistic) -> str:
     """Return a share in words, of what."""
     if one.value is None or one.value <= 1:
@@ -261,6 +288,7 @@ def _ends(one: Statistic) -> str:
     return "" if one.ci is None else f" [{one.ci[0]:.2f}, {one.ci[1]:.2f}]"
 
 
+@word
 def way(one: Statistic) -> str:
     """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
     if one.value is None:
