@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from eyechart.stats.shares import Followed, Misfit, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import Asked, PolicyVerdict, ignored, judge_policy, used
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+from eyechart.verdicts.uses import Asked, ignored, used
 
 CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
 NAMES = {

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 from random import Random
 
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import Asked, judge_policy
+from eyechart.verdicts.channels import judge_policy
+from eyechart.verdicts.uses import Asked
 
 Numbers = dict[str, object]
 Make = Callable[[str, Statistic, Numbers], Statistic]

@@ -8,14 +8,9 @@ from eyechart.gate import hold_policies
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import (
-    REQUIREMENTS,
-    STATE_LABELS,
-    Asked,
-    judge_camera,
-    judge_policy,
-    judge_state,
-)
+from eyechart.verdicts.axes import judge_camera, judge_state
+from eyechart.verdicts.channels import REQUIREMENTS, STATE_LABELS, judge_policy
+from eyechart.verdicts.uses import Asked
 from policies_by_hand import (
     A_LITTLE,
     CHANNELS,

@@ -11,7 +11,7 @@ from evidences import digests
 from eyechart.stats.shares import Followed, Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import INSTRUCTION, STATE, camera_axis
-from eyechart.verdicts.channels import GUARDING, UNGUARDED
+from eyechart.verdicts.channels import GUARDING, UNGUARDED, reaching
 from eyechart.verdicts.rules import Axis, Clause, Reading
 from eyechart.verdicts.uses import Known, as_read
 from policy_evidences import RECORDED, SINGLES, Numbers, said_of
@@ -20,9 +20,9 @@ OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_rulings_pol
 """Digests of what the rules said of blocks of 1000 evidences when they were functions and no rows."""
 
 AXES = (
-    camera_axis("cameras", "its cameras", SINGLES),
-    *(camera_axis(one, f"the {one.partition(':')[2]} camera", SINGLES) for one in SINGLES),
-    *(STATE, INSTRUCTION, UNGUARDED, *GUARDING),
+    camera_axis("cameras", "its cameras", (SINGLES, ())),
+    *(camera_axis(one, f"the {one.partition(':')[2]} camera") for one in SINGLES),
+    *(STATE, INSTRUCTION, UNGUARDED, *GUARDING, reaching("cameras", "picture"), reaching("state", "state")),
 )
 CLAUSES = tuple(dict.fromkeys(clause for axis in AXES for clause in axis.clauses))
 

@@ -22,16 +22,8 @@ from eyechart.stats.partners import balanced_partners
 from eyechart.stats.shares import Share
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
-from eyechart.verdicts.channels import (
-    IGNORED,
-    RESPONDS,
-    SURENESS,
-    Judged,
-    judge_camera,
-    judge_instruction,
-    judge_state,
-    rests_on,
-)
+from eyechart.verdicts.axes import RESPONDS, SURENESS, Judged, judge_camera, judge_instruction, judge_state, rests_on
+from eyechart.verdicts.uses import IGNORED
 
 Floats = npt.NDArray[np.float64]
 

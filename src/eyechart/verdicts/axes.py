@@ -426,9 +426,9 @@ WORDS["p"] = lambda found, name: f"{found[name].p:.4f}"
 
 
 @cache
-def camera_axis(channel: str, what: str, *beside: tuple[str, ...]) -> Axis:
-    """Return the axis of a camera, or of all, which a sentence calls ``what``, ``beside`` others, see `Beside`."""
-    return _Camera(channel, what, beside or ((), ())).axis()  # type: ignore[arg-type]
+def camera_axis(channel: str, what: str, beside: Beside = ((), ())) -> Axis:
+    """Return the axis of a camera, or of all, which a sentence calls ``what``."""
+    return _Camera(channel, what, beside).axis()
 
 
 def _of_state() -> Iterator[Rule]:
@@ -562,7 +562,7 @@ def judge_camera(statistics: Statistics, channel: str, what: str, asked: Asked =
     others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
     found = Known(statistics, asked)
     found.update(_halves(found))
-    return judged(camera_axis(channel, what, singles, others).evaluate(found))
+    return judged(camera_axis(channel, what, (singles, others)).evaluate(found))
 
 
 def _halves(found: Known) -> dict[str, Share]:

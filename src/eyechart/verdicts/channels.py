@@ -5,27 +5,25 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 from eyechart.channels import reads as is_read
 from eyechart.records import picked, plain
 from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import (
-    OF_DATA_SET,
     OF_ITS_WORLD,
-    RESPONDS,
-    SURENESS,
     Judged,
     judge_camera,
     judge_instruction,
     judge_state,
     judged,
-    rests_on,
 )
 from eyechart.verdicts.card import card
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing
+from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, there
 from eyechart.verdicts.uses import (
     EVERYTHING,
+    FOLLOWED,
     IGNORED,
     LEAST_NOISE,
     UNSCORABLE,
@@ -34,52 +32,16 @@ from eyechart.verdicts.uses import (
     Asked,
     Known,
     Statistics,
+    every,
     following,
-    ignored,
     lossy,
-    may_follow,
     measured,
-    of_action,
     say,
-    sentence,
     undecided,
     use,
-    used,
-    way,
     word,
 )
 from eyechart.verdicts.uses import asked as asked_for
-
-__all__ = [
-    "ABSENT",
-    "AXES",
-    "CAMERA_LABELS",
-    "CONSTANT",
-    "GUARDS",
-    "IGNORED",
-    "INSTRUCTION_LABELS",
-    "MEETS",
-    "MISFIT",
-    "OF_DATA_SET",
-    "OPEN",
-    "REQUIREMENTS",
-    "RESPONDS",
-    "STATE_LABELS",
-    "SURENESS",
-    "USED",
-    "Asked",
-    "Judged",
-    "PolicyVerdict",
-    "Statistics",
-    "failed_guards",
-    "ignored",
-    "judge_camera",
-    "judge_instruction",
-    "judge_policy",
-    "judge_state",
-    "rests_on",
-    "used",
-]
 
 MISFIT = 1.0
 """From this error on the policy fits the log worse than the log's own mean does."""
@@ -244,7 +206,7 @@ def judge_policy(
         return PolicyVerdict(model, nothing, every, nothing, nothing, failed, shares, scope, tuple(remarks))
 
     def reached(found: Judged, channel: str, what: str) -> Judged:
-        return _reached(found, known, channel, what, reads)
+        return _reached(found, known, reaching(channel, what), unread=bool(reads) and not is_read(channel, reads))
 
     camera = reached(judge_camera(statistics, "cameras", "its cameras", asked), "cameras", "picture")
     cameras = {
@@ -280,43 +242,50 @@ def _one_at_a_time(cameras: Mapping[str, Judged]) -> dict[str, Judged]:
     return found
 
 
-def _reached(found: Judged, known: Known, channel: str, what: str, reads: Sequence[str]) -> Judged:
-    """Return a label of absence, undecided where not one bit of any answer shows the channel and it is to be read.
+HOLDS = "holds"
+"""The label of what no rule speaks against."""
+
+
+def _reached(found: Judged, known: Known, reaching: Axis, *, unread: bool) -> Judged:
+    """Return a label of absence, undecided where the channel may not have reached the policy.
+
+    Of an axis that is open anyway it is the first thing to say, but not of a channel that the policy declares to leave
+    ``unread``.
+    """
+    ruling = reaching.evaluate(known)
+    if found.label not in {*ABSENT, "undecided"} or ruling.label == HOLDS:
+        return found
+    if not unread:
+        return judged(ruling)
+    if found.label not in ABSENT:
+        return found
+    return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
+
+
+@cache
+def reaching(channel: str, what: str) -> Axis:
+    """Return the rules of whether a channel reaches a policy, of which a sentence says that another ``what`` is shown.
 
     What computes with a channel changes some last bit with it: what changes none may never have been given it, and a
-    fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it. Of an
-    axis that is open anyway it is the first thing to say.
+    fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it.
     """
-    name = f"T.swapped@{channel}"
-    swap, pictures = known[name], [f"T.{one}" for one in _pictures(channel)]
-    alike = name in known and all(known[one].same == 1.0 for one in (name, *pictures) if one in known)
-    if found.label not in {*ABSENT, "undecided"} or not alike:
-        return found
-    if reads and not is_read(channel, reads):
-        if found.label not in ABSENT:
-            return found
-        return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
-    as_given = known.get(f"reads@{channel}", swap)
-    changes = (
-        f"not one bit of {swap.n} answers" if not as_given.value else f"none of {swap.n} answers by more than rounding"
-    )
+    swap, name, same = f"T.swapped@{channel}", channel.partition(":")[2], Reading("same", ">=", 1.0)
+    pictures = (f"matched@{channel}", f"blank@{name}", f"exchanged@{name}") if name else ()
+    if channel == "cameras":
+        pictures = ("matched@cameras", "blank", "noise", *OF_ITS_WORLD)
+    alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
     words = (
-        f"another {what} changes {changes}: it does not reach the policy, or an earlier answer is kept; "
+        f"another {what} changes {{bits:{channel}}}: it does not reach the policy, or an earlier answer is kept; "
         "'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
     )
-    return Judged("undecided", sentence(words), name)
+    return Axis(f"reaching {channel}", (undecided(swap, alike, words), Rule(HOLDS, swap, (), "it does")))
 
 
-def _pictures(channel: str) -> Iterator[str]:
-    """Yield the conditions that show other pictures of a camera, or of all, beside any other episode's."""
-    if channel == "cameras":
-        yield from ("matched@cameras", "blank", "noise", *OF_ITS_WORLD)
-    elif channel.startswith("camera:"):
-        name = channel.partition(":")[2]
-        yield from (f"matched@{channel}", f"blank@{name}", f"exchanged@{name}")
-
-
-HOLDS = "holds"
+def _bits(found: Known, channel: str) -> str:
+    """Return how little changes: of places as they are, rounding may be left."""
+    swap = found[f"T.swapped@{channel}"]
+    n, as_given = swap.n, found.get(f"reads@{channel}", swap).value
+    return f"none of {n} answers by more than rounding" if as_given else f"not one bit of {n} answers"
 
 
 def failed_guards(found: Known, missing: Mapping[str, int]) -> dict[str, str]:
@@ -334,6 +303,10 @@ def _guard(*rules: Rule) -> Axis:
     return Axis("guard", (*rules, Rule(HOLDS, rules[0].decided_by, (), "holds", quiet=True)))
 
 
+UNFIT = compared("misfit", "value", ">=", MISFIT)
+UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
+
+
 def _guards() -> Iterator[Axis]:
     """Yield what is asked before any axis, in the order of `GUARDS`."""
     few = say("{unanswered:motions} calls hold no motion")
@@ -341,10 +314,9 @@ def _guards() -> Iterator[Axis]:
         Rule("not_scorable", "motions", (missing("motions", "value"),), few),
         Rule("not_scorable", "motions", (compared("motions", "value", "<", 1 - UNSCORABLE),), few),
     )
-    unlike = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
     words = "a skipped normalisation, another action space, or a policy that is hardly trained"
     words = f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {words}"
-    yield _guard(Rule("misfit", "misfit", (compared("misfit", "value", ">=", MISFIT), unlike), say(words)))
+    yield _guard(Rule("misfit", "misfit", (UNFIT, UNLIKE), say(words)))
     words = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}"
     yield _guard(
         Rule("constant", "variation", (compared("variation", "value", "<", CONSTANT),), say(words)),
@@ -385,6 +357,14 @@ def _unlike(one: Share) -> str:
     return ", ".join(found)
 
 
+@word
+def _far_off(one: Share) -> str:
+    """Return of how many moments, and which numbers, the log is far off."""
+    assert isinstance(one, Misfit)
+    which = ", ".join(one.far_off_of or ())
+    return f"{one.far_off} moments are left out of what answers are measured by, since numbers of {which}"
+
+
 def _dimension(name: str | None) -> str:
     """Return of which number of the answer something is said."""
     return f"'{name}'" if name is not None else "a dimension"
@@ -396,6 +376,8 @@ WORDS |= {
     "percent": lambda found, name: f"{found[name].value:.0%}",
     "p3": lambda found, name: f"{found[name].p:.3f}",
     "n": lambda found, name: str(found[name].n),
+    "bits": _bits,
+    "still_of": lambda found, name: ", ".join(found[name].still or ()),
 }
 GUARDING = tuple(_guards())
 
@@ -438,69 +420,77 @@ def _reasons(missing: Mapping[str, int], otherwise: str = "") -> str:
     return f" ({said or otherwise})" if said or otherwise else ""
 
 
-def _remarks(statistics: Known, camera: str) -> Iterator[str]:
+def _remarks(known: Known, camera: str) -> Iterator[str]:
     """Yield what whoever acts on a verdict should know beside it; ``camera`` is the label of all cameras."""
-    yield from _held_still(statistics["variation"])
-    misfit = statistics["misfit"]
-    yield from _faulty_log(misfit)
-    if misfit.value is not None and misfit.value < MISFIT and (unlike := _unlike(misfit)):
-        yield f"{unlike[0].upper()}{unlike[1:]}, although its error is below the log's variance: is that its unit?"
-    if misfit.value is not None and misfit.value >= MISFIT:
-        yield (
-            f"Its error is {_size(misfit)} of the log's variance: it does something else than was logged, so that "
-            "what it uses may be put to no good use"
-        )
-        if camera == "ignores_camera":
-            yield (
-                "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
-                "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
-            )
-    yield from _of_one_seed(statistics["noise"])
-    paint, noise = statistics["T.recoloured"], statistics["T.noise"]
-    if used(paint):
-        yield f"A table of another colour alone changes {of_action(paint)}"
-    if camera == "ignores_camera" and used(noise):
-        yield f"Noise in place of its pictures changes {of_action(noise)}: they reach it, and real ones change little"
-    yield from _beyond_all(statistics)
-    told = statistics["follow.told"]
-    hardly = (*use("T.swapped@instruction"), *following("follow.told", 0.0))
-    if all(clause.holds(statistics) for clause in hardly) and not may_follow("follow.told").holds(statistics):
-        yield f"It goes only {way(told)} of the oracle's way farther to what is named: it hardly does what it is told"
-    near = statistics["T.swapped@cameras"]
-    if near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
-        yield f"Its cameras are used, and carry next to nothing: {of_action(near)}"
+    swapped = {name.partition("@")[2]: one.ci for name, one in known.items() if name.startswith("T.swapped@")}
+    above = [name for name, ci in swapped.items() if ci is not None and ci[0] > 1]
+    known["above_all"] = Share(float(len(above)), len(swapped), note=", ".join(above))
+    known["ignores_camera"] = Share(float(camera == "ignores_camera"), 1)
+    for rule in REMARKS:
+        if ruling := rule.ruling(known):
+            words = str(ruling.reason)
+            yield f"{words[0].upper()}{words[1:]}"
 
 
-def _of_one_seed(noise: Share) -> Iterator[str]:
-    if noise.seeds and (noise.value or 0.0) > USED:
-        yield (
-            f"All is said of its answers at one seed, and another seed changes {of_action(noise)}: what it does at "
-            "others may be something else"
-        )
+def _remark(sentence: str, *needs: Clause) -> Rule:
+    return Rule("remark", needs=needs, says=say(sentence))
 
 
-def _faulty_log(misfit: Share) -> Iterator[str]:
-    """Yield that moments were left out of what answers are measured by, where the log is far off there."""
-    assert isinstance(misfit, Misfit)
-    if misfit.far_off:
-        which = ", ".join(misfit.far_off_of or ())
-        yield (
-            f"Of the log {misfit.far_off} moments are left out of what answers are measured by, since numbers of {which} are "
-            "far from all others there: a wrong row, another unit, or a move that is rare (then declare its scale)"
-        )
-
-
-def _held_still(varies: Share) -> Iterator[str]:
-    if varies.still:
-        yield f"Its {', '.join(varies.still)} is the same in every answer, and the log's is not: nothing here is said of that number"
-
-
-def _beyond_all(statistics: Known) -> Iterator[str]:
-    swapped = ((name, one.ci) for name, one in statistics.items() if name.startswith("T.swapped@"))
-    beyond = [name for name, ci in swapped if ci is not None and ci[0] > 1]
-    if beyond:
-        which = ", ".join(name.partition("@")[2] for name in beyond)
-        yield (
-            f"A share above 1 ({which}) is no part of a whole: the answer changes more than between two moments of "
-            "different episodes, which may have the same there, or where the channel then contradicts the others"
-        )
+_BLIND = compared("ignores_camera", "value", ">=", 1.0)
+REMARKS = (
+    _remark(
+        "its {still_of:variation} is the same in every answer, and the log's is not: nothing here is said of "
+        "that number",
+        there("variation", "still"),
+    ),
+    _remark(
+        "of the log {far_off:misfit} are far from all others there: a wrong row, another unit, or a move that is rare "
+        "(then declare its scale)",
+        there("misfit", "far_off"),
+    ),
+    _remark(
+        "{unlike:misfit}, although its error is below the log's variance: is that its unit?",
+        compared("misfit", "value", "<", MISFIT),
+        UNLIKE,
+    ),
+    _remark(
+        "its error is {size:misfit} of the log's variance: it does something else than was logged, so that what it "
+        "uses may be put to no good use",
+        UNFIT,
+    ),
+    _remark(
+        "it ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in training? "
+        "'eyechart doctor SPEC --frames BANK' tries other forms",
+        UNFIT,
+        _BLIND,
+    ),
+    _remark(
+        "all is said of its answers at one seed, and another seed changes {of_action:noise}: what it does at others "
+        "may be something else",
+        there("noise", "seeds"),
+        compared("noise", "value", ">", USED),
+    ),
+    _remark("a table of another colour alone changes {of_action:T.recoloured}", *use("T.recoloured")),
+    _remark(
+        "noise in place of its pictures changes {of_action:T.noise}: they reach it, and real ones change little",
+        *use("T.noise"),
+        _BLIND,
+    ),
+    _remark(
+        "a share above 1 ({note:above_all}) is no part of a whole: the answer changes more than between two moments of "
+        "different episodes, which may have the same there, or where the channel then contradicts the others",
+        compared("above_all", "value", ">", 0.0),
+    ),
+    _remark(
+        "it goes only {way:follow.told} of the oracle's way farther to what is named: it hardly does what it is told",
+        *use("T.swapped@instruction"),
+        *following("follow.told", 0.0),
+        compared("follow.told", "high", "<", FOLLOWED),
+    ),
+    _remark(
+        "its cameras are used, and carry next to nothing: {of_action:T.swapped@cameras}",
+        compared("T.swapped@cameras", "low", ">", USED),
+        compared("T.swapped@cameras", "high", "<", IGNORED),
+    ),
+)
+"""What is said beside the labels."""

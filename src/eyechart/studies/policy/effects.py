@@ -59,8 +59,9 @@ from eyechart.stats.total_effect import (
     unlikeness,
 )
 from eyechart.studies.policy.reading import Floats, Motions
-from eyechart.verdicts.channels import CONSTANT, IGNORED, RESPONDS, SURENESS, USED, rests_on
-from eyechart.verdicts.uses import LEAST_EPISODES, quoted
+from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
+from eyechart.verdicts.channels import CONSTANT
+from eyechart.verdicts.uses import IGNORED, LEAST_EPISODES, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
