@@ -4,7 +4,6 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
 import math
-from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -160,8 +159,9 @@ def _no_part(name: str) -> Clause:
 
 
 def _parts(found: Known, names: str) -> str:
-    gone = [found[name].carried or {} for name in names.split(",") if not _no_part(name).holds(found)]
-    return ", ".join(f"{part} (T {one:.2f})" for part, one in list(dict(ChainMap(*gone[::-1])).items())[:4])
+    rests = [name for name in names.split(",") if not _no_part(name).holds(found)]
+    carried = {part: size for name in rests for part, size in (found[name].carried or {}).items()}
+    return ", ".join(f"{part} (T {size:.2f})" for part, size in list(carried.items())[:4])
 
 
 WORDS["parts"] = _parts
@@ -511,8 +511,8 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
         ((still, *following(_LOG, HEARD)), none),
         ((still, *sure), none),
     ):
-        why = say(f"whether it goes to what is named is open: {what}")
-        yield Rule(label, _LOG, (*needs, *proof), says, why_not=why)
+        open_ = say(f"whether it goes to what is named is open: {what}")
+        yield Rule(label, _LOG, (*needs, *proof), says, why_not=open_)
     only = f"{only} than what is not"
     yield undecided(_TOLD, (*needs, moved, there(_LOG, "value")), f"{only}, and {nearer}; {{unfollowed:{_LOG}}}")
     yield undecided(_TOLD, (*needs, moved), only)

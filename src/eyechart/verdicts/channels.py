@@ -270,9 +270,9 @@ def reaching(channel: str, what: str) -> Axis:
     fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it.
     """
     swap, name, same = f"T.swapped@{channel}", channel.partition(":")[2], Reading("same", ">=", 1.0)
-    pictures = (f"matched@{channel}", f"blank@{name}", f"exchanged@{name}") if name else ()
+    pictures = [f"matched@{channel}", f"blank@{name}", f"exchanged@{name}"] if name else []
     if channel == "cameras":
-        pictures = ("matched@cameras", "blank", "noise", *OF_ITS_WORLD)
+        pictures = ["matched@cameras", "blank", "noise", *OF_ITS_WORLD]
     alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
     words = (
         f"another {what} changes {{bits:{channel}}}: it does not reach the policy, or an earlier answer is kept; "

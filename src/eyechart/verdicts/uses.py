@@ -53,15 +53,17 @@ class Asked:
 
 EVERYTHING = Asked()
 """Nothing is known to be missing."""
-NONE = Followed(None, -1)
-"""What is read of a statistic that there is not."""
 _KINDS: Mapping[str, type[Share]] = {"follow": Followed, "misfit": Misfit}
 """The kinds of statistics that are read, by the head of their names; the others are shares."""
 
 
+def _kind(name: str) -> type[Share]:
+    return _KINDS.get(name.partition(".")[0], Share)
+
+
 def as_read(name: str, one: Statistic) -> Share:
     """Return a statistic of a name as the kind that is read, which has no further number where it was of no kind."""
-    kind = _KINDS.get(name.partition(".")[0], Share)
+    kind = _kind(name)
     return one if isinstance(one, kind) else of_kind(kind, one)
 
 
@@ -69,7 +71,7 @@ class Known(dict[str, Share]):
     """The statistics of a policy, each of its kind, and what else is known of its run, so that a rule can read it.
 
     ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank cannot show it; its note says
-    so. Whatever there is not is `NONE`.
+    so. Of what there is not n is -1, and all else None.
     """
 
     def __init__(self, statistics: Statistics, asked: Asked = EVERYTHING, **facts: bool) -> None:
@@ -81,7 +83,7 @@ class Known(dict[str, Share]):
         )
 
     def __missing__(self, name: str) -> Share:
-        return NONE
+        return _kind(name)(None, -1)
 
     def forgot(self, *conditions: str) -> str:
         """Return in words which of some conditions the run did not ask, nothing where it asked all that there are."""
@@ -265,19 +267,20 @@ def why_open(one: Share) -> str:
 
 
 @word
-def share(one: Statistic) -> str:
+def share(one: Share) -> str:
     """Return a share of the action in words; one above 1 is no percentage of anything, and below 0 is only noise."""
     if one.value is not None and one.value < 0:
         ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
         one = replace(one, value=0.0, ci=ends)
-    if one.value is None or one.value <= 1:
-        found = way(one)
-        return found if one.ci is None or one.ci[1] <= 1 else f"{found.rpartition(',')[0]}, over 100]"
+    if one.value is None or (one.value <= 1 and (one.ci is None or one.ci[1] <= 1)):
+        return way(one)
+    if one.value <= 1 and one.ci is not None:
+        return f"{100 * one.value:.1f} % [{100 * one.ci[0]:.1f}, over 100]"
     return f"more than all (T {one.value:.2f}{_ends(one)})"
 
 
 @word
-def of_action(one: Statistic) -> str:
+def of_action(one: Share) -> str:
     """Return a share in words, of what."""
     if one.value is None or one.value <= 1:
         return f"{share(one)} of the action"
@@ -289,7 +292,7 @@ def _ends(one: Statistic) -> str:
 
 
 @word
-def way(one: Statistic) -> str:
+def way(one: Share) -> str:
     """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
     if one.value is None:
         return "— %"
