@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+from eyechart.stats.shares import Followed, Misfit, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import Asked, PolicyVerdict, ignored, judge_policy, used
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+from eyechart.verdicts.uses import Asked, ignored, used
 
 CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
 NAMES = {
@@ -20,22 +22,22 @@ NAMES = {
 Changes = dict[str, Statistic | None]
 
 
-def share(low: float, high: float, p: float | None = None, episodes: int = 12) -> Statistic:
+def share(low: float, high: float, p: float | None = None, episodes: int = 12) -> Share:
     """Return a share with this interval."""
-    return Statistic((low + high) / 2, 72, (low, high), p, detail={"episodes": episodes})
+    return Share((low + high) / 2, 72, (low, high), p, episodes=episodes)
 
 
 USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
-FOLLOWED = Statistic(0.6, 72, (0.31, 0.9), 0.009, detail={"smallest_p": 0.0002})
-UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
-REVERSED = Statistic(-0.6, 72, (-0.9, -0.31), 1.0, detail={"smallest_p": 0.0002})
-A_LITTLE = Statistic(0.1, 72, (0.01, 0.3), 0.009, detail={"smallest_p": 0.0002})
-TOO_FEW = Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})
+FOLLOWED = Followed(0.6, 72, (0.31, 0.9), 0.009, smallest_p=0.0002)
+UNFOLLOWED = Followed(0.0, 72, (-0.1, 0.1), 0.5, smallest_p=0.0002)
+REVERSED = Followed(-0.6, 72, (-0.9, -0.31), 1.0, smallest_p=0.0002)
+A_LITTLE = Followed(0.1, 72, (0.01, 0.3), 0.009, smallest_p=0.0002)
+TOO_FEW = Followed(0.6, 36, (0.31, 0.9), 1 / 64, smallest_p=1 / 64)
 COLOURED = share(0.031, 0.5)
-NOT_ONE_BIT = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
+NOT_ONE_BIT = Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)
 GOOD = {
     "motions": Statistic(1.0, 72),
-    "misfit": Statistic(0.2, 72, detail={"offset": 0.1, "spread": 1.1}),
+    "misfit": Misfit(0.2, 72, offset=0.1, spread=1.1),
     "variation": Statistic(0.9, 72),
     "noise": Statistic(0.0, 72),
 }
@@ -65,9 +67,9 @@ def without(*conditions: str) -> Asked:
     return Asked(frozenset(conditions))
 
 
-def losing(one: Statistic, share: float) -> Statistic:
+def losing(one: Share, share: float) -> Share:
     """Return a statistic of which this share of the calls holds no motion."""
-    return replace(one, detail={**(one.detail or {}), "lost": share})
+    return replace(one, lost=share)
 
 
 def _wrist(**changed: Statistic | None) -> Changes:
@@ -77,7 +79,7 @@ def _wrist(**changed: Statistic | None) -> Changes:
 
 
 def _misfit(value: float, offset: float, spread: float) -> Changes:
-    return {"misfit": Statistic(value, 72, detail={"offset": offset, "spread": spread})}
+    return {"misfit": Misfit(value, 72, offset=offset, spread=spread)}
 
 
 CASES: dict[str, Changes] = {
@@ -87,9 +89,9 @@ CASES: dict[str, Changes] = {
     "follows a little": {"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)},
     "follows by chance": {"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)},
     "follows in too few episodes": {"follow": TOO_FEW},
-    "follows in just enough episodes": {"follow": Statistic(0.1, 42, (0.0, 0.9), 0.02, detail={"smallest_p": 1 / 128})},
+    "follows in just enough episodes": {"follow": Followed(0.1, 42, (0.0, 0.9), 0.02, smallest_p=1 / 128)},
     "follows without an interval": {"follow": Statistic(0.6, 72, p=0.009)},
-    "follows where no test could tell": {"follow": Statistic(0.0, 42, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.01})},
+    "follows where no test could tell": {"follow": Followed(0.0, 42, (-0.1, 0.1), 0.5, smallest_p=0.01)},
     "follows whatever is named": {"named": UNFOLLOWED},
     "follows what is named by a hair": {"named": Statistic(0.1, 72, (0.0, 0.3), 0.009)},
     "follows rather what is named": {"named": None, "follow.rather": FOLLOWED},
@@ -116,11 +118,11 @@ CASES: dict[str, Changes] = {
     "open, just enough episodes": {"swap": share(0.019, 0.101, episodes=6)},
     "open, and by chance": {"swap": share(0.019, 0.101, p=0.3)},
     "at the bound, and by chance": {"swap": share(0.02, 0.5, p=0.3)},
-    "by chance, without an interval": {"swap": Statistic(0.4, 72, p=0.3, detail={"episodes": 12})},
+    "by chance, without an interval": {"swap": Share(0.4, 72, p=0.3, episodes=12)},
     "episodes not counted": {"swap": Statistic(0.4, 72, (0.3, 0.5))},
     "swap not asked": {"swap": None},
     "swap cannot say": {"swap": Statistic(None, 0, note="one episode alone")},
-    "swap without an interval": {"swap": Statistic(0.4, 72, detail={"episodes": 12})},
+    "swap without an interval": {"swap": Share(0.4, 72, episodes=12)},
     "own pose, near": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3), "follow": None},
     "own pose, near, but follows": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3)},
     "own pose, near, but colours": {
@@ -180,10 +182,10 @@ CASES: dict[str, Changes] = {
     "misfit by choice": _misfit(1.0, 1.0, 3.0),
     "misfit that nobody explains": {"misfit": Statistic(2.0, 72)},
     "fits in other units": _misfit(0.99, 9.0, 9.0),
-    "a number held still": {"variation": Statistic(0.5, 72, detail={"still": ["grip"]})},
+    "a number held still": {"variation": Share(0.5, 72, still=["grip"])},
     "varies too little": {"variation": Statistic(0.019, 72)},
     "varies just enough": {"variation": Statistic(0.02, 72)},
-    "always the same": {"noise": Statistic(None, 72, note="its answers do not vary")},
+    "always the same": {"noise": Share(None, 72, note="its answers do not vary", alike=True)},
     "noise": {"noise": Statistic(0.51, 72)},
     "just no noise": {"noise": Statistic(0.5, 72)},
     "remembers": {"noise": Statistic(0.011, 72), "memory": Statistic(0.021, 72, p=0.001)},
@@ -200,19 +202,17 @@ CASES: dict[str, Changes] = {
     "own episode's pictures of lost calls": {"beyond@cameras": losing(USED, 0.3), "follow": None},
     "moved objects of lost calls": {"follow": losing(FOLLOWED, 0.3), "named": losing(FOLLOWED, 0.3)},
     "words of lost calls": {"told": losing(IGNORED, 0.3), "named": UNFOLLOWED},
-    "repeats of lost calls": {"noise": losing(Statistic(0.0, 72), 0.3)},
+    "repeats of lost calls": {"noise": losing(Share(0.0, 72), 0.3)},
     "no repeats": {"noise": Statistic(None, 0, note="the run did not ask this")},
     "ignores cameras, and answers to decoys": dict.fromkeys(("swap", "matched", "blank"), IGNORED) | {"T.decoys": USED},
     "ignores cameras, and answers to noise": dict.fromkeys(("swap", "matched", "blank"), IGNORED) | {"T.noise": USED},
     "ignores cameras but for a number": {
         **dict.fromkeys(("swap", "blank"), IGNORED),
-        "matched": replace(IGNORED, detail={"episodes": 12, "carried": {"grip": 0.84, "step 8": 0.2}}),
+        "matched": replace(IGNORED, carried={"grip": 0.84, "step 8": 0.2}),
     },
-    "ignores its state but for a step": {
-        "state": replace(IGNORED, detail={"episodes": 12, "carried": {"step 1": 0.3}})
-    },
+    "ignores its state but for a step": {"state": replace(IGNORED, carried={"step 1": 0.3})},
     "not told but for a number": {
-        "told": replace(IGNORED, detail={"episodes": 12, "carried": {"grip": 0.3}}),
+        "told": replace(IGNORED, carried={"grip": 0.3}),
         "named": UNFOLLOWED,
     },
     "each camera alone": {

@@ -6,15 +6,11 @@ import pytest
 
 from eyechart.gate import hold_policies
 from eyechart.stats.guarantees import share_bound
+from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import (
-    REQUIREMENTS,
-    STATE_LABELS,
-    Asked,
-    judge_camera,
-    judge_policy,
-    judge_state,
-)
+from eyechart.verdicts.axes import judge_camera, judge_state
+from eyechart.verdicts.channels import REQUIREMENTS, STATE_LABELS, judge_policy
+from eyechart.verdicts.uses import Asked
 from policies_by_hand import (
     A_LITTLE,
     CHANNELS,
@@ -128,10 +124,10 @@ def test_the_instruction_axis(changed: dict[str, Statistic | None], label: str) 
         ({"motions": Statistic(0.9, 100)}, []),
         ({"motions": Statistic(0.89, 100)}, ["not_scorable"]),
         ({"motions": Statistic(None, 0)}, ["not_scorable"]),
-        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.01, "spread": 1.0})}, ["misfit"]),
-        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.0, "spread": 3.1})}, ["misfit"]),
-        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.0, "spread": 3.0})}, []),
-        ({"misfit": Statistic(0.99, 9, detail={"offset": 9.0, "spread": 9.0})}, []),
+        ({"misfit": Misfit(1.0, 9, offset=1.01, spread=1.0)}, ["misfit"]),
+        ({"misfit": Misfit(1.0, 9, offset=1.0, spread=3.1)}, ["misfit"]),
+        ({"misfit": Misfit(1.0, 9, offset=1.0, spread=3.0)}, []),
+        ({"misfit": Misfit(0.99, 9, offset=9.0, spread=9.0)}, []),
         ({"variation": Statistic(0.019, 9)}, ["constant"]),
         ({"variation": Statistic(0.02, 9)}, []),
         ({"noise": Statistic(0.51, 9)}, ["self_inconsistent"]),
@@ -180,7 +176,7 @@ def test_calls_that_are_left_out_are_counted_beside_the_labels() -> None:
 
 def test_a_remark_says_no_more_of_the_cameras_than_their_label() -> None:
     """That its pictures are ignored is a remark where that is the label, and not where they may never have arrived."""
-    unfit = {"misfit": Statistic(1.5, 72, detail={"offset": 0.1, "spread": 1.1})}
+    unfit = {"misfit": Misfit(1.5, 72, offset=0.1, spread=1.1)}
     ignored = verdict(swap=IGNORED, matched=IGNORED, blank=IGNORED, **unfit)
     assert any(one.startswith("It ignores its cameras") for one in ignored.remarks)
     unread = verdict(swap=NOT_ONE_BIT, matched=NOT_ONE_BIT, blank=NOT_ONE_BIT, **unfit)
@@ -236,7 +232,7 @@ def test_a_verdict_bears_the_name_of_its_policy_and_of_each_camera() -> None:
 
 def test_a_share_above_one_is_no_percentage() -> None:
     """It is said to be all and more, with T as it is; an interval that ends above one ends above all."""
-    above, across = Statistic(1.34, 72, (1.1, 1.6), detail={"episodes": 12}), share(0.7, 1.2)
+    above, across = Share(1.34, 72, (1.1, 1.6), episodes=12), share(0.7, 1.2)
     found = verdict(swap=above, matched=above)
     assert "carry all of the action and more (T 1.34 [1.10, 1.60]), and more than all (T 1.34" in found.camera.because
     assert "%" not in found.camera.because.partition("; moved")[0]
@@ -307,7 +303,7 @@ def test_who_goes_to_half_of_what_it_is_told_is_not_grounded(value: float, at_mo
     """Each instruction, and each axis of the world, may have three quarters of the mean at least."""
     even, less = ({"value": one, "at_most": end, "episodes": 6} for one, end in ((0.9, 0.9), (value, at_most)))
     parts = {"told 'reach the red block'": even, "told 'reach the blue block'": less, "along x": even}
-    found = verdict(**{"follow.rather": replace(FOLLOWED, detail={"parts": parts})}).camera
+    found = verdict(**{"follow.rather": replace(FOLLOWED, parts=parts)}).camera
     assert found.label == label
     said = "told 'reach the blue block' it is followed only 44 % farther than the other, and 60 % on the whole"
     assert (said in found.why_not) == (label == "camera_content")
@@ -326,7 +322,7 @@ def test_few_episodes_with_pictures_of_their_own_are_named() -> None:
 def test_what_was_exchanged_in_words_is_quoted() -> None:
     """Whether two texts say the same, a reader sees; a long one is cut."""
     texts = ["reach  red", "go\nto the " + "very " * 20 + "red one"]
-    told = replace(IGNORED, detail={**(IGNORED.detail or {}), "texts": texts})
+    told = replace(IGNORED, texts=texts)
     found = verdict(told=told, named=UNFOLLOWED).instruction
     assert found.label == "instruction_ignored"
     assert "Another instruction (most often 'go to the very" in found.because
@@ -370,7 +366,7 @@ def test_what_a_bank_cannot_show_is_said_as_it_is() -> None:
         ("instruction", {"told": losing(USED, 0.11)}, "undecided"),
         ("instruction", {"named": losing(FOLLOWED, 0.11)}, "undecided"),
         ("instruction", {"told": IGNORED, "named": losing(UNFOLLOWED, 0.11)}, "undecided"),
-        ("camera", {"noise": losing(Statistic(0.0, 72), 0.11)}, "undecided"),
+        ("camera", {"noise": losing(Share(0.0, 72), 0.11)}, "undecided"),
     ],
 )
 def test_a_condition_of_which_many_calls_hold_no_motion_says_nothing(
@@ -385,7 +381,7 @@ def test_a_condition_of_which_many_calls_hold_no_motion_says_nothing(
 
 def test_a_pose_is_read_where_pictures_are_used_at_all() -> None:
     """Moments with a match at a similar state may be those in which nothing is looked at."""
-    few = Statistic(0.0, 34, (0.0, 0.01), detail={"episodes": 12})
+    few = Share(0.0, 34, (0.0, 0.01), episodes=12)
     found = verdict(**{"matched": few, "swapped.alike@cameras": IGNORED}).camera
     assert found.label == "undecided"
     assert "(34 of 72 moments have one)" in found.because
@@ -393,7 +389,7 @@ def test_a_pose_is_read_where_pictures_are_used_at_all() -> None:
     assert (found.label, "(34 of 72 moments have one)" in found.because) == ("pose_only", True)
 
 
-CARRIED = Statistic(0.05, 72, (0.0, 0.099), detail={"episodes": 12, "carried": {"grip": 0.84, "step 8": 0.2}})
+CARRIED = Share(0.05, 72, (0.0, 0.099), episodes=12, carried={"grip": 0.84, "step 8": 0.2})
 
 
 @pytest.mark.parametrize(
@@ -487,7 +483,7 @@ def test_what_it_is_told_and_what_it_does_are_two_things() -> None:
 
 def test_a_share_above_one_has_more_than_one_reason() -> None:
     """Moments of two episodes may be told the same, and then differ less than with another instruction."""
-    above = Statistic(1.64, 72, (1.1, 2.4), detail={"episodes": 12})
+    above = Share(1.64, 72, (1.1, 2.4), episodes=12)
     (remark,) = (one for one in verdict(told=above).remarks if one.startswith("A share above 1"))
     assert "which may have the same there" in remark
 
@@ -515,17 +511,17 @@ def test_no_absence_is_said_of_episodes_that_respond(responding: int, label: str
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"noise": Statistic(0.1, 72, detail={"seeds": 2})}, "that is at one seed"),
-        ({"T.blank": replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.03, "scatter_p": 0.01})}, "scatter"),
+        ({"noise": Share(0.1, 72, seeds=2)}, "that is at one seed"),
+        ({"T.blank": replace(IGNORED, p=0.5, scatter=0.03, scatter_p=0.01)}, "scatter"),
     ],
 )
 def test_no_absence_is_said_of_a_mean_or_a_seed_alone(changed: dict[str, Statistic], words: str) -> None:
     """Where another seed changes the margin of absence, or the answers scatter otherwise, not by chance."""
     found = verdict(**GONE, **changed)
     assert (found.camera.label, words in found.camera.because) == ("undecided", True)
-    little = Statistic(0.099, 72, detail={"seeds": 2})
-    chance = replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.03, "scatter_p": 0.011})
-    small = replace(IGNORED, p=0.5, detail={"episodes": 12, "scatter": 0.02, "scatter_p": 0.001})
+    little = Share(0.099, 72, seeds=2)
+    chance = replace(IGNORED, p=0.5, scatter=0.03, scatter_p=0.011)
+    small = replace(IGNORED, p=0.5, scatter=0.02, scatter_p=0.001)
     for fine in ({"noise": little}, {"T.blank": chance}, {"T.blank": small}):
         assert verdict(**GONE, **fine).camera.label == "ignores_camera"
 
@@ -564,8 +560,8 @@ def test_an_object_is_followed_because_it_is_named_and_towards_it() -> None:
     """By the margin of the claim, and within 45 degrees."""
     little = Statistic(0.2, 72, (0.15, 0.25), 0.0002)
     less = Statistic(0.29, 72, (0.28, 0.30), 0.0002)
-    beside = replace(FOLLOWED, detail={"heading": 0.7})
-    toward = replace(FOLLOWED, detail={"heading": 0.72})
+    beside = replace(FOLLOWED, heading=0.7)
+    toward = replace(FOLLOWED, heading=0.72)
     assert verdict(named=little).camera.label == "camera_content"
     assert "less than half" in verdict(named=less).camera.why_not
     assert verdict(named=Statistic(0.3, 72, (0.16, 0.44), 0.0002)).camera.label == "object_grounded"
@@ -587,7 +583,7 @@ def test_a_gate_cannot_say_what_may_be_so() -> None:
 
 def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
     """By its name; a guard only fails where the whole does not fit."""
-    small = Statistic(0.4, 72, detail={"offset": 0.1, "spread": 9.0, "spread_of": "dx", "offset_of": "dy"})
+    small = Misfit(0.4, 72, offset=0.1, spread=9.0, spread_of="dx", offset_of="dy")
     found = verdict(misfit=small)
     assert found.guards == {}
     assert any(one.startswith("The spread of 'dx' is another by a factor of 9") for one in found.remarks)

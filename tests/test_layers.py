@@ -40,6 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 FLOORS = {
     "stats": (
         "eyechart.stats.statistic",
+        "eyechart.stats.shares",
         "eyechart.stats.association",
         "eyechart.stats.agreement",
         "eyechart.stats.jackknife",

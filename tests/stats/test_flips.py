@@ -116,10 +116,10 @@ def test_nothing_that_was_moved_cannot_be_followed() -> None:
 def test_so_many_episodes_are_enumerated_and_one_more_is_drawn() -> None:
     """Up to 14 episodes p is exact, 2 to the power of minus their number; of more, 9999 patterns are drawn."""
     exact = follow(np.ones(14), np.full(14, 2.0), np.arange(14), seed=0)
-    assert exact.detail == {"episodes": 14, "smallest_p": 2**-14}
+    assert (exact.episodes, exact.smallest_p) == (14, 2**-14)
     assert exact.p == 2**-14
     drawn = follow(np.ones(15), np.full(15, 2.0), np.arange(15), seed=0)
-    assert drawn.detail == {"episodes": 15, "smallest_p": 1 / 10_000}
+    assert (drawn.episodes, drawn.smallest_p) == (15, 1 / 10_000)
     assert drawn.p is not None
     assert 1 / 10_000 <= drawn.p <= 8 / 10_000
     pairs = sign_flip_test(np.ones(14), np.zeros(14), seed=0)

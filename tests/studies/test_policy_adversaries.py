@@ -267,7 +267,7 @@ def test_a_part_of_few_episodes_is_held_to_what_it_may_be_at_most(bank: FrameBan
         for number, one in enumerate(motions.plan.frames)
     )
     effects = Effects(replace(motions, plan=replace(motions.plan, frames=frames)), drawn=False)
-    parts = effects.follow(("named", "other")).detail["parts"]
+    parts = effects.follow(("named", "other")).parts
     assert {name.casefold().replace("!", "") for name in parts} == {
         "told 'reach the blue block'",
         "told 'reach the red block'",

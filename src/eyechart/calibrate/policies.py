@@ -19,18 +19,11 @@ from eyechart.seeds import key_seed
 from eyechart.stats.flips import follow
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import balanced_partners
+from eyechart.stats.shares import Share
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
-from eyechart.verdicts.channels import (
-    IGNORED,
-    RESPONDS,
-    SURENESS,
-    Judged,
-    judge_camera,
-    judge_instruction,
-    judge_state,
-    rests_on,
-)
+from eyechart.verdicts.axes import RESPONDS, SURENESS, Judged, judge_camera, judge_instruction, judge_state, rests_on
+from eyechart.verdicts.uses import IGNORED
 
 Floats = npt.NDArray[np.float64]
 
@@ -351,7 +344,7 @@ class _World:
         if "near" in wanted:
             matched, near = (effects[f"{name}@{channel}"] for name in ("matched", "near"))
             found[f"beyond@{channel}"] = share_beyond(matched, near, variation)
-        found["T.swapped@state"] = Statistic(1.0, one.frames, (0.5, 2.0), 0.0, detail={"episodes": one.episodes})
+        found["T.swapped@state"] = Share(1.0, one.frames, (0.5, 2.0), 0.0, episodes=one.episodes)
         return found | (self._followed() if one.margin in _CONTENT else {})
 
     def _changed(self, own: Floats, other: Floats, share: float, changed: Floats) -> Floats:

@@ -294,7 +294,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     from eyechart.conditions import by_reason
     from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
-    from eyechart.verdicts.channels import OF_DATA_SET, SURENESS
+    from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
 
     conditions, left_out = conditions_of(bank)
     further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]

@@ -2,10 +2,12 @@
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.shares import Followed
 from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
@@ -76,15 +78,15 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
     observed = float(means.sum()) - TIE * float(np.abs(means).sum())
     p, _ = _share(means, lambda sums: sums >= observed, seed, resamples=9999)
     smallest = 2.0**-many if many <= ENUMERATED_FLIPS else 1 / 10_000
-    detail: dict[str, object] = {"episodes": many, "smallest_p": smallest}
+    found = Followed(share, len(along), p=p, method=method, episodes=many, smallest_p=smallest)
     if many < 2:
-        return Statistic(share, len(along), p=p, method=method, note="one episode shows no spread", detail=detail)
+        return replace(found, note="one episode shows no spread")
     from scipy import special  # noqa: PLC0415 - slow to import
 
     left = (sums.sum() - sums) / (fulls.sum() - fulls)
     error = float(np.sqrt((many - 1) / many * ((left - left.mean()) ** 2).sum()))
     wide = float(special.stdtrit(many - 1, (1 + FOLLOW_LEVEL) / 2)) * error
-    return Statistic(share, len(along), (share - wide, share + wide), p, method, detail=detail, level=FOLLOW_LEVEL)
+    return replace(found, ci=(share - wide, share + wide), level=FOLLOW_LEVEL)
 
 
 def _share(

@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.shares import Share
 from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
@@ -112,10 +113,10 @@ def total_effect(
         return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
     share = float(whole[0] / without[0])
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
-    detail = {"episodes": there, "standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
+    detail = {"standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
     wide = t_quantile(level, there - 1) * error
     ci = (share - wide, share + wide) if signed else _interval(share, wide, error, sampled=sampled)
-    return Statistic(share, n, ci, method=method, detail=detail, level=level)
+    return Share(share, n, ci, method=method, detail=detail, level=level, episodes=there)
 
 
 def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tuple[int, int]:
@@ -189,11 +190,10 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
     first, second = more / whole, max(less / whole, 0.0)
     left = np.stack([mores[good] / wholes[good], np.maximum(lesses[good] / wholes[good], 0.0)])
     value, ends = float((more - less) / whole), _inverted(first, second, left, t_quantile(level, there - 1))
-    detail = {"episodes": there}
     if ends is None:
-        return Statistic(value, n, method=method, note="its upper end is not bounded", detail=detail, level=level)
+        return Share(value, n, method=method, note="its upper end is not bounded", level=level, episodes=there)
     ci = min(ends[0], value), max(ends[1], value)
-    return Statistic(value, n, ci, method=method, detail=detail, level=level)
+    return Share(value, n, ci, method=method, level=level, episodes=there)
 
 
 _DECADES, _STEPS = 4, 2000
@@ -344,8 +344,8 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
         return cannot_say("no frame was answered twice", method=method)
     whole = float(((a - c) ** 2).mean())
     if not whole > 0:
-        return cannot_say("the answers do not vary from episode to episode", len(a), method)
-    return Statistic(float(((a - b) ** 2).mean()) / whole, len(a), method=method)
+        return Share(None, len(a), method=method, note="the answers do not vary from episode to episode", alike=True)
+    return Share(float(((a - b) ** 2).mean()) / whole, len(a), method=method)
 
 
 def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:

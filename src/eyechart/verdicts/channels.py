@@ -5,72 +5,43 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeGuard
+from functools import cache
 
 from eyechart.channels import reads as is_read
 from eyechart.records import picked, plain
+from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import (
-    OF_DATA_SET,
     OF_ITS_WORLD,
-    RESPONDS,
-    SURENESS,
     Judged,
     judge_camera,
     judge_instruction,
     judge_state,
-    rests_on,
+    judged,
 )
 from eyechart.verdicts.card import card
+from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, there
 from eyechart.verdicts.uses import (
     EVERYTHING,
+    FOLLOWED,
     IGNORED,
     LEAST_NOISE,
     UNSCORABLE,
     USED,
+    WORDS,
     Asked,
+    Known,
     Statistics,
-    followed,
-    ignored,
-    lost,
-    may_follow,
-    of_action,
-    sentence,
-    share,
-    used,
-    way,
+    every,
+    following,
+    lossy,
+    measured,
+    say,
+    undecided,
+    use,
+    word,
 )
-
-__all__ = [
-    "ABSENT",
-    "AXES",
-    "CAMERA_LABELS",
-    "CONSTANT",
-    "GUARDS",
-    "IGNORED",
-    "INSTRUCTION_LABELS",
-    "MEETS",
-    "MISFIT",
-    "OF_DATA_SET",
-    "OPEN",
-    "REQUIREMENTS",
-    "RESPONDS",
-    "STATE_LABELS",
-    "SURENESS",
-    "USED",
-    "Asked",
-    "Judged",
-    "PolicyVerdict",
-    "Statistics",
-    "failed_guards",
-    "ignored",
-    "judge_camera",
-    "judge_instruction",
-    "judge_policy",
-    "judge_state",
-    "rests_on",
-    "used",
-]
+from eyechart.verdicts.uses import asked as asked_for
 
 MISFIT = 1.0
 """From this error on the policy fits the log worse than the log's own mean does."""
@@ -221,19 +192,21 @@ def judge_policy(
     ``left`` calls are not finished. ``reads`` are the channels that the policy declares to read, none where it declares
     nothing. ``asked`` says what the run did not ask, and what its bank cannot show.
     """
-    failed = failed_guards(statistics, missing or {})
+    known = Known(statistics, asked)
+    failed = failed_guards(known, missing or {})
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = list(_unfinished(left))
-    nothing = _unguarded(statistics, asked)
+    guarded = UNGUARDED.evaluate(known)
+    nothing = judged(guarded)
     if failed:
         nothing = Judged("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
-    if nothing is not None:
+    if failed or guarded.label != HOLDS:
         every = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, every, nothing, nothing, failed, shares, scope, tuple(remarks))
 
     def reached(found: Judged, channel: str, what: str) -> Judged:
-        return _reached(found, statistics, channel, what, reads)
+        return _reached(found, known, reaching(channel, what), unread=bool(reads) and not is_read(channel, reads))
 
     camera = reached(judge_camera(statistics, "cameras", "its cameras", asked), "cameras", "picture")
     cameras = {
@@ -248,33 +221,11 @@ def judge_policy(
         cameras = _one_at_a_time(cameras)
     state = reached(judge_state(statistics, camera.label, there="state" in channels, asked=asked), "state", "state")
     instruction = reached(judge_instruction(statistics, asked), "instruction", "instruction")
-    remarks += [*_left_out(statistics["motions"], missing or {}), *_remarks(statistics, camera.label)]
+    remarks += [*_left_out(statistics["motions"], missing or {}), *_remarks(known, camera.label)]
     misfit = statistics["misfit"].value
     return PolicyVerdict(
         model, camera, cameras, state, instruction, failed, shares, scope, tuple(remarks), misfit=misfit
     )
-
-
-def _unguarded(statistics: Statistics, asked: Asked) -> Judged | None:
-    """Return what is said of every axis where a guard could not be asked, None where each was."""
-    without = {
-        "noise": "nobody knows whether it draws its answers",
-        "misfit": "nobody knows whether its numbers are those of the log",
-        "variation": "nobody knows whether it varies at all",
-    }
-    for name, what in without.items():
-        one = statistics[name]
-        if one.value is None or lost(one):
-            why = (asked.forgot("real_repeat") if name == "noise" else "") or lost(one) or one.note
-            return Judged("undecided", sentence(f"{why}, so that {what}"), name)
-    nudged = statistics.get("T.nudged")
-    why = asked.forgot("nudged") and f"{asked.forgot('nudged')} (the same command asks it alone)"
-    if nudged is not None and (nudged.value is None or lost(nudged)):
-        why = f"{lost(nudged) or nudged.note} (nudged)"
-    if why:
-        what = "nobody knows whether it answers by the bytes of its pictures, and not by what they show"
-        return Judged("undecided", sentence(f"{why}, so that {what}"), "T.nudged")
-    return None
 
 
 def _one_at_a_time(cameras: Mapping[str, Judged]) -> dict[str, Judged]:
@@ -291,99 +242,165 @@ def _one_at_a_time(cameras: Mapping[str, Judged]) -> dict[str, Judged]:
     return found
 
 
-def _reached(found: Judged, statistics: Statistics, channel: str, what: str, reads: Sequence[str]) -> Judged:
-    """Return a label of absence, undecided where not one bit of any answer shows the channel and it is to be read.
+HOLDS = "holds"
+"""The label of what no rule speaks against."""
+
+
+def _reached(found: Judged, known: Known, reaching: Axis, *, unread: bool) -> Judged:
+    """Return a label of absence, undecided where the channel may not have reached the policy.
+
+    Of an axis that is open anyway it is the first thing to say, but not of a channel that the policy declares to leave
+    ``unread``.
+    """
+    ruling = reaching.evaluate(known)
+    if found.label not in {*ABSENT, "undecided"} or ruling.label == HOLDS:
+        return found
+    if not unread:
+        return judged(ruling)
+    if found.label not in ABSENT:
+        return found
+    return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
+
+
+@cache
+def reaching(channel: str, what: str) -> Axis:
+    """Return the rules of whether a channel reaches a policy, of which a sentence says that another ``what`` is shown.
 
     What computes with a channel changes some last bit with it: what changes none may never have been given it, and a
-    fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it. Of an
-    axis that is open anyway it is the first thing to say.
+    fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it.
     """
-    swap = statistics.get(f"T.swapped@{channel}")
-    pictures = [statistics.get(f"T.{name}") for name in _pictures(channel)]
-    alike = [(one.detail or {}).get("same") == 1.0 for one in (swap, *pictures) if one is not None]
-    if found.label not in {*ABSENT, "undecided"} or swap is None or not all(alike):
-        return found
-    if reads and not is_read(channel, reads):
-        if found.label not in ABSENT:
-            return found
-        return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
-    as_given = statistics.get(f"reads@{channel}", swap)
-    changes = (
-        f"not one bit of {swap.n} answers" if not as_given.value else f"none of {swap.n} answers by more than rounding"
-    )
+    swap, name, same = f"T.swapped@{channel}", channel.partition(":")[2], Reading("same", ">=", 1.0)
+    pictures = [f"matched@{channel}", f"blank@{name}", f"exchanged@{name}"] if name else []
+    if channel == "cameras":
+        pictures = ["matched@cameras", "blank", "noise", *OF_ITS_WORLD]
+    alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
     words = (
-        f"another {what} changes {changes}: it does not reach the policy, or an earlier answer is kept; "
+        f"another {what} changes {{bits:{channel}}}: it does not reach the policy, or an earlier answer is kept; "
         "'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
     )
-    return Judged("undecided", sentence(words), f"T.swapped@{channel}")
+    return Axis(f"reaching {channel}", (undecided(swap, alike, words), Rule(HOLDS, swap, (), "it does")))
 
 
-def _pictures(channel: str) -> Iterator[str]:
-    """Yield the conditions that show other pictures of a camera, or of all, beside any other episode's."""
-    if channel == "cameras":
-        yield from ("matched@cameras", "blank", "noise", *OF_ITS_WORLD)
-    elif channel.startswith("camera:"):
-        name = channel.partition(":")[2]
-        yield from (f"matched@{channel}", f"blank@{name}", f"exchanged@{name}")
+def _bits(found: Known, channel: str) -> str:
+    """Return how little changes: of places as they are, rounding may be left."""
+    swap = found[f"T.swapped@{channel}"]
+    n, as_given = swap.n, found.get(f"reads@{channel}", swap).value
+    return f"none of {n} answers by more than rounding" if as_given else f"not one bit of {n} answers"
 
 
-def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[str, str]:
-    """Return the guards that failed, each with the number that says so, in their order."""
-    found = {}
-    motions, misfit, varies, noise = (statistics[name] for name in ("motions", "misfit", "variation", "noise"))
-    without = 1 - motions.value if motions.value is not None else 1.0
-    if without > UNSCORABLE:
-        reasons = _reasons(missing, "none came back")
-        return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion{reasons}"}
-    if misfit.value is not None and misfit.value >= MISFIT and (unlike := _unlike(misfit)):
-        words = "a skipped normalisation, another action space, or a policy that is hardly trained"
-        found["misfit"] = f"its error is {_size(misfit)} of the log's variance, and {unlike}: {words}"
-    if varies.value is not None and varies.value < CONSTANT:
-        found["constant"] = f"it varies {varies.value:.3f} times as much as the log between episodes, below {CONSTANT}"
-    elif "do not vary" in noise.note:
-        found["constant"] = "its answers are all the same"
-    if noise.value is not None and noise.value > INCONSISTENT:
-        found["self_inconsistent"] = (
-            f"{noise.value:.0%} of its variation is there when nothing changes at all, on {noise.n} frames"
-        )
-    elif used(nudged := statistics.get("T.nudged")):
-        words = "it answers by the bytes of its pictures, as a cache or a hash of them does"
-        found["self_inconsistent"] = (
-            f"{share(nudged)} of its variation goes with one value of its pictures that is one level off: {words}"
-        )
-    elif noise.value is not None and noise.value > LEAST_NOISE and _remembers(kept := statistics.get("memory")):
-        words = "it keeps something; empty it before every call (reset)"
-        found["self_inconsistent"] = (
-            f"{kept.value:.0%} of its noise goes with the call before (p {kept.p:.3f}, {kept.n} calls): {words}"
-        )
-    return found
+def failed_guards(found: Known, missing: Mapping[str, int]) -> dict[str, str]:
+    """Return the guards that failed, each with the number that says so, in their order.
+
+    ``missing`` counts the calls without a motion by their reasons.
+    """
+    failed = {one.label: str(one.reason) for axis in GUARDING if (one := axis.evaluate(found)).label != HOLDS}
+    if why := failed.get("not_scorable"):
+        return {"not_scorable": f"{why}{_reasons(missing, 'none came back')}"}
+    return failed
 
 
-def _size(one: Statistic) -> str:
+def _guard(*rules: Rule) -> Axis:
+    return Axis("guard", (*rules, Rule(HOLDS, rules[0].decided_by, (), "holds", quiet=True)))
+
+
+UNFIT = compared("misfit", "value", ">=", MISFIT)
+UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
+
+
+def _guards() -> Iterator[Axis]:
+    """Yield what is asked before any axis, in the order of `GUARDS`."""
+    few = say("{unanswered:motions} calls hold no motion")
+    yield _guard(
+        Rule("not_scorable", "motions", (missing("motions", "value"),), few),
+        Rule("not_scorable", "motions", (compared("motions", "value", "<", 1 - UNSCORABLE),), few),
+    )
+    words = "a skipped normalisation, another action space, or a policy that is hardly trained"
+    words = f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {words}"
+    yield _guard(Rule("misfit", "misfit", (UNFIT, UNLIKE), say(words)))
+    words = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}"
+    yield _guard(
+        Rule("constant", "variation", (compared("variation", "value", "<", CONSTANT),), say(words)),
+        Rule("constant", "noise", (compared("noise", "alike", ">=", 1.0),), say("its answers are all the same")),
+    )
+    label, noisy = "self_inconsistent", compared("noise", "value", ">", INCONSISTENT)
+    noise = "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames"
+    words = "it answers by the bytes of its pictures, as a cache or a hash of them does"
+    nudged = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
+    remembers = (
+        compared("noise", "value", ">", LEAST_NOISE),
+        compared("memory", "value", ">", REMEMBERED),
+        compared("memory", "p", "<=", SURE),
+    )
+    kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
+    yield _guard(
+        Rule(label, "noise", (noisy,), say(noise)),
+        Rule(label, "T.nudged", use("T.nudged"), say(f"{nudged}: {words}")),
+        Rule(label, "memory", remembers, say(f"{kept}: it keeps something; empty it before every call (reset)")),
+    )
+
+
+@word
+def _size(one: Share) -> str:
     """Return a ratio in words, with its interval where there is one."""
     return f"{one.value:.2g}" if one.ci is None else f"{one.value:.2g} [{one.ci[0]:.2g}, {one.ci[1]:.2g}]"
 
 
-def _remembers(kept: Statistic | None) -> TypeGuard[Statistic]:
-    return kept is not None and kept.value is not None and kept.value > REMEMBERED and (kept.p or 0.0) <= SURE
-
-
-def _unlike(misfit: Statistic) -> str:
+@word
+def _unlike(one: Share) -> str:
     """Return in words how a policy's numbers are not those of the log, nothing where they are."""
-    detail = misfit.detail or {}
-    offset, spread = (detail.get(name) for name in ("offset", "spread"))
+    assert isinstance(one, Misfit)
     found = []
-    if isinstance(offset, float) and offset > OFFSET:
-        found.append(f"the mean of {_dimension(detail, 'offset')} is {offset:.2g} of the log's spreads away")
-    if isinstance(spread, float) and spread > SPREAD:
-        found.append(f"the spread of {_dimension(detail, 'spread')} is another by a factor of {spread:.2g}")
+    if one.offset is not None and one.offset > OFFSET:
+        found.append(f"the mean of {_dimension(one.offset_of)} is {one.offset:.2g} of the log's spreads away")
+    if one.spread is not None and one.spread > SPREAD:
+        found.append(f"the spread of {_dimension(one.spread_of)} is another by a factor of {one.spread:.2g}")
     return ", ".join(found)
 
 
-def _dimension(detail: Mapping[str, object], what: str) -> str:
+@word
+def _far_off(one: Share) -> str:
+    """Return of how many moments, and which numbers, the log is far off."""
+    assert isinstance(one, Misfit)
+    which = ", ".join(one.far_off_of or ())
+    return f"{one.far_off} moments are left out of what answers are measured by, since numbers of {which}"
+
+
+def _dimension(name: str | None) -> str:
     """Return of which number of the answer something is said."""
-    name = detail.get(f"{what}_of")
     return f"'{name}'" if name is not None else "a dimension"
+
+
+WORDS |= {
+    "unanswered": lambda found, name: f"{1 - (found[name].value or 0.0):.0%} of {found[name].n}",
+    "value": lambda found, name: f"{found[name].value:.3f}",
+    "percent": lambda found, name: f"{found[name].value:.0%}",
+    "p3": lambda found, name: f"{found[name].p:.3f}",
+    "n": lambda found, name: str(found[name].n),
+    "bits": _bits,
+    "still_of": lambda found, name: ", ".join(found[name].still or ()),
+}
+GUARDING = tuple(_guards())
+
+
+def _unguarded() -> Iterator[Rule]:
+    """Yield the rules of what is open where a guard could not be asked, and the last, of a policy of which each was."""
+    without = {
+        "noise": ("{forgot:real_repeat|lost:noise|note:noise}", "it draws its answers"),
+        "misfit": ("{lost:misfit|note:misfit}", "its numbers are those of the log"),
+        "variation": ("{lost:variation|note:variation}", "it varies at all"),
+        "T.nudged": ("{lost:T.nudged|note:T.nudged} (nudged)", ""),
+    }
+    by_bytes = "it answers by the bytes of its pictures, and not by what they show"
+    for name, (why, what) in without.items():
+        for clause in (missing(name, "value"), lossy(name)):
+            sentence = f"{why}, so that nobody knows whether {what or by_bytes}"
+            yield undecided(name, (measured(name), clause), sentence)
+    alone = f"{{forgot:nudged}} (the same command asks it alone), so that nobody knows whether {by_bytes}"
+    yield undecided("T.nudged", (), alone, asked_for("nudged"))
+    yield Rule(HOLDS, "noise", (), "it does")
+
+
+UNGUARDED = Axis("unguarded", tuple(_unguarded()))
 
 
 def _unfinished(left: int) -> tuple[str, ...]:
@@ -403,71 +420,77 @@ def _reasons(missing: Mapping[str, int], otherwise: str = "") -> str:
     return f" ({said or otherwise})" if said or otherwise else ""
 
 
-def _remarks(statistics: Statistics, camera: str) -> Iterator[str]:
+def _remarks(known: Known, camera: str) -> Iterator[str]:
     """Yield what whoever acts on a verdict should know beside it; ``camera`` is the label of all cameras."""
-    yield from _held_still(statistics)
-    misfit = statistics.get("misfit")
-    yield from _faulty_log(misfit)
-    if misfit is not None and misfit.value is not None and misfit.value < MISFIT and (unlike := _unlike(misfit)):
-        yield f"{unlike[0].upper()}{unlike[1:]}, although its error is below the log's variance: is that its unit?"
-    if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
-        yield (
-            f"Its error is {_size(misfit)} of the log's variance: it does something else than was logged, so that "
-            "what it uses may be put to no good use"
-        )
-        if camera == "ignores_camera":
-            yield (
-                "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
-                "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
-            )
-    yield from _of_one_seed(statistics.get("noise"))
-    paint, noise = statistics.get("T.recoloured"), statistics.get("T.noise")
-    if used(paint):
-        yield f"A table of another colour alone changes {of_action(paint)}"
-    if camera == "ignores_camera" and used(noise):
-        yield f"Noise in place of its pictures changes {of_action(noise)}: they reach it, and real ones change little"
-    yield from _beyond_all(statistics)
-    told = statistics.get("follow.told")
-    if used(statistics.get("T.swapped@instruction")) and followed(told, 0.0) and not may_follow(told):
-        yield f"It goes only {way(told)} of the oracle's way farther to what is named: it hardly does what it is told"
-    near = statistics.get("T.swapped@cameras")
-    if near is not None and near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
-        yield f"Its cameras are used, and carry next to nothing: {of_action(near)}"
+    swapped = {name.partition("@")[2]: one.ci for name, one in known.items() if name.startswith("T.swapped@")}
+    above = [name for name, ci in swapped.items() if ci is not None and ci[0] > 1]
+    known["above_all"] = Share(float(len(above)), len(swapped), note=", ".join(above))
+    known["ignores_camera"] = Share(float(camera == "ignores_camera"), 1)
+    for rule in REMARKS:
+        if ruling := rule.ruling(known):
+            words = str(ruling.reason)
+            yield f"{words[0].upper()}{words[1:]}"
 
 
-def _of_one_seed(noise: Statistic | None) -> Iterator[str]:
-    if noise is not None and (noise.detail or {}).get("seeds") and (noise.value or 0.0) > USED:
-        yield (
-            f"All is said of its answers at one seed, and another seed changes {of_action(noise)}: what it does at "
-            "others may be something else"
-        )
+def _remark(sentence: str, *needs: Clause) -> Rule:
+    return Rule("remark", needs=needs, says=say(sentence))
 
 
-def _faulty_log(misfit: Statistic | None) -> Iterator[str]:
-    """Yield that moments were left out of what answers are measured by, where the log is far off there."""
-    detail = (misfit.detail if misfit is not None else None) or {}
-    if count := detail.get("far_off"):
-        of = detail.get("far_off_of")
-        which = ", ".join(map(str, of)) if isinstance(of, list) else str(of)
-        yield (
-            f"Of the log {count} moments are left out of what answers are measured by, since numbers of {which} are "
-            "far from all others there: a wrong row, another unit, or a move that is rare (then declare its scale)"
-        )
-
-
-def _held_still(statistics: Statistics) -> Iterator[str]:
-    varies = statistics.get("variation")
-    if varies is not None and (still := (varies.detail or {}).get("still")):
-        which = ", ".join(map(str, still)) if isinstance(still, list) else str(still)
-        yield f"Its {which} is the same in every answer, and the log's is not: nothing here is said of that number"
-
-
-def _beyond_all(statistics: Statistics) -> Iterator[str]:
-    swapped = ((name, one.ci) for name, one in statistics.items() if name.startswith("T.swapped@"))
-    beyond = [name for name, ci in swapped if ci is not None and ci[0] > 1]
-    if beyond:
-        which = ", ".join(name.partition("@")[2] for name in beyond)
-        yield (
-            f"A share above 1 ({which}) is no part of a whole: the answer changes more than between two moments of "
-            "different episodes, which may have the same there, or where the channel then contradicts the others"
-        )
+_BLIND = compared("ignores_camera", "value", ">=", 1.0)
+REMARKS = (
+    _remark(
+        "its {still_of:variation} is the same in every answer, and the log's is not: nothing here is said of "
+        "that number",
+        there("variation", "still"),
+    ),
+    _remark(
+        "of the log {far_off:misfit} are far from all others there: a wrong row, another unit, or a move that is rare "
+        "(then declare its scale)",
+        there("misfit", "far_off"),
+    ),
+    _remark(
+        "{unlike:misfit}, although its error is below the log's variance: is that its unit?",
+        compared("misfit", "value", "<", MISFIT),
+        UNLIKE,
+    ),
+    _remark(
+        "its error is {size:misfit} of the log's variance: it does something else than was logged, so that what it "
+        "uses may be put to no good use",
+        UNFIT,
+    ),
+    _remark(
+        "it ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in training? "
+        "'eyechart doctor SPEC --frames BANK' tries other forms",
+        UNFIT,
+        _BLIND,
+    ),
+    _remark(
+        "all is said of its answers at one seed, and another seed changes {of_action:noise}: what it does at others "
+        "may be something else",
+        there("noise", "seeds"),
+        compared("noise", "value", ">", USED),
+    ),
+    _remark("a table of another colour alone changes {of_action:T.recoloured}", *use("T.recoloured")),
+    _remark(
+        "noise in place of its pictures changes {of_action:T.noise}: they reach it, and real ones change little",
+        *use("T.noise"),
+        _BLIND,
+    ),
+    _remark(
+        "a share above 1 ({note:above_all}) is no part of a whole: the answer changes more than between two moments of "
+        "different episodes, which may have the same there, or where the channel then contradicts the others",
+        compared("above_all", "value", ">", 0.0),
+    ),
+    _remark(
+        "it goes only {way:follow.told} of the oracle's way farther to what is named: it hardly does what it is told",
+        *use("T.swapped@instruction"),
+        *following("follow.told", 0.0),
+        compared("follow.told", "high", "<", FOLLOWED),
+    ),
+    _remark(
+        "its cameras are used, and carry next to nothing: {of_action:T.swapped@cameras}",
+        compared("T.swapped@cameras", "low", ">", USED),
+        compared("T.swapped@cameras", "high", "<", IGNORED),
+    ),
+)
+"""What is said beside the labels."""

@@ -4,7 +4,7 @@ A clause is one condition on one statistic: it holds, it does not, or it was not
 """
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from string import Formatter
 
@@ -21,6 +21,7 @@ _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+_OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "there": "missing", "missing": "there"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,10 @@ class Reading:
             return (read is None) == (self.holds == "missing")
         against = number_of(one, self.threshold) if isinstance(self.threshold, str) else self.threshold
         return self.otherwise if read is None or against is None else _COMPARED[self.holds](read, against)
+
+    def __invert__(self) -> "Reading":
+        otherwise = None if self.otherwise is None else not self.otherwise
+        return Reading(self.reads, _OPPOSITE[self.holds], self.threshold, otherwise)
 
     def __str__(self) -> str:
         return f"{self.reads} {self.holds}" + ("" if self.holds in {"there", "missing"} else f" {self.threshold}")
@@ -109,8 +114,10 @@ class Rule:
     ``decided_by`` names the statistic that decides. Without it one of ``broken`` does, at least one of which has to
     fail: the first that fails, or the one with the greatest p where it is the ``worst`` that decides. ``says`` is its
     sentence, with places for the values of statistics and, as ``but``, for what the clause says that decides, or the
-    first of ``open_to`` that does not hold; or it makes the reason of the statistics and that clause. A ``quiet`` rule
-    prints no numbers.
+    first of ``open_to`` that does not hold; or it makes the reason of the statistics and that clause. ``why_not`` says
+    likewise what stood in the way of a stronger label, ``may_be`` which label is neither given nor refuted, and
+    ``bound`` names the statistic that says how far the label holds beyond what was asked. A ``quiet`` rule prints no
+    numbers.
     """
 
     label: str
@@ -121,6 +128,9 @@ class Rule:
     open_to: tuple[Clause, ...] = ()
     worst: bool = False
     quiet: bool = False
+    why_not: str | Callable[[Found, Clause | None], Reason] = ""
+    may_be: str = ""
+    bound: str = ""
 
     def ruling(self, found: Found) -> Ruling | None:
         """Return the ruling of statistics, None where the rule does not hold of them."""
@@ -132,14 +142,23 @@ class Rule:
         clause = max(broken, key=lambda one: one.read(found).p or 0.0) if self.worst else next(iter(broken), None)
         name = self.decided_by or (clause.statistic if clause else "")
         clause = clause or next((one for one in self.open_to if not one.holds(found)), None)
-        return Ruling(self.label, name, self._reason(found, clause), None if self.quiet else found[name])
+        return Ruling(
+            self.label,
+            name,
+            _reason(self.says, found, clause),
+            None if self.quiet else found[name],
+            why_not=_reason(self.why_not, found, clause),
+            may_be=self.may_be,
+            bound=found[self.bound] if self.bound else None,
+        )
 
-    def _reason(self, found: Found, clause: Clause | None) -> Reason:
-        if not isinstance(self.says, str):
-            return self.says(found, clause)
-        names = [name for _, name, _, _ in Formatter().parse(self.says) if name]
-        but = "" if clause is None else said_of(clause, found)
-        return Reason(self.says, {name: but if name == "but" else found[name] for name in names})
+
+def _reason(says: str | Callable[[Found, Clause | None], Reason], found: Found, clause: Clause | None) -> Reason:
+    if not isinstance(says, str):
+        return says(found, clause)
+    names = [name for _, name, _, _ in Formatter().parse(says) if name]
+    but = said_of(clause, found) if clause is not None and "but" in names else ""
+    return Reason(says, {name: but if name == "but" else found[name] for name in names})
 
 
 def said_of(clause: Clause, found: Found) -> str:
@@ -189,6 +208,15 @@ def there(name: str, reads: str = "p") -> Clause:
 def compared(name: str, reads: str, holds: str, threshold: float | str, **more: object) -> Clause:
     """Return the condition of one comparison."""
     return Clause(name, (Reading(reads, holds, threshold),), **more)  # type: ignore[arg-type]
+
+
+def fail(clauses: Iterable[Clause], but: str = "") -> Clause:
+    """Return the condition that one of some conditions on one statistic does not hold, each of which is of one reading.
+
+    ``but`` says what it means that all of them hold.
+    """
+    many = tuple(clauses)
+    return Clause(many[0].statistic, tuple(~clause.readings[0] for clause in many), but)
 
 
 def fact(name: str, *, holds: bool) -> Mapping[str, Statistic]:

@@ -26,7 +26,7 @@ class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
     ``statistic`` is that statistic, None where there was nothing to measure; ``with_it`` names e-values that settled
-    the label besides.
+    the label besides. ``why_not``, ``may_be`` and ``bound`` are those of its rule.
     """
 
     label: str
@@ -34,6 +34,9 @@ class Ruling:
     reason: Reason
     statistic: Statistic | None = None
     with_it: tuple[str, ...] = ()
+    why_not: Reason = Reason("")
+    may_be: str = ""
+    bound: Statistic | None = None
 
     @property
     def because(self) -> str:

@@ -1,13 +1,17 @@
-"""How a share is read: its margins, whether it is used, ignored or followed, why it may be open, and its words.
+"""How a share is read: its margins, the clauses that it is used, ignored or followed, why it is open, and its words.
 
 Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from string import Formatter
 
+from eyechart.stats.shares import Followed, Misfit, Share, of_kind
 from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.rules import Clause, Found, Reading, Rule
+from eyechart.verdicts.ruling import Reason
 
 USED = 0.02
 """A channel is used where its share is above this, with a chance of .01 to be wrong."""
@@ -46,113 +50,239 @@ class Asked:
     unasked: frozenset[str] = frozenset()
     lacking: Mapping[str, str] = field(default_factory=dict)
 
+
+EVERYTHING = Asked()
+"""Nothing is known to be missing."""
+_KINDS: Mapping[str, type[Share]] = {"follow": Followed, "misfit": Misfit}
+"""The kinds of statistics that are read, by the head of their names; the others are shares."""
+
+
+def _kind(name: str) -> type[Share]:
+    return _KINDS.get(name.partition(".")[0], Share)
+
+
+def as_read(name: str, one: Statistic) -> Share:
+    """Return a statistic of a name as the kind that is read, which has no further number where it was of no kind."""
+    kind = _kind(name)
+    return one if isinstance(one, kind) else of_kind(kind, one)
+
+
+class Known(dict[str, Share]):
+    """The statistics of a policy, each of its kind, and what else is known of its run, so that a rule can read it.
+
+    ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank cannot show it; its note says
+    so. Of what there is not n is -1, and all else None.
+    """
+
+    def __init__(self, statistics: Statistics, asked: Asked = EVERYTHING, **facts: bool) -> None:
+        super().__init__(
+            {name: as_read(name, one) for name, one in statistics.items()}
+            | {f"asked.{name}": Share(None, 0, note=why) for name, why in asked.lacking.items()}
+            | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in asked.unasked}
+            | {name: Share(float(holds), 1) for name, holds in facts.items()}
+        )
+
+    def __missing__(self, name: str) -> Share:
+        return _kind(name)(None, -1)
+
     def forgot(self, *conditions: str) -> str:
         """Return in words which of some conditions the run did not ask, nothing where it asked all that there are."""
-        names = [name for name in conditions if name in self.unasked]
+        names = [name for name in conditions if self[f"asked.{name}"].value is not None]
         return f"the run did not ask {', '.join(names)}" if names else ""
 
     def without(self, condition: str) -> str:
         """Return in words why there is nothing of a condition, nothing where nobody says."""
-        return self.forgot(condition) or self.lacking.get(condition, "")
+        return self[f"asked.{condition}"].note
 
 
-EVERYTHING = Asked()
-"""Nothing is known to be missing."""
+_FEW_LOST = Reading("lost", "<=", UNSCORABLE, otherwise=True)
+_ENOUGH = Reading("episodes", ">=", LEAST_EPISODES, otherwise=False)
+_BOUNDED = (Reading("value", "there"), Reading("low", "there"), _FEW_LOST)
+_SETTLED = (*_BOUNDED, _ENOUGH)
+_IGNORED = (*_SETTLED, Reading("high", "<", IGNORED))
 
 
-def used(one: Statistic | None, least: float = USED) -> bool:
+def _used(least: float) -> tuple[Reading, ...]:
+    return (*_SETTLED, Reading("low", ">", least), Reading("p", "<=", ALPHA, otherwise=True))
+
+
+def every(name: str, *readings: Reading) -> tuple[Clause, ...]:
+    """Return the conditions that each of some readings of a statistic holds."""
+    return tuple(Clause(name, (one,)) for one in readings)
+
+
+def use(name: str, least: float = USED) -> tuple[Clause, ...]:
+    """Return the conditions that a share is above the margin, and no chance."""
+    return every(name, *_used(least))
+
+
+def disuse(name: str) -> tuple[Clause, ...]:
+    """Return the conditions that a share is below the margin."""
+    return every(name, *_IGNORED)
+
+
+def carrying(name: str) -> tuple[Clause, ...]:
+    """Return the conditions that a share is used, and no less than what may be ignored."""
+    return every(name, *_used(USED), Reading("high", ">=", IGNORED))
+
+
+def following(name: str, least: float) -> tuple[Clause, ...]:
+    """Return the conditions that what was moved is followed farther than that, and not by chance."""
+    return every(name, *_BOUNDED, Reading("p", "<", ALPHA, otherwise=False), Reading("low", ">", least))
+
+
+def above(name: str, least: float) -> tuple[Clause, ...]:
+    """Return the conditions that an interval is above a margin, of calls of which nearly all came back."""
+    return every(name, _FEW_LOST, Reading("low", ">", least, otherwise=False))
+
+
+def opposing(name: str) -> tuple[Clause, ...]:
+    """Return the conditions that the answers go the other way."""
+    return every(name, _FEW_LOST, Reading("high", "<", 0.0, otherwise=False))
+
+
+def may_follow(name: str) -> Clause:
+    """Return the condition that a following that is not settled may be as large as `FOLLOWED` all the same."""
+    return Clause(name, (Reading("high", ">=", FOLLOWED, otherwise=True), ~_FEW_LOST))
+
+
+def lossy(name: str) -> Clause:
+    """Return the condition that too many of the calls of a statistic hold no motion."""
+    return Clause(name, (~_FEW_LOST,))
+
+
+def measured(name: str, *, holds: bool = True) -> Clause:
+    """Return the condition that there is such a statistic, or is none, whatever it says."""
+    return Clause(name, (Reading("n", ">=" if holds else "<", 0.0),))
+
+
+def asked(condition: str) -> Clause:
+    """Return the condition that a run did not leave out what its bank can show."""
+    return Clause(f"asked.{condition}", (Reading("value", "missing"),))
+
+
+def enough(name: str) -> tuple[Clause, ...]:
+    """Return the conditions that a share was measured, on episodes enough to bound anything."""
+    return every(name, Reading("value", "there"), _ENOUGH)
+
+
+def used(one: Statistic | None) -> bool:
     """Return whether a share is above the margin, and no chance."""
-    return settled(one) and one.ci[0] > least and (one.p is None or one.p <= ALPHA)  # type: ignore[index,union-attr]
+    return one is not None and all(reading.of(as_read("", one)) for reading in _used(USED))
 
 
 def ignored(one: Statistic | None) -> bool:
     """Return whether a share is below the margin."""
-    return settled(one) and one.ci[1] < IGNORED  # type: ignore[index,union-attr]
+    return one is not None and all(reading.of(as_read("", one)) for reading in _IGNORED)
 
 
-def settled(one: Statistic | None) -> bool:
+def settled(one: Statistic) -> bool:
     """Return whether a share has an interval that holds, of calls of which nearly all came back."""
-    if one is None or one.value is None or one.ci is None or lost(one):
-        return False
-    return enough(one)
+    return all(reading.of(one) for reading in _SETTLED)
 
 
-def enough(one: Statistic) -> bool:
-    """Return whether a share is of episodes enough to bound anything."""
-    episodes = (one.detail or {}).get("episodes", 0)
-    return isinstance(episodes, int) and episodes >= LEAST_EPISODES
+Word = Callable[[Known, str], str]
+WORDS: dict[str, Word] = {
+    "forgot": lambda found, names: found.forgot(*names.split(",")),
+    "without": lambda found, name: found.without(name),
+    "note": lambda found, name: found[name].note,
+}
+"""The words that stand in sentences as places."""
 
 
-def lost(one: Statistic | None) -> str:
+def word(says: Callable[[Share], str]) -> Callable[[Share], str]:
+    """Let sentences have places for what is said of a statistic, and return the function."""
+    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
+    return says
+
+
+def told(sentence: str, found: Known, clause: Clause | None = None) -> str:
+    """Return a sentence with its places filled: ``{share:NAME}`` is what `share` says of a statistic.
+
+    Of ``{forgot:NAME|=words}`` it is the first that is not empty; ``{but}`` is what the clause says that decides, whose
+    places are of its own statistic where they name none.
+    """
+    parts = []
+    for literal, name, spec, _ in Formatter().parse(sentence):
+        parts.append(literal)
+        if name == "but" and clause is not None:
+            parts.append(told(clause.but, found, clause))
+        elif name is not None:
+            parts.append(next(filter(None, (_filled(one, found, clause) for one in f"{name}:{spec}".split("|"))), ""))
+    return "".join(parts)
+
+
+def _filled(place: str, found: Known, clause: Clause | None) -> str:
+    if place.startswith("="):
+        return place[1:]
+    name, _, of = place.partition(":")
+    return WORDS[name](found, of or (clause.statistic if clause is not None else ""))
+
+
+def say(sentence: str) -> Callable[[Found, Clause | None], Reason]:
+    """Return what makes the reason of a rule from its sentence, see `told`."""
+
+    def reason(found: Found, clause: Clause | None) -> Reason:
+        assert isinstance(found, Known)
+        return Reason(told(sentence, found, clause))
+
+    return reason
+
+
+def undecided(by: str, needs: tuple[Clause, ...], sentence: str, *broken: Clause) -> Rule:
+    """Return the rule of what is open."""
+    return Rule("undecided", by, needs, say(sentence), broken)
+
+
+@word
+def lost(one: Share) -> str:
     """Return in words how many of its calls hold no motion, where they are too many; nothing else."""
-    share = ((one.detail if one is not None else None) or {}).get("lost", 0.0)
-    if not isinstance(share, float) or share <= UNSCORABLE:
+    if one.lost is None or one.lost <= UNSCORABLE:
         return ""
-    return f"{share:.0%} of its calls hold no motion, and what it would have done there is not known"
+    return f"{one.lost:.0%} of its calls hold no motion, and what it would have done there is not known"
 
 
-def carried(one: Statistic | None) -> Mapping[str, float]:
-    """Return the numbers and steps of the answer that go with a channel although their mean does not."""
-    found = ((one.detail if one is not None else None) or {}).get("carried")
-    drawn_apart = one is None or one.p is None or one.p <= ALPHA
-    return found if isinstance(found, Mapping) and drawn_apart else {}
-
-
-def followed(one: Statistic | None, least: float) -> bool:
-    """Return whether what was moved is followed farther than that, and not by chance."""
-    if one is None or one.value is None or one.ci is None or one.p is None or lost(one):
-        return False
-    return one.p < ALPHA and one.ci[0] > least
-
-
-def opposed(one: Statistic | None) -> bool:
-    """Return whether the answers go the other way."""
-    return one is not None and one.ci is not None and not lost(one) and one.ci[1] < 0
-
-
-def may_follow(one: Statistic | None) -> bool:
-    """Return whether a following that is not settled may be as large as `FOLLOWED` all the same."""
-    return one is None or one.ci is None or one.ci[1] >= FOLLOWED or bool(lost(one))
-
-
-def unfollowed(one: Statistic | None) -> str:
+@word
+def unfollowed(one: Share) -> str:
     """Return why a following is not settled."""
     if gone := lost(one):
         return gone
-    smallest = None if one is None or one.detail is None else one.detail.get("smallest_p")
-    if isinstance(smallest, float) and smallest >= ALPHA:
+    if isinstance(one, Followed) and one.smallest_p is not None and one.smallest_p >= ALPHA:
         return "below seven episodes no test can tell"
-    return "p is not below .01" if one is None or one.p is None or one.p >= ALPHA else "its lower end is too low"
+    return "p is not below .01" if one.p is None or one.p >= ALPHA else "its lower end is too low"
 
 
-def why_open(swap: Statistic | None) -> str:
+@word
+def why_open(one: Share) -> str:
     """Return why a share is neither used nor ignored."""
-    if swap is None or swap.value is None:
-        return swap.note if swap is not None and swap.note else "the run did not ask it"
-    if not enough(swap):
-        episodes = (swap.detail or {}).get("episodes", 0)
-        return f"{episodes} episodes bound nothing; {LEAST_EPISODES} are the least"
-    if gone := lost(swap):
+    if one.value is None:
+        return one.note or "the run did not ask it"
+    if not _ENOUGH.of(one):
+        return f"{one.episodes or 0} episodes bound nothing; {LEAST_EPISODES} are the least"
+    if gone := lost(one):
         return gone
-    if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
-        return f"its answers are drawn, and such a difference comes by chance (p {swap.p:.3f})"
+    if one.p is not None and one.p > ALPHA and one.ci is not None and one.ci[0] > USED:
+        return f"its answers are drawn, and such a difference comes by chance (p {one.p:.3f})"
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
 
 
-def share(one: Statistic | None) -> str:
+@word
+def share(one: Share) -> str:
     """Return a share of the action in words; one above 1 is no percentage of anything, and below 0 is only noise."""
-    if one is not None and one.value is not None and one.value < 0:
+    if one.value is not None and one.value < 0:
         ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
         one = replace(one, value=0.0, ci=ends)
-    if one is None or one.value is None or one.value <= 1:
-        found = way(one)
-        return found if one is None or one.ci is None or one.ci[1] <= 1 else f"{found.rpartition(',')[0]}, over 100]"
+    if one.value is None or (one.value <= 1 and (one.ci is None or one.ci[1] <= 1)):
+        return way(one)
+    if one.value <= 1 and one.ci is not None:
+        return f"{100 * one.value:.1f} % [{100 * one.ci[0]:.1f}, over 100]"
     return f"more than all (T {one.value:.2f}{_ends(one)})"
 
 
-def of_action(one: Statistic | None) -> str:
+@word
+def of_action(one: Share) -> str:
     """Return a share in words, of what."""
-    if one is None or one.value is None or one.value <= 1:
+    if one.value is None or one.value <= 1:
         return f"{share(one)} of the action"
     return f"all of the action and more (T {one.value:.2f}{_ends(one)})"
 
@@ -161,9 +291,10 @@ def _ends(one: Statistic) -> str:
     return "" if one.ci is None else f" [{one.ci[0]:.2f}, {one.ci[1]:.2f}]"
 
 
-def way(one: Statistic | None) -> str:
+@word
+def way(one: Share) -> str:
     """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
-    if one is None or one.value is None:
+    if one.value is None:
         return "— %"
     interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"
     return f"{100 * one.value:.1f} %{interval}"

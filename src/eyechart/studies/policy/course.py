@@ -14,7 +14,8 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scoring import OnePolicy, PolicyScore, difference, judge
 from eyechart.studies.policy.tables import mark
-from eyechart.verdicts.channels import OPEN, PolicyVerdict, used
+from eyechart.verdicts.channels import OPEN, PolicyVerdict
+from eyechart.verdicts.uses import used
 
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""

@@ -38,6 +38,7 @@ from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.shapley import shapley_values
+from eyechart.stats.shares import Followed, Misfit, Share, of_kind
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.stats.total_effect import (
     LEVEL,
@@ -58,8 +59,9 @@ from eyechart.stats.total_effect import (
     unlikeness,
 )
 from eyechart.studies.policy.reading import Floats, Motions
-from eyechart.verdicts.channels import CONSTANT, IGNORED, RESPONDS, SURENESS, USED, rests_on
-from eyechart.verdicts.uses import LEAST_EPISODES, quoted
+from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
+from eyechart.verdicts.channels import CONSTANT
+from eyechart.verdicts.uses import IGNORED, LEAST_EPISODES, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -149,17 +151,16 @@ class Effects:
         fit = self._motions.fit_to
         frames = self._whole(self._real[:1], fit[None])
         answers, logged = self._real[0, frames], fit[frames]
-        found = misfit_share(answers, logged, self._episodes[frames])
-        detail = dict(found.detail or {})
+        found = of_kind(Misfit, misfit_share(answers, logged, self._episodes[frames]))
         here = [self._far[frame.id] for frame in self._motions.plan.frames if frame.id in self._far]
         if here:
-            detail |= {"far_off": len(here), "far_off_of": list(dict.fromkeys(chain.from_iterable(here)))}
+            of = tuple(dict.fromkeys(chain.from_iterable(here)))
+            found = replace(found, far_off=len(here), far_off_of=of)
         if found.value is None:
-            return replace(found, detail=detail) if detail else found
+            return found
         names = [one.name for one in self._motions.plan.motions.dimensions]
-        for what, (size, dimension) in zip(("offset", "spread"), unlikeness(answers, logged), strict=True):
-            detail |= {what: size, f"{what}_of": names[dimension]}
-        return replace(found, detail=detail)
+        (offset, first), (spread, second) = unlikeness(answers, logged)
+        return replace(found, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
         """Return how much the answers vary between episodes, over how much the logged motions do."""
@@ -175,7 +176,7 @@ class Effects:
             return cannot_say("the logged motions are all the same", len(frames), method)
         names = [one.name for one in self._motions.plan.motions.dimensions]
         still = [names[place] for place in held_still(self._real[:, frames].mean(axis=0), fit[frames])]
-        return Statistic(own / logged, len(frames), method=method, detail={"still": still} if still else None)
+        return Share(own / logged, len(frames), method=method, still=still or None)
 
     def memory(self) -> Statistic:
         """Return which share of the noise goes with the call before, or with its noise: of who keeps nothing, none.
@@ -199,9 +200,8 @@ class Effects:
         frames, others = frames[good], others[good]
         other = again[0] if self._seeded and np.isfinite(again[0, others]).all() else self._real[0]
         found = noise_share(self._real[0, frames], again[0, frames], other[others])
-        if self._seeded:
-            found = replace(found, detail={**(found.detail or {}), "seeds": 2})
-        return self._counted(found, "real_repeat")
+        found = self._counted(found, "real_repeat")
+        return replace(found, seeds=2) if self._seeded else found
 
     @cached_property
     def _near(self) -> Floats:
@@ -248,10 +248,11 @@ class Effects:
         p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
         return self._counted(replace(found, p=p), condition)
 
-    def _counted(self, found: Statistic, *conditions: str) -> Statistic:
+    def _counted(self, found: Statistic, *conditions: str) -> Share:
         """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
+        share = found if isinstance(found, Share) else of_kind(Share, found)
         lost = self._motions.lost(*conditions)
-        return replace(found, detail={**(found.detail or {}), "lost": lost}) if lost else found
+        return replace(share, lost=lost) if lost else share
 
     def _absent(self, condition: str) -> str:
         """Return why there is no answer at all under a condition."""
@@ -296,21 +297,22 @@ class Effects:
         some, others = self._others()
         parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others])
         names = [one.name for one in self._motions.plan.motions.dimensions]
-        detail = {
-            **(found.detail or {}),
-            "by_dimension": dict(zip(names, parts["dimension"], strict=True)),
-            "by_step": list(parts["step"]),
-            "same": self._same(condition, frames),
-        }
-        if self._drawn and (
-            apart := scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
-        ):
-            detail |= dict(zip(("scatter", "scatter_p"), apart, strict=True))
-        if condition == f"swapped{OVER}{INSTRUCTION}":
-            detail["texts"] = self._texts(condition, frames)
-        if found.value < IGNORED and (carried := self._carried(frames, changed, pairs[0])):
-            detail["carried"] = carried
-        return self._counted(replace(found, p=p, detail=detail), condition)
+        by = {"by_dimension": dict(zip(names, parts["dimension"], strict=True)), "by_step": list(parts["step"])}
+        apart = None
+        if self._drawn:
+            apart = scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
+        size, size_p = apart or (None, None)
+        found = replace(
+            self._counted(found, condition),
+            p=p,
+            detail={**(found.detail or {}), **by},
+            same=self._same(condition, frames),
+            scatter=size,
+            scatter_p=size_p,
+            texts=self._texts(condition, frames) if condition == f"swapped{OVER}{INSTRUCTION}" else None,
+        )
+        carried = self._carried(frames, changed, pairs[0]) if (found.value or 0.0) < IGNORED else {}
+        return replace(found, carried=carried or None)
 
     def _texts(self, condition: str, frames: Places) -> list[str]:
         """Return what a policy was told most often, and in its place most often, under another instruction."""
@@ -413,9 +415,8 @@ class Effects:
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
         alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
         found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
-        if still:
-            found = replace(found, detail={**(found.detail or {}), "still": still})
-        return self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
+        found = self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
+        return replace(found, still=still) if still else found
 
     def alike(self, channel: str) -> Statistic:
         """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
@@ -441,15 +442,16 @@ class Effects:
         gains, full = self._gains(which[0])
         if gains is None:
             return cannot_say(NOT_ASKED)
-        parts: dict[str, object] = {} if len(which) > 1 else {**self._heading(which[0], gains)}
+        heading, parts = None, None
         if len(which) > 1:
             less, _ = self._gains(which[1])
             if less is None:
                 return cannot_say(NOT_ASKED)
             gains = gains - less
-            parts = {"parts": dict(self._parts(which, gains, full))}
-        found = self._followed(gains, full)
-        found = replace(found, detail={**(found.detail or {}), **parts})
+            parts = dict(self._parts(which, gains, full))
+        else:
+            heading = self._heading(which[0], gains)
+        found = of_kind(Followed, self._followed(gains, full), heading=heading, parts=parts)
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
 
     def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, dict[str, float]]]:
@@ -487,7 +489,7 @@ class Effects:
         wide = 0.0 if count >= LEAST_EPISODES else t_quantile(LEVEL, count - 1) * (count / (count - 1)) ** 0.5
         return {"value": value, "at_most": value + wide * float(np.sqrt((left**2).sum())), "episodes": count}
 
-    def _heading(self, which: str, gains: Floats) -> dict[str, float]:
+    def _heading(self, which: str, gains: Floats) -> float | None:
         """Return the cosine of the way that an object was moved and the way that the answer goes with it.
 
         Over all frames, net of the noise of drawn answers, which has no way: the sum along, over what it would be if
@@ -495,14 +497,14 @@ class Effects:
         """
         forth, back = (self._motions.raw(f"{which}_{side}") for side in ("plus", "minus"))
         if forth is None or back is None:
-            return {}
+            return None
         far, long, space = np.zeros(len(gains)), np.zeros(len(gains)), self._motions.plan.motions
         for axis in space.axes:
             far += 2 * half_products(space.displacement(forth, axis), space.displacement(back, axis))
             long += self._way(which, axis) ** 2
         good = np.isfinite(gains) & np.isfinite(far) & np.isfinite(long)
         whole = float((far * long)[good].sum()) * int(good.sum())
-        return {"heading": float(gains[good].sum()) / whole**0.5} if whole > 0 else {}
+        return float(gains[good].sum()) / whole**0.5 if whole > 0 else None
 
     def _way(self, which: str, axis: str) -> Floats:
         """Return how far along an axis an object was moved, frame by frame."""

@@ -37,7 +37,9 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.course import Course
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.studies.policy.scoring import OnePolicy
-from eyechart.verdicts.channels import IGNORED, OPEN, USED, Judged, PolicyVerdict, ignored, used
+from eyechart.verdicts.axes import Judged
+from eyechart.verdicts.channels import OPEN, PolicyVerdict
+from eyechart.verdicts.uses import IGNORED, USED, ignored, used
 
 _TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
 _OF_ALL = {

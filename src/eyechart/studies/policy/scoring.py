@@ -21,7 +21,8 @@ from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
 from eyechart.studies.policy.reading import Motions, read_motions
-from eyechart.verdicts.channels import Asked, PolicyVerdict, judge_policy
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+from eyechart.verdicts.uses import Asked
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER
 from eyechart.studies.policy.scoring import PolicyScore
-from eyechart.verdicts.uses import ALPHA, USED, used
+from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
 SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
 CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
@@ -32,16 +32,16 @@ def _to_ask(score: PolicyScore, channel: str) -> Iterator[str]:
 
 def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
     """Yield what speaks for a fault before the policy, or against its words."""
-    statistics = score.models[spec].statistics
-    swap, told = statistics.get(f"T.swapped{OVER}{channel}"), statistics.get("follow.told")
-    if swap is not None and (swap.detail or {}).get("same") == 1.0:
+    statistics = Known(score.models[spec].statistics)
+    swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
+    if swap.same == 1.0:
         yield (
             f"ask 'eyechart doctor SPEC --frames BANK' whether {_in_words(channel)} reaches it; a policy that is not "
             "to read it declares the channels that it reads."
         )
-    if channel == INSTRUCTION and told is not None and told.ci is not None and told.ci[1] < 0:
+    if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
         yield "look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told."
-    if swap is not None and swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
+    if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
         yield "ask each moment more often (--answers): its answers are drawn, and the difference may be chance."
 
 

@@ -1,0 +1,101 @@
+"""Rules of policies as rows: they say of random evidences what older rules said, and every clause has three values."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from evidences import digests
+from eyechart.stats.shares import Followed, Misfit, Share
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.axes import INSTRUCTION, STATE, camera_axis
+from eyechart.verdicts.channels import GUARDING, UNGUARDED, reaching
+from eyechart.verdicts.rules import Axis, Clause, Reading
+from eyechart.verdicts.uses import Known, as_read
+from policy_evidences import RECORDED, SINGLES, Numbers, said_of
+
+OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_rulings_policies.json").read_text("utf-8"))
+"""Digests of what the rules said of blocks of 1000 evidences when they were functions and no rows."""
+
+AXES = (
+    camera_axis("cameras", "its cameras", (SINGLES, ())),
+    *(camera_axis(one, f"the {one.partition(':')[2]} camera") for one in SINGLES),
+    *(STATE, INSTRUCTION, UNGUARDED, *GUARDING, reaching("cameras", "picture"), reaching("state", "state")),
+)
+CLAUSES = tuple(dict.fromkeys(clause for axis in AXES for clause in axis.clauses))
+
+
+def _made(name: str, one: Statistic, numbers: Numbers) -> Statistic:
+    """Return a statistic of its kind with further numbers; how many episodes respond is its value."""
+    return replace(as_read(name, one), **{key: number for key, number in numbers.items() if key != "k"})  # type: ignore[arg-type]
+
+
+def said(axis: str, blocks: int) -> Iterator[str]:
+    """Yield digests of what is said of random evidences of an axis."""
+    return digests(lambda rng: said_of(rng, axis, _made), RECORDED[axis], blocks)
+
+
+@pytest.mark.parametrize("axis", RECORDED)
+def test_rows_say_what_the_rules_said_before(axis: str) -> None:
+    """Label, deciding statistic and every sentence of 3,000 random evidences an axis."""
+    assert list(said(axis, 3)) == OLD[axis][:3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", RECORDED)
+def test_rows_say_what_the_rules_said_before_of_sixty_thousand(axis: str) -> None:
+    """The same of 60,000."""
+    assert list(said(axis, 60)) == OLD[axis]
+
+
+@pytest.mark.parametrize("clause", CLAUSES, ids=lambda one: f"{one.statistic}: {', '.join(map(str, one.readings))}")
+def test_every_clause_holds_on_one_side_of_its_threshold(clause: Clause) -> None:
+    """Of a statistic without that number each says what it takes it for; of one that there is not, none fails."""
+    for reading in clause.readings:
+        assert reading.of(_Silent(None, 0)) in {True, False, None}
+        if isinstance(reading.threshold, float | int) and reading.holds not in {"there", "missing"}:
+            at, above = (_number(reading, by) for by in (0.0, 1e-6))
+            assert reading.of(at) is (reading.holds in {"<=", ">="})
+            assert reading.of(above) is (reading.holds in {">", ">="})
+            assert (~reading).of(at) is not reading.of(at)
+    assert clause.holds(Known({})) in {True, False, None}
+
+
+class _Silent(Followed):
+    """A statistic of every kind, without any number."""
+
+    offset = spread = None
+
+
+class _Numbers:
+    """A statistic of which every number is the same."""
+
+    def __init__(self, number: float) -> None:
+        self._number, self.ci = number, (number, number)
+
+    def __getattr__(self, name: str) -> float:
+        return self._number
+
+
+def _number(reading: Reading, by: float) -> Statistic:
+    return _Numbers(float(reading.threshold) + by)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("axis", AXES, ids=lambda axis: f"{axis.name} {axis.rules[0].label}")
+def test_an_axis_says_something_of_whatever_there_is(axis: Axis) -> None:
+    """Of nothing at all too: the last rule needs nothing."""
+    assert axis.rules[-1].needs == axis.rules[-1].broken == ()
+    assert all(rule.says for rule in axis.rules)
+    nothing = Known({"misfit": Misfit(None, 0), "motions": Share(1.0, 9)}, has_state=True)
+    assert axis.evaluate(nothing).label in {"undecided", "no_power", "holds"}
+
+
+@pytest.mark.parametrize("module", ["axes", "channels", "uses", "rules"])
+def test_no_rule_of_policies_reads_prose(module: str) -> None:
+    """Neither method nor detail; a note is printed whole, and no part of it is looked for."""
+    text = (Path(__file__).parents[1] / "src" / "eyechart" / "verdicts" / f"{module}.py").read_text("utf-8")
+    assert ".detail" not in text
+    assert ".method" not in text
+    assert " in noise.note" not in text
