@@ -95,11 +95,13 @@ class Clause:
 
     def outcome(self, found: Found) -> bool | None:
         """Return whether it holds, None where it was not tested."""
-        one = self.read(found)
-        said = [reading.of(one) for reading in self.readings]
-        if True in said:
-            return True
-        return None if None in said else False
+        one, unknown = self.read(found), False
+        for reading in self.readings:
+            holds = reading.of(one)
+            if holds:
+                return True
+            unknown = unknown or holds is None
+        return None if unknown else False
 
     def holds(self, found: Found) -> bool | None:
         """Return the same as a rule takes it."""

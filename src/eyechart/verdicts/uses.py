@@ -99,11 +99,11 @@ _FEW_LOST = Reading("lost", "<=", UNSCORABLE, otherwise=True)
 _ENOUGH = Reading("episodes", ">=", LEAST_EPISODES, otherwise=False)
 _BOUNDED = (Reading("value", "there"), Reading("low", "there"), _FEW_LOST)
 _SETTLED = (*_BOUNDED, _ENOUGH)
-_IGNORED = (*_SETTLED, Reading("high", "<", IGNORED))
+_IGNORED = (Reading("high", "<", IGNORED), *_SETTLED)
 
 
 def _used(least: float) -> tuple[Reading, ...]:
-    return (*_SETTLED, Reading("low", ">", least), Reading("p", "<=", ALPHA, otherwise=True))
+    return (Reading("low", ">", least), *_SETTLED, Reading("p", "<=", ALPHA, otherwise=True))
 
 
 def every(name: str, *readings: Reading) -> tuple[Clause, ...]:
@@ -123,12 +123,12 @@ def disuse(name: str) -> tuple[Clause, ...]:
 
 def carrying(name: str) -> tuple[Clause, ...]:
     """Return the conditions that a share is used, and no less than what may be ignored."""
-    return every(name, *_used(USED), Reading("high", ">=", IGNORED))
+    return every(name, Reading("high", ">=", IGNORED), *_used(USED))
 
 
 def following(name: str, least: float) -> tuple[Clause, ...]:
     """Return the conditions that what was moved is followed farther than that, and not by chance."""
-    return every(name, *_BOUNDED, Reading("p", "<", ALPHA, otherwise=False), Reading("low", ">", least))
+    return every(name, Reading("low", ">", least), Reading("p", "<", ALPHA, otherwise=False), *_BOUNDED)
 
 
 def above(name: str, least: float) -> tuple[Clause, ...]:
