@@ -41,6 +41,7 @@ from eyechart.importing.cells import (
     read_truth,
 )
 from eyechart.importing.faults import Faults
+from eyechart.importing.layout import given_name
 from eyechart.importing.logged import Log, tell
 from eyechart.importing.numerals import Numerals, odd_gaps, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
@@ -583,7 +584,7 @@ def write(
     _, left_out = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     manifest = BankManifest(
         simulator=IMPORTED,
-        preset=source.folder.resolve().name or "frames",
+        preset=given_name(source.folder) or "frames",
         picture=_described(choices.picture, frames),
         action_space=choices.space,
         gap=None if gap is None else Gap(gap, float(choices.threshold or 0.0), _unit(choices, kept.places)),

@@ -295,3 +295,8 @@ def _require_own(clips: Mapping[str, Mapping[int, Clip]], root: Path) -> None:
                 raise SourceError(
                     f"{root / 'meta/info.json'}: the cameras '{other}' and '{camera}' lie in one video '{video}'"
                 )
+
+
+def given_name(folder: Path) -> str:
+    """Return the name of a folder as it was given, also where it is a link to a folder of another name."""
+    return folder.absolute().name if folder.name != ".." else folder.resolve().name

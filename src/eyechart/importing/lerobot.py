@@ -14,7 +14,7 @@ from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
 from eyechart.importing.faults import Faults
-from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, vectors_of, whole
+from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, given_name, vectors_of, whole
 from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
@@ -140,7 +140,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
     chosen = _chosen(cameras, lacking, camera, layout, every=every)
     said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
     tasks = layout.tasks()
-    timeline = Timeline(layout.root.resolve().name, info.fps, ["task_index"] if tasks else [], [])
+    timeline = Timeline(given_name(layout.root), info.fps, ["task_index"] if tasks else [], [])
     reels: dict[str, Reel] = {}
     for name in chosen:
         if info.features[name].dtype == "video":
