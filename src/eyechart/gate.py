@@ -309,18 +309,17 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
     lateral, label = LATERAL[verdict.lateral.label], LABELS[verdict.calibrated.label]
     sideways = f"{verdict.lateral.label}: {verdict.lateral.because}"
     because = f"{verdict.calibrated.label}: {verdict.calibrated.because}"
-    unknown = lateral.otherwise == "cannot say"
+    holds, turns = label.holds(requirement), lateral.holds(requirement)
     if any(requirement in one.meets for one in LATERAL.values()):
-        unknown = unknown or (requirement not in lateral.meets and bool(lateral.meets))  # exchanged, to whichever side
-        return None if unknown else requirement in lateral.meets, sideways
-    if requirement in label.meets:
+        return None if lateral.meets and not turns else turns, sideways  # exchanged, to whichever side
+    if holds:
         open_ones = () if verdict.effects is None else verdict.effects.not_excluded
         weak = f"; not excluded, for want of power (below {VETO_POWER}): that it is reversed {', or '.join(open_ones)}"
         return (None, because + weak) if open_ones else (True, because)
-    if label.otherwise == "cannot say" or verdict.evidence == "none":
+    if holds is None or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
-    if "depth" in label.meets and unknown:
+    if "depth" in label.meets and turns is None:
         return None, sideways
     if label.otherwise == "fails if bounded":
         shown, words = _refuted(verdict, found)

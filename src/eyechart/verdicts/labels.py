@@ -74,6 +74,10 @@ class Label:
         """Return the sign before its word."""
         return self.own or GLYPHS[self.family]
 
+    def holds(self, requirement: str) -> bool | None:
+        """Return whether it meets a requirement of a gate; None where it leaves that open."""
+        return True if requirement in self.meets else None if self.otherwise == "cannot say" else False
+
 
 _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
 _ALONE, _ABSENT = ("bound_mirrored", "bound_lead_near", "bound_lead_far"), "bound_lead_absent"
