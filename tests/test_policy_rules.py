@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from evidences import digests
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.shares import Followed, Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import INSTRUCTION, STATE, camera_axis
@@ -90,6 +91,15 @@ def test_an_axis_says_something_of_whatever_there_is(axis: Axis) -> None:
     assert all(rule.says for rule in axis.rules)
     nothing = Known({"misfit": Misfit(None, 0), "motions": Share(1.0, 9)}, has_state=True)
     assert axis.evaluate(nothing).label in {"undecided", "no_power", "holds"}
+
+
+def test_a_statistic_of_another_kind_is_read_as_the_one_that_a_rule_reads() -> None:
+    """With what both have; one of the kind, or of a narrower one, stays as it is."""
+    bound, followed = share_bound(0, 44, confidence=0.99), Followed(0.6, 72, heading=0.9)
+    assert not isinstance(bound, Share)
+    read = as_read("responds@cameras", bound)
+    assert (read.value, read.n, read.ci, read.episodes) == (bound.value, bound.n, bound.ci, None)
+    assert as_read("follow.named", followed) is as_read("T.blank", followed) is followed
 
 
 @pytest.mark.parametrize("module", ["axes", "channels", "uses", "rules"])

@@ -9,6 +9,7 @@ import arms
 from eyechart.frames import FrameBank
 from eyechart.report.table import Table
 from eyechart.simulators import open_bank_simulator
+from eyechart.stats.shares import Misfit
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy.figures import _boxes
@@ -59,7 +60,7 @@ def test_each_channels_own_number_of_frames_is_told() -> None:
 
 def test_no_share_is_listed_of_who_failed_a_guard() -> None:
     """The note says which guard that was."""
-    failed = verdict(misfit=Statistic(2.0, 72, detail={"offset": 9.0, "spread": 1.0}))
+    failed = verdict(misfit=Misfit(2.0, 72, offset=9.0, spread=1.0))
     table = channel_table({"good": verdict(), "bad": failed})
     assert table.rows[0][1] is not None
     assert set(table.rows[1][1:]) == {None}

@@ -73,5 +73,6 @@ Kind = TypeVar("Kind", bound=Statistic)
 
 
 def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
-    """Return a statistic as one of a kind that has all of its fields, with further numbers."""
-    return kind(**{each.name: getattr(one, each.name) for each in fields(one)} | numbers)
+    """Return a statistic as one of another kind, with the fields that both have and further numbers."""
+    both = {each.name for each in fields(one)} & {each.name for each in fields(kind)}
+    return kind(**{name: getattr(one, name) for name in both} | numbers)
