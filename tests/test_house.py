@@ -159,11 +159,8 @@ CUT = {"count", "endswith", "find", "get", "index", "partition", "removeprefix",
 """What takes a part of a text or a table, or looks whether it is there; besides these ``startswith``."""
 
 BY_WORDS = {
-    "studies/policy/settling.py",
     "studies/policy/tables.py",
-    "verdicts/axes.py",
     "verdicts/channels.py",
-    "verdicts/uses.py",
 }
 """The modules that still read what is told of statistics of policies."""
 

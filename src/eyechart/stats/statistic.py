@@ -35,14 +35,13 @@ class Statistic:
     level: float = 0.95
     unit: str = ""
 
-    def __post_init__(self) -> None:
-        """Require that the interval, if there is one, is one and holds the value, but for rounding."""
+    @property
+    def is_sound(self) -> bool:
+        """Return whether the interval, if there is one, holds the value, but for rounding."""
         if self.ci is None or self.value is None:
-            return
-        (low, high), value = self.ci, self.value
-        rounding = TIE * max(1.0, abs(value))
-        if not low - rounding <= value <= high + rounding:
-            raise ValueError(f"[{low}, {high}], the interval of {self.method or 'it'}, excludes the value {value}")
+            return True
+        rounding = TIE * max(1.0, abs(self.value))
+        return self.ci[0] - rounding <= self.value <= self.ci[1] + rounding
 
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""
