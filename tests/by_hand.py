@@ -8,6 +8,7 @@ writes down what is said today; what changed is then to be read in the differenc
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import policies_by_hand
 from eyechart.conditions import CONTROLS
@@ -308,6 +309,7 @@ def stopped() -> dict[str, Evidence]:
     }
 
 
+@cache
 def cases() -> dict[str, Evidence]:
     """Return what a verdict can be on, by a name."""
     swapped = {"mirror_swap_rate": SWAPPING}

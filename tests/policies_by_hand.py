@@ -1,6 +1,7 @@
 """Statistics of policies, written down by hand, and the verdicts on them."""
 
 from dataclasses import replace
+from functools import cache
 
 from eyechart.stats.shares import Followed, Misfit, Share
 from eyechart.stats.statistic import Statistic
@@ -242,6 +243,7 @@ def said(found: PolicyVerdict, *, whole: bool) -> object:
     return [*lines, *guards, *found.remarks]
 
 
+@cache
 def cases() -> dict[str, PolicyVerdict]:
     """Return the verdicts on all cases by their names; also on a run that is not finished."""
     made = {f"policy: {name}": verdict(**changed) for name, changed in CASES.items()}
