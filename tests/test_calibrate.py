@@ -52,6 +52,8 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
+from eyechart.verdicts.calibrated import DISTANCE
+from eyechart.verdicts.rules import Axis
 
 pytestmark = pytest.mark.slow
 
@@ -141,13 +143,15 @@ def test_every_controller_of_the_demo_is_calibrated() -> None:
     assert set(KNOWN) >= FOLLOW_GAP | NEVER_LOOK | COINS
 
 
+def without_bounds() -> Axis:
+    """Return the rules of distance with an image invariance that needs no bound."""
+    rows = (replace(one, needs=()) if one.label == "image_invariant" else one for one in DISTANCE.rules)
+    return Axis("distance", tuple(rows))
+
+
 def test_a_rule_that_takes_a_null_for_evidence_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without its bounds the rule of image invariance calls small samples blind, and the printed rates show it."""
-    monkeypatch.setattr(
-        verdicts.calibrated,
-        "_invariant",
-        lambda _: verdicts.Ruling("image_invariant", "bound_blank", verdicts.Reason("broken")),
-    )
+    monkeypatch.setattr(verdicts.calibrated, "DISTANCE", without_bounds())
     broken = calibrate(replications=2, seed=0, settings=["small_10"])
     found = broken.false_claims("image_invariant", "small_10", VARIANTS[0])
     assert not found.holds
@@ -425,11 +429,7 @@ def test_the_command_exits_1_where_a_target_is_missed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A broken rule ends the command with 1, and the miss is printed."""
-    monkeypatch.setattr(
-        verdicts.calibrated,
-        "_invariant",
-        lambda _: verdicts.Ruling("image_invariant", "bound_blank", verdicts.Reason("broken")),
-    )
+    monkeypatch.setattr(verdicts.calibrated, "DISTANCE", without_bounds())
     words = ["calibrate", "--replications", "2", "--processes", "1", "--setting", "small_10"]
     monkeypatch.setattr(sys, "argv", ["eyechart", *words])
     with pytest.raises(SystemExit) as left:
