@@ -151,17 +151,17 @@ def test_a_planner_that_sees_is_told_from_itself_when_its_picture_is_mirrored(st
 
 
 @pytest.mark.parametrize(
-    ("goals", "p", "finding", "said"),
+    ("goals", "p", "label", "said"),
     [
-        (0.5, 0.01, "differs", False),
-        (0.5, 0.2, "differs", True),
-        (-0.5, 0.01, "differs", True),
-        (0.0, 1.0, "differs", True),
+        (0.5, 0.01, "by_camera", False),
+        (0.5, 0.2, "by_camera", True),
+        (-0.5, 0.01, "by_camera", True),
+        (0.0, 1.0, "by_camera", True),
         (0.5, 0.01, "cannot_say", True),
     ],
 )
 def test_only_more_goals_with_real_pictures_show_perception(
-    studied: HierarchyScore, goals: float, p: float, finding: str, *, said: bool
+    studied: HierarchyScore, goals: float, p: float, label: str, *, said: bool
 ) -> None:
     """Not another distance, not fewer goals, and nothing where so many calls failed that the fail-safe drove."""
     part, blind = studied.blind[0]
@@ -172,7 +172,8 @@ def test_only_more_goals_with_real_pictures_show_perception(
         differences={**blind.paired.differences, "success_rate": changed},
         holm={"success_rate": p, "distance_m": 0.001},
     )
-    assert bool(scoring.unless_shown(replace(blind, paired=paired, finding=finding))) == said
+    ruling = replace(blind.ruling, label=label)
+    assert bool(scoring.unless_shown(replace(blind, paired=paired, ruling=ruling))) == said
 
 
 def test_an_estimate_does_not_count_a_drive_as_short_as_its_crash(tmp_path: Path) -> None:
