@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from arms import Images, blocks, middle, reach
+from eyechart.errors import BankError
 from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
 from eyechart.simulators import open_bank_simulator
@@ -99,15 +100,18 @@ def test_a_control_that_is_left_out_passes_no_gate(bank: FrameBank, tmp_path: Pa
     assert gate.exit_code == 2
 
 
-def test_a_verdict_opens_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verdict_needs_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run has no copy of its bank's pictures, and what it left out is known without them."""
     judged(bank, tmp_path / "run", "poses", *FEW[:3], module="arms")
 
     def read(*_: object) -> bytes:
-        raise AssertionError("a picture was read")
+        raise BankError("the picture is gone")
+
+    def compared(*_: object) -> bool:
+        raise AssertionError("pictures were compared")
 
     monkeypatch.setattr(FrameBank, "read", read)
-    monkeypatch.setattr("eyechart.channels._unlike_pair", read)
+    monkeypatch.setattr("eyechart.channels._unlike_pair", compared)
     found = judge(policy.score(tmp_path / "run"))["python:arms:poses"]
     assert found.camera.because == "Its cameras cannot be judged: the run did not ask swapped@cameras."
 

@@ -256,7 +256,8 @@ def test_rows_that_are_far_in_many_episodes_are_kept_and_hide_no_use(tmp_path: P
     found = score.models[spec].statistics["T.swapped@cameras"]
     assert far_off(bank) == {}
     assert found.value < 0.1
-    assert found.detail["carried"]["aj0"] > 0.5
+    assert found.carried["aj0"] > 0.5
+    assert found.as_dict()["detail"]["carried"]["aj0"] == found.carried["aj0"]
 
 
 def test_a_wrong_state_is_not_all_that_places_vary(tmp_path: Path) -> None:
