@@ -24,7 +24,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -52,6 +52,7 @@ help:
 	@echo "make long-atheris what parses bytes of others, fuzzed by coverage, MINUTES=10 a target"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-kills  two hundred kills over run, merge, import, bundle, --watch, calibrate and ladder: nothing lost or left"
+	@echo "make long-rulings what the rows of the rules say of 60,000 random evidences an axis, and what the functions before them said"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles, banks and data sets: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
@@ -161,6 +162,9 @@ long-watch: $(CORE)
 
 long-page: $(BROWSER)
 	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python benchmarks/large_page.py
+
+long-rulings: $(CORE)
+	$(BIN)/python benchmarks/old_rulings.py
 
 long-coverage: $(CORE)
 	$(BIN)/python benchmarks/long_coverage.py

@@ -40,15 +40,15 @@ def said(axis: str, blocks: int) -> Iterator[str]:
 
 @pytest.mark.parametrize("axis", RECORDED)
 def test_rows_say_what_the_rules_said_before(axis: str) -> None:
-    """Label, deciding statistic and every sentence of 3,000 random evidences an axis."""
-    assert list(said(axis, 3)) == OLD[axis][:3]
+    """Label, deciding statistic and every sentence of 1,000 random evidences an axis."""
+    assert list(said(axis, 1)) == OLD[axis][:1]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", RECORDED)
-def test_rows_say_what_the_rules_said_before_of_sixty_thousand(axis: str) -> None:
-    """The same of 60,000."""
-    assert list(said(axis, 60)) == OLD[axis]
+def test_rows_say_what_the_rules_said_before_of_many(axis: str) -> None:
+    """The same of 8,000; of 60,000 by `make long-rulings`."""
+    assert list(said(axis, 8)) == OLD[axis][:8]
 
 
 @pytest.mark.parametrize("clause", CLAUSES, ids=lambda one: f"{one.statistic}: {', '.join(map(str, one.readings))}")
