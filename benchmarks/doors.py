@@ -71,10 +71,15 @@ def rows_of(name: str, source: Path, most: int, jobs: int) -> dict[str, list[str
     return {cell: wrong for file in parts for cell, wrong in json.loads(file.read_text(encoding="utf-8")).items()}
 
 
+def told(words: str) -> str:
+    """Return what a cell said on one line, shortened, without the folders of this machine."""
+    return re.sub(r"\s+", " ", re.sub(r"/[^\s\"']*/(src|tests|lib|cell)/", r"\1/", words))[-LONGEST:]
+
+
 def summary(source: Path, rows: dict[str, list[str]]) -> dict[str, object]:
     """Return the numbers of a source, and what each of its wrong cells says, shortened."""
     found = doors(source)
-    wrong = {cell: [re.sub(r"\s+", " ", one)[-LONGEST:] for one in said] for cell, said in rows.items() if said}
+    wrong = {cell: [told(one) for one in said] for cell, said in rows.items() if said}
     return {
         "doors": dict(sorted(Counter(one.kind for one in found).items())),
         "cells": dict(sorted(Counter(cell.split(" | ")[1] for cell in rows).items())),
