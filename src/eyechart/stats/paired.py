@@ -63,6 +63,35 @@ class Parts(Statistic):
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """One part of what was shown, and how braking answers to the lead there.
+
+    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of ``frames`` frames it brakes
+    harder for the nearer lead, on ``lesser`` less hard; ``effect`` is the mean of these signs, with its one-sided
+    bounds ``low`` and ``high``. ``beside`` is what a vehicle of a neighbouring lane does there less half of what the
+    lead does, and ``beside_low`` its bound.
+    """
+
+    of: str
+    name: str
+    frames: int
+    harder: int
+    lesser: int
+    effect: float | None
+    low: float | None = None
+    high: float | None = None
+    beside: float | None = None
+    beside_low: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places(Statistic):
+    """How many parts of what was shown are of one kind, out of ``n``; ``places`` are these."""
+
+    places: tuple[Place, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Dose:
     """How hard it brakes at one range of distances: the mean level over so many frames, None without any.
 
@@ -404,15 +433,18 @@ def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:
     return np.asarray(np.exp(ways(others, both) + ways(n - others, ones - both) - ways(n, ones)))
 
 
-def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does."""
+def clopper_pearson(k: float, n: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does.
+
+    A ``k`` between two counts has the interval between theirs.
+    """
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
     from scipy import special  # noqa: PLC0415 - slow to import
 
     tail = (1 - level) / 2
-    low = 0.0 if k == 0 else float(special.betaincinv(k, n - k + 1, tail))
-    high = 1.0 if k == n else float(special.betaincinv(k + 1, n - k, 1 - tail))
+    low = 0.0 if k <= 0 else float(special.betaincinv(k, n - k + 1, tail))
+    high = 1.0 if k >= n else float(special.betaincinv(k + 1, n - k, 1 - tail))
     return low, high
 
 
