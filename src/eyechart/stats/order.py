@@ -11,9 +11,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.agreement import rate
+from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.jackknife import ENDS, FEW, LEAST_EPISODES, by_episode, half_width
-from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]

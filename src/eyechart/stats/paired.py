@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
@@ -82,6 +83,16 @@ class Place:
     high: float | None = None
     beside: float | None = None
     beside_low: float | None = None
+
+    @property
+    def where(self) -> str:
+        """Return in words where it is."""
+        if self.of == "range":
+            return f"from {self.name}"
+        return f"in `{self.name}`" if self.of == "scenario" else f"where {self.of} is {self.name}"
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.harder} of {self.frames}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -431,21 +442,6 @@ def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:
         return np.asarray(special.gammaln(of + 1) - special.gammaln(chosen + 1) - special.gammaln(of - chosen + 1))
 
     return np.asarray(np.exp(ways(others, both) + ways(n - others, ones - both) - ways(n, ones)))
-
-
-def clopper_pearson(k: float, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does.
-
-    A ``k`` between two counts has the interval between theirs.
-    """
-    if not 0 < level < 1:
-        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
-    from scipy import special  # noqa: PLC0415 - slow to import
-
-    tail = (1 - level) / 2
-    low = 0.0 if k <= 0 else float(special.betaincinv(k, n - k + 1, tail))
-    high = 1.0 if k >= n else float(special.betaincinv(k + 1, n - k, 1 - tail))
-    return low, high
 
 
 def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[object], npt.NDArray[np.int64]]:

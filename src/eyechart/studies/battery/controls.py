@@ -33,6 +33,7 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.verdicts import ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+from eyechart.verdicts.depth import STAGE
 
 LEVEL = 1 - 2 * ALPHA
 """Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
@@ -215,11 +216,6 @@ class Controls:
             tested = {}
         return worst_part(tested, [1.0 if p is None else p for p in holm(made)], powers if tested else [])
 
-    def _numbers(self, column: str) -> Floats:
-        """Return each frame's number in a column of ground truth, NaN where there is none."""
-        found = [frame.truth.get(column) for frame in self.answers.frames]
-        return np.array([float(one) if isinstance(one, int | float) else np.nan for one in found])
-
     @cached_property
     def _ranges(self) -> list[Range]:
         """Return the doses from the nearest: the condition, its range, and which frames show it at that range.
@@ -228,7 +224,7 @@ class Controls:
         """
         found: list[Range] = []
         for condition, column in DISTANCES.items():
-            asked, distance = ~np.isnan(self._level(condition)), self._numbers(column)
+            asked, distance = ~np.isnan(self._level(condition)), self.answers.numbers(column)
             known = distance[~np.isnan(distance)]
             if not len(known):
                 found.append((condition, None, asked))
@@ -301,10 +297,10 @@ class Controls:
         Where near and far were put frame by frame the bank does not tell, only between which distances: the true lead
         is nearer than all of these, or farther.
         """
-        known = self._numbers(LEAD_GAP.column)
+        known = self.answers.numbers(LEAD_GAP.column)
         real, found = self._level("real"), []
         for condition, column in DISTANCES.items():
-            level, distance = self._level(condition), self._numbers(column)
+            level, distance = self._level(condition), self.answers.numbers(column)
             before, after = known * APART < distance, known > distance * APART
             if condition not in MIDS:
                 before = known * APART < np.fmin.reduce(distance, initial=np.nan)
@@ -329,7 +325,7 @@ class Controls:
     def _scan(self) -> Statistic:
         """Test whether braking rises with distance anywhere along the two mids."""
         levels = np.concatenate([self._level(name) for name in MIDS])
-        places = np.concatenate([self._numbers(DISTANCES[name]) for name in MIDS])
+        places = np.concatenate([self.answers.numbers(DISTANCES[name]) for name in MIDS])
         have = ~np.isnan(places + levels)
         seed = key_seed("dose_scan", *(frame.id for frame in self.answers.frames))
         found = falls_everywhere(places[have], levels[have], seed=seed)
@@ -442,7 +438,7 @@ class Controls:
     def _unparsed(self) -> Statistic:
         """Return the rate of calls without a decision about the compared pictures that hold fewest, failed ones too."""
         found = []
-        for name in COMPARED:
+        for name in (*COMPARED, *STAGE):
             given = [one for one in self.answers.decisions.get(name, ()) if one is not None]
             failed = sum(one.missing == "error" for one in given)
             lost = rate(sum(one.action is None for one in given), len(given), level=LEVEL)

@@ -12,19 +12,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.seeds import key_seed
 from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
 from eyechart.stats.paired import Place, Places, sign_test
 from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import Answers
 from eyechart.verdicts import MARGIN
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Symbols = NDArray[np.str_]
-
-ASKED = ("lead_near_nudged", "lead_drawn", "lead_drawn_nudged", "exchange_own", "exchange_own_nudged")
-ASKED = (*ASKED, "exchange_beside", "exchange_apart")
-"""The conditions of the control stage."""
 
 TWICE: Mapping[str, tuple[str, str]] = {
     "near": ("lead_near", "lead_near_nudged"),
@@ -65,6 +63,15 @@ FEWEST_OF_PLACE = 8
 """A part of the bank with fewer frames is no place."""
 MOST_OF_COLUMN = 12
 """A column with more values names no places."""
+
+NAMES = (
+    *("holes", "place_open", "place_reversed", "place_beside", "sensitivity", "specificity"),
+    *(f"specificity_{name}" for name in THIRDS),
+    "order",
+    *(f"order_{kind}" for kind in KINDS),
+    *("rise", "file", "drawn_distances"),
+)
+"""The statistics of depth."""
 
 NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its range"
 
@@ -193,7 +200,11 @@ class Moved:
         """Return how densely the lead was shown along its range, of pictures that were answered."""
         shown = [self.distance(one)[~np.isnan(self.twice(one)).all(axis=0)] for one in ("drawn", "own")]
         found = density(np.concatenate(shown), WINDOW)
-        return found if isinstance(found, Density) else replace(found, note=found.note or NO_ANSWER)
+        if isinstance(found, Density):
+            return found
+        near = self.distance("near")[~np.isnan(self.distance("near"))]
+        beyond = f"beyond {near.max():.2g} m" if len(near) else "between the near and the far lead"
+        return replace(found, note=beyond)
 
     @cached_property
     def places(self) -> tuple[Place, ...]:
@@ -244,7 +255,7 @@ class Moved:
             return cannot_say("no place has frames enough", method=what)
         worst = min(known, key=lambda one: one.high or 0.0)
         low, high = -(worst.high or 0.0), -(worst.low or 0.0)
-        return Statistic(-(worst.effect or 0.0), worst.frames, (low, high), method=what, note=said_of_place(worst))
+        return Statistic(-(worst.effect or 0.0), worst.frames, (low, high), method=what, note=worst.where)
 
     def _beside(self) -> Statistic:
         """Return the place where a vehicle beside most surely does more than half of what the lead does."""
@@ -253,9 +264,7 @@ class Moved:
         if not known:
             return cannot_say("no place has frames enough", method=what)
         worst = max(known, key=lambda one: one.beside_low or 0.0)
-        return Statistic(
-            worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=said_of_place(worst)
-        )
+        return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
     def outside_holes(self) -> "Moved":
         """Return what was shown outside of the holes: the frames and the pictures that lie in none."""
@@ -275,13 +284,6 @@ class Moved:
         """Return the thirds of the range by their ends."""
         edges = self.edges
         return [] if edges is None else [f"{one:.3g} to {other:.3g} m" for one, other in pairwise(edges)]
-
-
-def said_of_place(place: Place) -> str:
-    """Return a place by its name in words."""
-    if place.of == "range":
-        return f"from {place.name}"
-    return f"`{place.name}`" if place.of == "scenario" else f"{place.of.replace('_', ' ')} {place.name}"
 
 
 def _placed(of: str, name: str, signs: Floats, episodes: Symbols, beside: Statistic) -> Place | None:
@@ -304,3 +306,18 @@ def _parts(names: Symbols) -> Iterator[tuple[str, Mask]]:
     several = [str(one) for one in np.unique(names) if one != ""]
     if 2 <= len(several) <= MOST_OF_COLUMN:
         yield from ((one, names == one) for one in several)
+
+
+def moved_of(answers: Answers) -> Moved:
+    """Return what a model's answers hold."""
+    nothing = np.full(len(answers.frames), np.nan)
+    levels = {name: answers.projection(name, "brake") for name in answers.decisions}
+    at = {picture: answers.numbers(column) for picture, column in AT.items()}
+    at["real"] = nothing if answers.gaps is None else np.where(np.isfinite(answers.gaps), answers.gaps, np.nan)
+    return Moved(
+        levels={name: level for name, level in levels.items() if level is not None},
+        at=at,
+        episodes=answers.episodes,
+        strata={"scenario": answers.scenarios},
+        seed=key_seed("rise", *(frame.id for frame in answers.frames)),
+    )
