@@ -28,7 +28,7 @@ from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
 from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
-from eyechart.verdicts.depth import is_drawn, is_refuted, open_kinds
+from eyechart.verdicts.depth import is_drawn, is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
 from eyechart.verdicts.ruling import Ruling
 
@@ -335,7 +335,7 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
     if requirement in _SIDEWAYS:
         return _sideways(requirement, verdict.lateral)
     if requirement in meets(label, LABELS):
-        open_ones = tuple(_not_excluded(verdict, found)) if requirement in _AUTHORITY else ()
+        open_ones = tuple(_not_excluded(verdict)) if requirement in _AUTHORITY else ()
         weak = f"; not excluded: {', or '.join(open_ones)}"
         return (None, because + weak) if open_ones else (True, because)
     if requirement in _AUTHORITY:
@@ -356,11 +356,10 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
-def _not_excluded(verdict: Verdict, found: Mapping[str, Statistic]) -> Iterator[str]:
+def _not_excluded(verdict: Verdict) -> Iterator[str]:
     """Yield in words what a label of depth leaves open."""
-    if is_drawn(found):
-        yield from open_kinds(found)
-    elif verdict.effects is not None:
+    yield from verdict.open_to
+    if not verdict.open_to and verdict.effects is not None:
         less = f"for want of power (below {VETO_POWER}), that it is reversed"
         yield from (f"{less} {one}" for one in verdict.effects.not_excluded)
 

@@ -16,7 +16,7 @@ from eyechart.stats.episodes import (
     median_over_episodes,
     share_over_episodes,
 )
-from eyechart.stats.jackknife import FEW, association_interval, over_tables
+from eyechart.stats.jackknife import FEW, association_interval, mean_of_frames, over_tables
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
@@ -90,3 +90,39 @@ def test_no_statistic_of_a_score_excludes_its_own_value(name: str) -> None:
     for test, one in statistics_of(answered, Resampling(resamples=99)).items():
         if one.ci is not None and one.value is not None:
             assert one.ci[0] - 1e-12 <= one.value <= one.ci[1] + 1e-12, test
+
+
+def test_a_mean_of_frames_has_the_interval_of_its_episodes() -> None:
+    """By hand: episodes of means 1, 1, 1, 0, 0, 0 of four frames each; t of 5 degrees at .95 is 2.015."""
+    scores = np.repeat([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], 4)
+    found = mean_of_frames(scores, np.repeat(np.arange(6), 4))
+    left = np.array([2 / 5] * 3 + [3 / 5] * 3)
+    wide = 2.015048373 * np.sqrt(5 / 6 * ((left - 0.5) ** 2).sum())
+    assert found.value == 0.5
+    assert found.ci == pytest.approx((0.5 - wide, 0.5 + wide))
+
+
+def test_frames_that_do_not_differ_leave_open_what_was_not_seen() -> None:
+    """Of 36 frames without an effect .0799 of all may have one, and one on which each has it is bounded likewise."""
+    none = mean_of_frames(np.zeros(36), np.repeat(np.arange(3), 12), fewest=2)
+    assert none.ci == pytest.approx((-(1 - 0.05 ** (1 / 36)), 1 - 0.05 ** (1 / 36)))
+    every = mean_of_frames(np.ones(36), np.repeat(np.arange(6), 6))
+    assert every.ci == pytest.approx((1 - 2 * (1 - 0.05 ** (1 / 36)), 1.0))
+
+
+def test_a_mean_of_frames_needs_episodes_and_answers() -> None:
+    """A frame without a score is left out; five episodes have a mean and no interval."""
+    scores = [1.0, np.nan, 0.0, 1.0, 1.0, 1.0]
+    few = mean_of_frames(scores, list("abcdef"))
+    assert (few.value, few.n, few.ci) == (0.8, 5, None)
+    assert mean_of_frames([np.nan], ["a"]).value is None
+
+
+@pytest.mark.parametrize("episodes", [6, 12, 24])
+def test_either_end_covers_a_share_of_frames(episodes: int) -> None:
+    """One-sided .95 of 400 banks of 12 frames an episode that read on three tenths of their frames."""
+    rng, names = np.random.default_rng(episodes), np.repeat(np.arange(episodes), 12)
+    ends = [mean_of_frames((rng.random(len(names)) < 0.3).astype(float), names).ci or (1.0, 0.0) for _ in range(400)]
+    lows, highs = np.array(ends).T
+    assert np.mean(lows <= 0.3) > 0.92
+    assert np.mean(highs >= 0.3) > 0.91

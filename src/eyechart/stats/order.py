@@ -82,12 +82,13 @@ def compared_twice(nearer: npt.ArrayLike, farther: npt.ArrayLike) -> Floats:
 
 
 def wrong_way(lost: float, won: float, contradicted: float) -> float:
-    """Return the share of comparisons that are the wrong way round, averaged over answers; NaN where noise hides it.
+    """Return the share h of comparisons the wrong way round in expectation over answers; NaN where noise hides it.
 
-    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Where each pair of answers is won with
-    chance p and lost with q, won + lost is p² + q² of the comparisons, contradicted 2pq and won - lost p² - q²: h is
-    then q / (p + q), whatever the noise. Where comparisons have several chances h lies above their mean, so that noise
-    widens it and buys nothing. Answers that repeat contradict nothing: h is lost / (lost + won).
+    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Where two pictures are told apart the right way with
+    chance p and the wrong way with q, or in a share h of the comparisons with p and q exchanged, won + lost is p² + q²,
+    contradicted 2pq and won - lost (1 - 2h)(p² - q²): the formula gives h, whatever the noise. Where comparisons have
+    several noises it lies above their share, so that noise widens it and buys nothing. Answers that repeat contradict
+    nothing: h is lost / (lost + won).
     """
     rest = (won + lost) ** 2 - contradicted**2
     return math.nan if rest <= 0 else 0.5 - (won - lost) / (2 * math.sqrt(rest))

@@ -49,8 +49,9 @@ _WORDS = {"<": "below", "<=": "of at most", ">=": "of at least"}
 
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
-    """Return that one of some readings holds: where none does, it is refuted."""
-    return Clause(name, tuple(Reading(*one) for one in readings), but, needs=" or ".join(map(_said, readings)))
+    """Return that one of some readings holds: where none does, it is refuted; what cannot be said refutes nothing."""
+    needs = " or ".join(map(_said, readings))
+    return Clause(name, tuple(Reading(*one) for one in readings), but, needs=needs, untested=True)
 
 
 def _said(reading: tuple[str, str, float]) -> str:

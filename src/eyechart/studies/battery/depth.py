@@ -33,8 +33,13 @@ TWICE: Mapping[str, tuple[str, str]] = {
 }
 """The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
 
-AT: Mapping[str, str] = {"near": "lane_near_m", "drawn": "lead_drawn_m", "own": "exchange_m", "far": "lane_far_m"}
-"""The columns that say how far away the lead then is; in the true picture it is the gap."""
+AT: Mapping[str, tuple[str, ...]] = {
+    "near": ("lead_near_m", "lane_near_m"),
+    "drawn": ("lead_drawn_m",),
+    "own": ("exchange_m",),
+    "far": ("lead_far_m", "lane_far_m"),
+}
+"""The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
 
 KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "near_far": (("near", "far"),),
@@ -312,7 +317,8 @@ def moved_of(answers: Answers) -> Moved:
     """Return what a model's answers hold."""
     nothing = np.full(len(answers.frames), np.nan)
     levels = {name: answers.projection(name, "brake") for name in answers.decisions}
-    at = {picture: answers.numbers(column) for picture, column in AT.items()}
+    recorded = {picture: [answers.numbers(column) for column in columns] for picture, columns in AT.items()}
+    at = {picture: next((one for one in of if not np.isnan(one).all()), nothing) for picture, of in recorded.items()}
     at["real"] = nothing if answers.gaps is None else np.where(np.isfinite(answers.gaps), answers.gaps, np.nan)
     return Moved(
         levels={name: level for name, level in levels.items() if level is not None},
