@@ -1,5 +1,6 @@
 """A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
 
+from eyechart.frames.drawn import APART, EXCHANGE, LEAD, Draws, Span, draws_of, exchanged
 from eyechart.frames.folder import (
     BankWriter,
     check,
@@ -52,9 +53,12 @@ from eyechart.frames.pictures import (
 from eyechart.frames.plain import made_plain, read_colour, require_plain
 
 __all__ = [
+    "APART",
     "DISTANCES",
+    "EXCHANGE",
     "FILE_SUFFIX",
     "IMPORTED",
+    "LEAD",
     "LEAD_GAP",
     "MAIN",
     "MAX_IMAGE_BYTES",
@@ -64,6 +68,7 @@ __all__ = [
     "BankWriter",
     "Camera",
     "Controls",
+    "Draws",
     "Frame",
     "FrameBank",
     "Gap",
@@ -71,13 +76,16 @@ __all__ = [
     "MirrorAxis",
     "Scalar",
     "Shared",
+    "Span",
     "Stimulus",
     "alone",
     "as_png",
     "beside",
     "check",
     "decode",
+    "draws_of",
     "encode",
+    "exchanged",
     "inside",
     "is_reserved",
     "locked",

@@ -12,6 +12,7 @@ from eyechart.conditions import (
     CONTROLS,
     OF_BANKS,
     OVER,
+    STAGED,
     available,
     find_condition,
     require_camera,
@@ -226,7 +227,7 @@ def planned(
     supplied, left_out = conditions_of(bank, formulation)
     controls = extent.controls_of(out, conditions)
     every = (name for name in supplied if name not in CONTROLS)
-    drawn = (name for name in supplied if name in CONTROLS and controls == "all")
+    drawn = (name for name in supplied if name in STAGED and controls == "all")
     chosen = tuple(dict.fromkeys((*(conditions or every), *drawn)))
     for name in chosen:
         find_condition(name)
