@@ -47,8 +47,8 @@ _CLEARANCE_M = 0.05
 _LEAST_SEEN = 0.5
 _LEAST_SPEED_MPS = 1.0
 _TRIES = 200
-_PLACES = 12
-"""So many pairs of far places are tried of one distance of the exchange, in the first of them with the lead unmoved."""
+_PLACES = 30
+"""So many pairs of far places are tried of one distance of the exchange, in the first of them with the lead on its line."""
 _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
 """How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
 
@@ -146,7 +146,7 @@ def _exchange_at(world: AnyWorld, lead: Obstacle, rng: np.random.Generator, own_
     for number in range(_PLACES):
         far_m, its_far_m = (float(rng.uniform(*EXCHANGED_FAR_M)) for _ in range(2))
         for taken, y in _beside(world, lead, rng):
-            leaning = lead if number < _PLACES / 3 else _lean_from(world, lead, y, rng)
+            leaning = lead if number < _PLACES / 5 else _lean_from(world, lead, y, rng)
             own, far, its_far = (_at_gap(world, leaning, gap_m) for gap_m in (own_m, far_m, its_far_m))
             beside = _abreast(world, own, y)
             if beside is None:
