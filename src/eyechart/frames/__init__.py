@@ -11,6 +11,7 @@ from eyechart.frames.folder import (
     read_axis,
     read_bank_manifest,
     read_metadata,
+    require_free,
     whole_folder,
 )
 from eyechart.frames.nouns import (
@@ -29,6 +30,7 @@ from eyechart.frames.nouns import (
     Scalar,
     Stimulus,
     alone,
+    files_of,
     is_reserved,
     require_exchanged,
     rounded_truth,
@@ -86,6 +88,7 @@ __all__ = [
     "draws_of",
     "encode",
     "exchanged",
+    "files_of",
     "inside",
     "is_reserved",
     "locked",
@@ -101,6 +104,7 @@ __all__ = [
     "read_colour",
     "read_metadata",
     "require_exchanged",
+    "require_free",
     "require_plain",
     "rounded_truth",
     "same_moments",

@@ -331,7 +331,7 @@ class BankWriter:
     """
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
-        _require_free(out)
+        require_free(out)
         self._folder = whole_folder(out, BankError)
         self._out = out
         self._manifest = manifest
@@ -463,7 +463,7 @@ class BankWriter:
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
         open_bank(self._work)
-        _require_free(self._out)
+        require_free(self._out)
 
 
 def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:
@@ -475,6 +475,7 @@ def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]
     return {name: float(value) for name, value in found.items()}
 
 
-def _require_free(out: Path) -> None:
+def require_free(out: Path) -> None:
+    """Raise BankError where a bank's place is taken."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

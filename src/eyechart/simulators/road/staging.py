@@ -48,7 +48,7 @@ _LEAST_SEEN = 0.5
 _LEAST_SPEED_MPS = 1.0
 _TRIES = 200
 _PLACES = 30
-"""So many pairs of far places are tried of one distance of the exchange, in the first of them with the lead on its line."""
+"""So many pairs of far places are tried of one distance of the exchange; of a fifth of them the lead does not lean."""
 _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
 """How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
 
