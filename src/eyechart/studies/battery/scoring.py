@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS, OF_BANKS, available
+from eyechart.conditions import CONTROLS, OF_BANKS, STAGED, available
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -135,7 +135,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
                 scope=self.scope(model),
                 stopped=model.stopped,
                 absent=absent,
-                part=part and any(name not in absent for name in CONTROLS),
+                part=part and any(name not in absent for name in STAGED),
             )
             for spec, model in self.models.items()
         }
