@@ -65,7 +65,7 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
     elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
         wanted = (ABSENT,)
     if set(STAGE) <= {*supplied, *asked}:
-        if MOVED.holds(found) and not set(STAGE) <= set(asked):
+        if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
             wanted = STAGE
     elif label == "depth_associated" and found["depth_interventional"].p is not None:
         exchanged = found["lane_exchange"].p is not None

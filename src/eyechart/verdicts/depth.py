@@ -6,6 +6,7 @@
 import math
 from collections.abc import Iterator
 
+from eyechart.conditions import RANGED
 from eyechart.stats.order import Rise
 from eyechart.stats.paired import Place, Places
 from eyechart.verdicts.labels import (
@@ -28,8 +29,7 @@ from eyechart.verdicts.labels import (
 from eyechart.verdicts.rules import Clause, Found, Reading, Rule, compared, p_below, p_from
 from eyechart.verdicts.ruling import Reason
 
-STAGE = ("lead_near_nudged", "lead_drawn", "lead_drawn_nudged", "exchange_own", "exchange_own_nudged")
-STAGE = (*STAGE, "exchange_beside", "exchange_apart")
+STAGE = RANGED
 """What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
 
 THIRDS = ("near", "middle", "far")

@@ -324,6 +324,15 @@ def moved_of(answers: Answers) -> Moved:
         levels={name: level for name, level in levels.items() if level is not None},
         at=at,
         episodes=answers.episodes,
-        strata={"scenario": answers.scenarios},
+        strata={"scenario": answers.scenarios} | _strata(answers),
         seed=key_seed("rise", *(frame.id for frame in answers.frames)),
     )
+
+
+def _strata(answers: Answers) -> dict[str, Symbols]:
+    """Return what else a bank records of its frames that a claim is asked by, empty where a frame has none."""
+    names = dict.fromkeys(name for frame in answers.frames for name in frame.strata)
+    return {
+        name: np.array(["" if (one := frame.strata.get(name)) is None else str(one) for frame in answers.frames])
+        for name in names
+    }
