@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import by_hand as hand
 from drawn import HOLE, answered, by_hand, found_of, grades
+from eyechart.conditions import RANGED
+from eyechart.errors import SpecError
+from eyechart.gate import hold
 from eyechart.stats.order import Density, Order, Rise
 from eyechart.stats.paired import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.depth import NAMES
+from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
 from eyechart.verdicts.calibrated import DEPTH
+from eyechart.verdicts.controls import ABSENT, DOSE, EXCHANGE, NUDGED
 from eyechart.verdicts.depth import KINDS, REFUTING, SHOWN, THIRDS, is_refuted, open_kinds
 from eyechart.verdicts.rules import Clause
 from eyechart.verdicts.ruling import Ruling
@@ -250,3 +257,123 @@ def test_few_frames_earn_no_depth() -> None:
     assert few.label == "depth_associated"
     assert "to see a hole takes 8" in str(few.reason)
     assert more.label == "depth"
+
+
+class Run:
+    """A scored run of one model with statistics by hand."""
+
+    def __init__(self, **changed: Statistic) -> None:
+        self._evidence = hand.evidence({**hand.reader(), **by_hand(**changed)})
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge."""
+        return {"by hand": self._evidence}
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return its verdict."""
+        return judge_one(self._evidence)
+
+
+A_HOLE = {"holes": Places(1.0, 7, places=(HOLE,))}
+A_RISE = Rise(4.0, 400, p=0.01, nearer=(13.0, 16.0), farther=(16.5, 19.0))
+OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
+
+
+@pytest.mark.parametrize(
+    ("changed", "require", "exit_code", "says"),
+    [
+        ({}, "depth", 0, "at most 6 of 100"),
+        ({}, "looks", 0, "depth"),
+        ({}, "content", 1, "depth"),
+        (A_HOLE, "depth", 1, "not in `blocked`: 0 of 36"),
+        (A_HOLE, "looks", 0, "not in `blocked`: 0 of 36"),
+        (A_HOLE, "partial_depth", 0, "blocked"),
+        (OPEN_KIND, "depth", 2, "not excluded: that it is the wrong way round in comparisons of near and far"),
+        (OPEN_KIND, "looks", 0, "depth"),
+        (
+            {"rise": Rise(4.0, 400, p=0.01, nearer=(13.0, 16.0), farther=(16.5, 19.0))},
+            "depth",
+            1,
+            "13-16 m to 16.5-19 m",
+        ),
+        ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "depth", 2, "more frames"),
+        ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "looks", 0, "depth_associated"),
+    ],
+)
+def test_a_gate_reads_the_label_and_what_is_not_excluded(
+    changed: dict[str, Statistic], require: str, exit_code: int, says: str
+) -> None:
+    """A hole fails depth by its name, and is printed where looking is enough; what is open cannot be said."""
+    gate = hold(Run(**changed), [require])
+    assert gate.exit_code == exit_code
+    assert says in gate.checks[0].because
+
+
+@pytest.mark.parametrize(
+    ("order", "exit_code"),
+    [
+        (_order(0.02, 0.0, 0.05 + BELOW), 0),
+        (_order(0.02, 0.0, 0.05), 2),
+        (_order(0.08, 0.05, 0.12), 2),
+        (_order(0.08, 0.05 + OVER, 0.12), 1),
+        (cannot_say("nothing was asked"), 2),
+    ],
+)
+def test_a_gate_may_ask_for_a_stricter_bound_of_order(order: Statistic, exit_code: int) -> None:
+    """It holds below what is required, fails above it, and cannot say between."""
+    assert hold(Run(order=order), ["looks"], order=0.05).exit_code == exit_code
+
+
+@pytest.mark.parametrize("order", [0.0, -0.1, 1.5])
+def test_a_bound_of_order_is_a_share(order: float) -> None:
+    """Anything else is refused."""
+    with pytest.raises(SpecError, match="--order takes a share above 0"):
+        hold(Run(), ["depth"], order=order)
+
+
+def test_a_verdict_says_its_answer_and_its_holes() -> None:
+    """Both are in its JSON; what is not excluded is in what it may be trusted with."""
+    whole, part, weak = Run().verdict, Run(**A_HOLE).verdict, Run(**OPEN_KIND).verdict
+    assert (whole.answer, part.answer) == ("Yes", "In part")
+    said = part.as_dict()
+    assert said["answer"] == "In part"
+    assert [(one["of"], one["name"], one["harder"], one["frames"]) for one in said["holes"]] == [
+        ("scenario", "blocked", 0, 36)
+    ]
+    assert whole.as_dict()["holes"] == []
+    assert "In part of what was tested a reversal was not excluded." in weak.trust
+    assert part.why_not is not None
+    assert part.why_not.label == "depth"
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_verdict_of_depth_says_why_it_is_no_stronger_one(case: str) -> None:
+    """The statistic that keeps it from the next is one of those that it has."""
+    verdict = Run(**CASES[case][0]).verdict
+    if verdict.calibrated.label != "depth_lateral":
+        assert verdict.why_not is not None
+        assert verdict.why_not.settle
+
+
+def test_the_answer_of_every_label_is_declared() -> None:
+    """Yes, in part, no; what is not decided is inconclusive."""
+    answers = {
+        answer: {name for name, one in LABELS.items() if one.answer == answer} for answer in ("Yes", "In part", "No")
+    }
+    assert answers["Yes"] == {"depth", "depth_lateral"}
+    assert answers["In part"] == {"partial_depth", "depth_associated", "content"}
+    assert answers["No"] == {"scene_cue", "presence_only", "refusal_effect", "image_invariant", "self_inconsistent"}
+
+
+SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT)
+
+
+def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
+    """Of whom brakes harder for the near lead, and of nobody else; where a bank lacks one, the older controls are."""
+    found = {**hand.reader(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    assert controls_wanted(found, supplied=SUPPLIED, asked=()) == RANGED
+    assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
+    assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
+    blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT,)

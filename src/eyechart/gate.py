@@ -335,9 +335,8 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
     if requirement in _SIDEWAYS:
         return _sideways(requirement, verdict.lateral)
     if requirement in meets(label, LABELS):
-        open_ones = tuple(_not_excluded(verdict)) if requirement in _AUTHORITY else ()
-        weak = f"; not excluded: {', or '.join(open_ones)}"
-        return (None, because + weak) if open_ones else (True, because)
+        weak = _not_excluded(verdict) if requirement in _AUTHORITY else ""
+        return (None, f"{because}; {weak}") if weak else (True, because)
     if requirement in _AUTHORITY:
         return _not_depth(verdict, found, because)
     is_open = label == "undecided" or (requirement == LOOKS and LABELS[label].answer == "Inconclusive")
@@ -356,12 +355,13 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
-def _not_excluded(verdict: Verdict) -> Iterator[str]:
-    """Yield in words what a label of depth leaves open."""
-    yield from verdict.open_to
-    if not verdict.open_to and verdict.effects is not None:
-        less = f"for want of power (below {VETO_POWER}), that it is reversed"
-        yield from (f"{less} {one}" for one in verdict.effects.not_excluded)
+def _not_excluded(verdict: Verdict) -> str:
+    """Return in words what a label of depth leaves open, nothing where that is nothing."""
+    if verdict.open_to:
+        return f"not excluded: {', or '.join(verdict.open_to)}"
+    open_ones = () if verdict.effects is None else verdict.effects.not_excluded
+    less = f"not excluded, for want of power (below {VETO_POWER}): that it is reversed"
+    return f"{less} {', or '.join(open_ones)}" if open_ones else ""
 
 
 def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
