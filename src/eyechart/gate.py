@@ -31,6 +31,7 @@ from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
 from eyechart.verdicts.depth import is_drawn, is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
 from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.why_not import NOTHING
 
 
 def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
@@ -370,8 +371,16 @@ def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -
     if label.otherwise == "cannot say" or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
-    if "depth" in meets(verdict.calibrated.label, LABELS) and LATERAL[verdict.lateral.label].otherwise == "cannot say":
-        return None, f"{verdict.lateral.label}: {verdict.lateral.because}"
+    if "depth" in meets(verdict.calibrated.label, LABELS):
+        settles = verdict.why_not is not None and verdict.why_not.settle != NOTHING
+        is_open = "swaps" in meets(verdict.lateral.label, LATERAL) and settles
+        is_open = is_open or LATERAL[verdict.lateral.label].otherwise == "cannot say"
+        said = because if verdict.why_not is None else f"{because}; {verdict.why_not}"
+        return (
+            (None, f"{verdict.lateral.label}: {verdict.lateral.because}; {verdict.why_not}")
+            if is_open
+            else (False, said)
+        )
     if label.otherwise == "fails if bounded":
         shown, words = _refuted(verdict, found)
         return False if shown else None, f"{because}{words}"

@@ -16,7 +16,7 @@ from eyechart.stats.episodes import (
     median_over_episodes,
     share_over_episodes,
 )
-from eyechart.stats.jackknife import FEW, association_interval, mean_of_frames, over_tables
+from eyechart.stats.jackknife import FEW, association_interval, half_exceeded, mean_of_frames, over_tables
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
@@ -126,3 +126,16 @@ def test_either_end_covers_a_share_of_frames(episodes: int) -> None:
     lows, highs = np.array(ends).T
     assert np.mean(lows <= 0.3) > 0.92
     assert np.mean(highs >= 0.3) > 0.91
+
+
+def test_a_rate_less_half_of_another_has_the_interval_of_its_episodes() -> None:
+    """By hand: 6 of 24 against 12 of 24 in six episodes, of which the first holds all six; and what cannot be said."""
+    first = np.array([[4, 2, 0, 0, 0, 0], [4] * 6])
+    second = np.array([[2] * 6, [4] * 6])
+    found = half_exceeded(first, second, np.arange(6))
+    left = np.array([2 / 20, 4 / 20, *[6 / 20] * 4]) - 1 / 4
+    wide = 2.015048373 * np.sqrt(5 / 6 * ((left - left.mean()) ** 2).sum())
+    assert (found.value, found.n) == (0.0, 24)
+    assert found.ci == pytest.approx((-wide, wide))
+    assert half_exceeded(first[:, :5], second[:, :5], np.arange(5)).ci is None
+    assert half_exceeded(0 * first, second, np.arange(6)).value is None

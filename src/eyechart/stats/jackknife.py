@@ -138,6 +138,32 @@ def mean_of_frames(
     return Statistic(value, n, (max(-1.0, ci[0]), min(1.0, ci[1])), method=method, level=level)
 
 
+def half_exceeded(
+    first: npt.ArrayLike, second: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS
+) -> Statistic:
+    """Return a rate less half of another, with the jackknife's interval over whole episodes.
+
+    ``first`` and ``second``, shape (2, frames), count what happened and how often it could; ``episodes`` names each
+    frame's. ``n`` counts how often the first could. No interval of fewer episodes than `LEAST_EPISODES`.
+    """
+    method = f"{100 * level:g}% interval over episodes (jackknife, t)"
+    each = by_episode([*np.asarray(first, dtype=np.float64), *np.asarray(second, dtype=np.float64)], episodes)
+    whole, count = each.sum(axis=1), each.shape[1]
+    n = int(whole[1])
+    if not whole[1] or not whole[3]:
+        return cannot_say("one of the two could never happen", n, method)
+
+    def apart(sums: Floats) -> Floats:
+        return np.asarray(np.divide(*sums[:2]) - np.divide(*sums[2:]) / 2)
+
+    value = float(apart(whole[:, None])[0])
+    rest = whole[:, None] - each
+    if count < LEAST_EPISODES or (rest[[1, 3]] <= 0).any():
+        return Statistic(value, n, method=method, note=FEW if count < LEAST_EPISODES else _ALONE, level=level)
+    wide = half_width(apart(rest), level)
+    return Statistic(value, n, (value - wide, value + wide), method=method, level=level)
+
+
 def by_episode(columns: npt.ArrayLike, episodes: npt.ArrayLike) -> Floats:
     """Return the sums of columns, shape (columns, frames), over each episode's frames: shape (columns, episodes)."""
     names, codes = np.unique(np.asarray(episodes), return_inverse=True)

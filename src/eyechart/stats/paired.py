@@ -28,6 +28,13 @@ class SignTest(Statistic):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BoxedTurns(Statistic):
+    """How often it turns where neither side is clear, less half of how often where one is; it ``turned`` so often."""
+
+    turned: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Discordant(Statistic):
     """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first outcome, ``c`` only the second."""
 

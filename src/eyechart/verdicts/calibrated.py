@@ -8,7 +8,7 @@ from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
 from eyechart.stats.agreement import SwapRate, trials_needed
-from eyechart.stats.paired import Discordant, SignTest, pairs_to_bound
+from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.controls import ABSENT, ASKED, CONTROLS, DOSE, EXCHANGE, LACKING, NUDGED, below
 from eyechart.verdicts.depth import HARDER, MOVED, RULES, STAGE, TURNS, UNFOLLOWED, is_drawn
@@ -17,6 +17,7 @@ from eyechart.verdicts.rules import (
     Axis,
     Clause,
     Found,
+    Reading,
     Rule,
     compared,
     fact,
@@ -273,9 +274,14 @@ def _turns_for(chance: float) -> int:
     return trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
 
 
+BOXED = compared("turns_boxed", "high", "<", 0.0, needs="an upper bound below 0")
+"""Where neither side is clear it turns less than half as often as where one is."""
+_INWARDS = Clause("turns_boxed", (Reading("value", "<=", 0.0), Reading("low", "<=", 0.0)), untested=True)
+
+
 def earns_lateral(found: Mapping[str, Statistic], label: str) -> bool:
-    """Return whether a lateral label earns ``depth_lateral``: exchange alone only where nobody knows the sides."""
-    return label == "turns_clear" or (label == "swaps" and not isinstance(found["turns_clear"], SignTest))
+    """Return whether a lateral label earns ``depth_lateral``: turns to the clear side, and few where none is."""
+    return label == "turns_clear" and BOXED.holds(found) is True
 
 
 _SWAP = "mirror_swap_rate"
@@ -369,7 +375,7 @@ LATERAL_AXIS = Axis(
         Rule(
             "turns_clear",
             "turns_clear",
-            (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA)),
+            (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
             _to_the_clear_side,
         ),
         Rule("swaps", _SWAP, _SWAPS, _exchanged),

@@ -9,7 +9,7 @@ from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
 from eyechart.records import Written
 from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.paired import Place, SignTest
+from eyechart.stats.paired import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
@@ -334,9 +334,8 @@ def _turns(found: Mapping[str, Statistic]) -> list[str]:
     elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
         said.append(f"whether it turns to the clear side was not tested: {clear.note}")
     boxed = found["turns_boxed"]
-    if boxed.value:
-        count = round(boxed.value * boxed.n)
-        said.append(f"it turns where no side is clear: {count} of {boxed.n} turns; turns_clear does not count these")
+    if isinstance(boxed, BoxedTurns) and boxed.turned:
+        said.append(f"it turns where no side is clear: {boxed.turned} of {boxed.n} answers")
     return said
 
 

@@ -9,7 +9,7 @@ from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import Discordant, SignTest, net_effect
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import STRICT, frames_to_bound, turns_to_tell
+from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
 from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, besides, failures, lacking
 from eyechart.verdicts.depth import NO_RISE, REFUTING, SHOWN, is_drawn, is_refuted
 from eyechart.verdicts.early import PREFIX
@@ -131,6 +131,9 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
 
 def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
     """Say which test of turns does not hold."""
+    if lateral.label == "turns_clear":
+        settle = "more moments at which neither side is clear, in more episodes"
+        return WhyNot("depth_lateral", "turns_boxed", found["turns_boxed"], BOXED.needs, settle)
     if lateral.label == "swaps":
         return _not_clear(found, lateral)
     swap, needs = found["mirror_swap_rate"], f"half of the turns exchanged under reflection, p below {ALPHA}"

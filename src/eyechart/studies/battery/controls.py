@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
+from eyechart.stats.jackknife import half_exceeded
 from eyechart.stats.order import SWAPPED_ENDS, falls_everywhere, lost_beyond_noise, swapped_ends
 from eyechart.stats.paired import (
+    BoxedTurns,
     Curve,
     Dose,
     joint_losses,
@@ -70,6 +72,13 @@ CURVE = "mean braking level with the lead nearest less that with it farthest"
 
 COMPARED = ("lead_near", "lead_far", "lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged")
 """The pictures that the conditions of depth compare."""
+
+ALONG_LANE = (
+    *("real", "real_repeat", "lead_near", "lead_near_nudged", "lead_far", "lead_drawn", "lead_drawn_nudged"),
+    *("lead_mid_near", "lead_mid_far"),
+)
+"""The pictures in which what stands beside is what the frame says."""
+_BOXED, _ONE_SIDE = ["False", "False"], ["False", "True"]
 
 SIDES = ("left_clear", "right_clear")
 """The columns of ground truth that say which side is clear."""
@@ -490,17 +499,30 @@ class Controls:
         return replace(share, p=p, method=method)
 
     def _turns_boxed(self) -> Statistic:
-        """Return the share of turns that are made where neither side is clear."""
-        frames, what = self.answers.frames, "share of turns where neither side is clear"
-        turns = self.answers.partners
-        known = [
-            {frame.truth[name] for name in SIDES}
-            for turn, frame in zip(self.answers.actions("real").tolist(), frames, strict=True)
-            if turn in turns and all(isinstance(frame.truth.get(name), bool) for name in SIDES)
-        ]
-        if not known:
-            return cannot_say("no turn on a frame of which both sides are known", method=what)
-        return replace(rate(sum(sides == {False} for sides in known), len(known), level=LEVEL), method=what)
+        """Return how often it turns where neither side is clear, less half of how often where exactly one is.
+
+        Of all pictures that move nothing beside the own lane.
+        """
+        what = "turns where neither side is clear less half of those where one is"
+        turns = [*self.answers.partners]
+        known = [[frame.truth.get(name) for name in SIDES] for frame in self.answers.frames]
+        given = np.array([self.answers.actions(name) for name in ALONG_LANE])
+        turned, answered = np.isin(given, turns).sum(axis=0), (given != ABSENT).sum(axis=0)
+        boxed, beside = (np.array([sorted(map(str, one)) == of for one in known]) for of in (_BOXED, _ONE_SIDE))
+        if not turns or not (boxed * answered).any():
+            why = "no action turns" if not turns else "no answer where neither side is known to be clear"
+            return cannot_say(why, method=what)
+        counts = ((turned * which, answered * which) for which in (boxed, beside))
+        found = half_exceeded(*counts, self.answers.episodes)
+        return BoxedTurns(
+            found.value,
+            found.n,
+            found.ci,
+            method=f"{what}: {found.method}",
+            note=found.note,
+            level=found.level,
+            turned=int((turned * boxed).sum()),
+        )
 
     def _turns_clear(self) -> Statistic:
         found, what = self._turned(), "turns to the only clear side over turns away from it"
