@@ -1,6 +1,6 @@
 """An input condition decides what is shown of a frame of a bank or a world; the rest of the query stays the same."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
@@ -228,8 +228,8 @@ NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "l
 RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
 """Controls with distances over all that a world can show, and what is asked with them."""
 
-STAGED: tuple[str, ...] = tuple(name for name in CONTROLS if name not in RANGED)
-"""The controls that the stages of a run ask, and ``--controls all``; the others are asked by name alone."""
+OLDER: tuple[str, ...] = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
+"""Controls with a few distances: what is asked of a bank that has none over all of them."""
 
 COUNTERFACTUALS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
@@ -412,8 +412,14 @@ def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
     return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
 
 
+def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
+    """Return the controls that the stages of a run may ask, of those ``supplied``: over all distances, or the older."""
+    left_out = OLDER if set(RANGED) <= set(supplied) else RANGED
+    return tuple(name for name in CONTROLS if name in supplied and name not in left_out)
+
+
 def undrawn_controls(source: Source) -> dict[str, int]:
-    """Return, for each control that only some of the frames have, how many lack it; a nudge lacks what it is made of."""
+    """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
     drawn = (name for name in CONTROLS if name not in NUDGES)
     have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calibrate.known import is_false
-from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS, SAMPLED, STAGED, sample
+from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS, SAMPLED, sample
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
@@ -56,7 +56,7 @@ def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bo
 
 def _steady(frames: Sequence[Frame]) -> Columns:
     """Return the answers of a controller that never wavers."""
-    names = (*BATTERY, *COUNTERFACTUALS, *STAGED)
+    names = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)
     return {name: ["SLOW"] * len(frames) for name in names}
 
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from eyechart.calibrate.world import Shown, World
-from eyechart.conditions import RANGED
 from eyechart.models.scripted import CONTROLLERS, Answer, Decide
 
 Choose = Callable[[Shown, float, random.Random], Answer]
@@ -152,12 +151,11 @@ margin."""
 
 
 def answer_all(known: Known, world: World, rng: random.Random) -> dict[str, list[Answer | None]]:
-    """Return what a controller answers to what the stages of a run may ask; None where nothing is shown."""
+    """Return what a controller answers to everything that is shown; None where nothing is shown."""
     return {
         condition: [
             None if one is None else known.choose(one, passed, rng)
             for one, passed in zip(shown, world.passed, strict=True)
         ]
         for condition, shown in world.shown.items()
-        if condition not in RANGED
     }

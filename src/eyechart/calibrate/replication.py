@@ -17,7 +17,7 @@ from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
-from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS, STAGED
+from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.errors import SpecError, require_known
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
@@ -179,7 +179,7 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
         found = Found(Calibrated(part, how))
-        more = verdicts.controls_wanted(found, supplied=STAGED, asked=asked)
+        more = verdicts.controls_wanted(found, supplied=CONTROLS, asked=asked)
         if not more:
             return part
         asked += [name for name in more if name in answers.decisions]

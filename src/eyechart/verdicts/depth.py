@@ -1,6 +1,6 @@
 """The rules of depth: what each statistic has to reach, what refutes it, and what leaves it open.
 
-`docs/verdicts.md` has them on one screen, number 55 of docs/decisions why they are these and what still fools them.
+docs/verdicts.md has them on one screen, docs/statistics.md what each statistic does not show.
 """
 
 import math

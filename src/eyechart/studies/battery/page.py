@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.conditions import CONDITIONS, OF_BANKS, RANGED, STAGED
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
 from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
 from eyechart.report.accounts import deployment_tables
@@ -290,9 +290,9 @@ def not_covered(run: Evidence) -> list[str]:
     _, why = conditions_of(bank, manifest.prompt)
     unasked = "no model's answers called for it" if manifest.controls == "auto" else "it was not chosen (--controls)"
     lines = [
-        f"condition {name} was not asked: {why.get(name, unasked if name in STAGED else 'it was not chosen')}"
+        f"condition {name} was not asked: {why.get(name, unasked if name in CONTROLS else 'it was not chosen')}"
         for name in OF_BANKS
-        if name not in run.conditions and name not in RANGED
+        if name not in run.conditions
     ]
     if len(run.frames) < len(bank):
         lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not asked about (--limit)")

@@ -12,7 +12,7 @@ from eyechart.conditions import (
     CONTROLS,
     OF_BANKS,
     OVER,
-    STAGED,
+    asked_in_stages,
     available,
     find_condition,
     require_camera,
@@ -227,7 +227,7 @@ def planned(
     supplied, left_out = conditions_of(bank, formulation)
     controls = extent.controls_of(out, conditions)
     every = (name for name in supplied if name not in CONTROLS)
-    drawn = (name for name in supplied if name in STAGED and controls == "all")
+    drawn = asked_in_stages(supplied) if controls == "all" else ()
     chosen = tuple(dict.fromkeys((*(conditions or every), *drawn)))
     for name in chosen:
         find_condition(name)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from eyechart.conditions import STAGED, available
+from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
@@ -129,7 +129,8 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
     smallest, why = _smallest_p(bank)
     never = np.zeros(len(bank))
     bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
-    controls = {name: sum(available(name, frame) for frame in bank) for name in STAGED}
+    have = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
+    controls = {name: have[name] for name in asked_in_stages([name for name, count in have.items() if count])}
     controls |= sampled_of(bank)
     shown = [name for name, count in (calls | controls).items() if count]
     asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS, OF_BANKS, STAGED, available
+from eyechart.conditions import CONTROLS, OF_BANKS, available
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -24,13 +24,14 @@ from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
+from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.stages import Asked, asked_of_model, staged, stages_of, supplied, widest
 from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
 
-READ = (*DEPTH_TESTS, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
+READ = (*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
 """The tests that ``depth`` and its turns rest on."""
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
@@ -135,7 +136,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
                 scope=self.scope(model),
                 stopped=model.stopped,
                 absent=absent,
-                part=part and any(name not in absent for name in STAGED),
+                part=part and any(name not in absent for name in CONTROLS),
             )
             for spec, model in self.models.items()
         }
