@@ -413,7 +413,7 @@ def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
 
 
 def undrawn_controls(source: Source) -> dict[str, int]:
-    """Return, for each control that only some of the frames have, how many lack it; a nudge lacks what it is made of."""
+    """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
     drawn = (name for name in CONTROLS if name not in NUDGES)
     have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}
