@@ -370,12 +370,7 @@ class BankWriter:
                 f"but the pictures given are {sorted(counterfactuals)}"
             )
         self._check_cameras(frame, [pictures, *counterfactuals.values()])
-        frame = replace(frame, placed=frame.placed | {name for name in DISTANCES if name in truth})
-        placed = [*(name for name in DISTANCES if name in truth), *sorted(frame.placed - {*DISTANCES})]
-        if distances := {name: truth.pop(name) for name in placed}:
-            self._distances[frame.id] = _numbers(distances, frame.id)
-        if frame.strata:
-            self._strata[frame.id] = rounded_truth(frame.strata, frame.id)
+        frame = self._put_aside(frame, truth)
         row: dict[str, object] = {
             **picked(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
             **truth,
@@ -393,6 +388,15 @@ class BankWriter:
             row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
         self._rows[frame.id] = json.dumps(row, ensure_ascii=False)
         self._geometry[frame.id] = frame.geometry()
+
+    def _put_aside(self, frame: Frame, truth: dict[str, Scalar]) -> Frame:
+        """Keep what belongs to the manifest, of ``truth`` the distances, and return the frame that says which are."""
+        names = [*(name for name in DISTANCES if name in truth), *sorted(frame.placed - {*DISTANCES})]
+        if distances := {name: truth.pop(name) for name in names}:
+            self._distances[frame.id] = _numbers(distances, frame.id)
+        if frame.strata:
+            self._strata[frame.id] = rounded_truth(frame.strata, frame.id)
+        return replace(frame, placed=frozenset(names))
 
     def read(self, file: str) -> bytes:
         """Return an encoded picture that was added."""

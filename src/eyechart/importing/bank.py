@@ -83,9 +83,10 @@ class Choices:
     are of several cameras and of the state, and else ``mirror`` is the axis of the one, unless a column says it of each
     frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
     frames without episodes to be independent draws, ``prompt_columns`` what a prompt may say, and ``strata`` the
-    columns by which a claim may be asked, besides the scenario. Every ``every``-th frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
-    refused. With ``keep_repeats`` a recording that is there twice is imported twice. ``numerals`` says how numbers are
-    written and which mean "nothing ahead"; ``strip`` is what the paths of another machine begin with.
+    columns by which a claim may be asked, besides the scenario. Every ``every``-th frame of an episode is taken.
+    ``convert`` says how pictures are made plain; without it those that are not are refused. With ``keep_repeats`` a
+    recording that is there twice is imported twice. ``numerals`` says how numbers are written and which mean "nothing
+    ahead"; ``strip`` is what the paths of another machine begin with.
     ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
     """
 
@@ -355,11 +356,7 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
             f"the frames of an episode are not independent: leave out --independent, or the column "
             f"'{places['episode']}' with --map episode="
         )
-    for name in choices.strata:
-        if name not in table.columns:
-            faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
-        elif name in {*places.values(), *choices.prompt_columns} or is_reserved(name):
-            faults.add(f"--strata {name}: this column is something else already; name one that is kept as ground truth")
+    _check_strata(choices, places, table, faults)
     for name in choices.prompt_columns:
         if name not in table.columns:
             faults.add(f"--prompt-columns {name}: {reading.no_column(name, table.columns, table.name)}")
@@ -368,6 +365,14 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
                 faults.add(f"--prompt-columns {name}: it is the {place} of a frame, which no prompt may say")
         if name == "actions" or is_reserved(name):
             faults.add(f"--prompt-columns {name}: this name is taken; rename the column")
+
+
+def _check_strata(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
+    for name in choices.strata:
+        if name not in table.columns:
+            faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
+        elif name in {*places.values(), *choices.prompt_columns} or is_reserved(name):
+            faults.add(f"--strata {name}: this column is something else already; name one that is kept as ground truth")
 
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:
