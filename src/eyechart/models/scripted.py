@@ -177,8 +177,8 @@ CONTROLLERS: dict[str, Controller] = {
         Declared("depth", "depth", "one_sided"),
     ),
     "noisy_depth": Controller(
-        "brakes by distance in 7 of 10 answers and tosses a coin in the others",
-        lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.3 else _DEPTH(sight, rng),
+        "brakes by distance in 6 of 10 answers and tosses a coin in the others",
+        lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.4 else _DEPTH(sight, rng),
         Declared("self_inconsistent", "depth", "does_not_swap"),
     ),
     "self_inconsistent": Controller(

@@ -253,3 +253,8 @@ RULES: tuple[Rule, ...] = (
     ),
 )
 """The rules of who brakes harder for the nearer lead, in their order."""
+
+
+def earns_depth(found: Found) -> bool:
+    """Return whether all that depth needs holds."""
+    return all(clause.holds(found) for clause in (MOVED, *_HOLDS, NO_HOLES))
