@@ -22,6 +22,7 @@ from eyechart.verdicts.rules import (
     compared,
     fact,
     missing,
+    number_of,
     p_below,
     p_from,
     there,
@@ -305,7 +306,7 @@ def _few_turns(found: Found, clause: Clause | None) -> Reason:
     """Say how many directions would tell, or that those which there are do not."""
     del clause
     swap = found[_SWAP]
-    need = _turns_for(getattr(swap, "chance", None) or 0.0)
+    need = _turns_for(number_of(swap, "chance") or 0.0)
     if need <= swap.n:
         words = "its {n} directional decisions do not tell whether it exchanges half of them"
         return Reason(words, {"n": swap.n})
@@ -336,7 +337,7 @@ def _to_the_blocked_side(found: Found, clause: Clause | None) -> Reason:
 
 def _exchanged(found: Found, clause: Clause | None) -> Reason:
     del clause
-    return Reason("directions are exchanged, chance is {chance:.2f}", {"chance": getattr(found[_SWAP], "chance", None)})
+    return Reason("directions are exchanged, chance is {chance:.2f}", {"chance": number_of(found[_SWAP], "chance")})
 
 
 _SWAPS = (
