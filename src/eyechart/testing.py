@@ -28,11 +28,11 @@ def assert_grounded(
     """Raise AssertionError unless every model, or policy, of a run meets every requirement.
 
     ``require`` and ``terms`` are those of ``eyechart gate``: of a battery names of `eyechart.gate.REQUIREMENTS`,
-    ``depth`` if none is given, and ``order`` the share below which comparisons the wrong way round are to be bounded; of policies an axis
-    and a label, ``camera:camera_content`` if none is given. "Cannot say" is not enough: an empty or unfinished run
-    fails too, and one that several models answered, or several fingerprints of one unless they are allowed, and one of
-    answers that were ``made_elsewhere``, unless it says so. What is raised fits on one screen: what fails comes first,
-    and what has no room is counted; `eyechart.gate.hold` gives every check whole.
+    ``depth`` if none is given, and ``order`` the share below which comparisons the wrong way round are to be bounded;
+    of policies an axis and a label, ``camera:camera_content`` if none is given. "Cannot say" is not enough: an empty or
+    unfinished run fails too, and one that several models answered, or several fingerprints of one unless they are
+    allowed, and one of answers that were ``made_elsewhere``, unless it says so. What is raised fits on one screen: what
+    fails comes first, and what has no room is counted; `eyechart.gate.hold` gives every check whole.
     ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises LedgerError or BankError where the
     folder is no run, or needs ``reread``, and SpecError where its kind has no gate.
     """

@@ -36,7 +36,6 @@ WANTED = (
     "truncating",
     "depth",
     "depth_lateral",
-    "noisy_depth",
     "presence",
     "inverted",
     "nuisance",
