@@ -83,7 +83,7 @@ NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its ran
 
 @dataclass(frozen=True)
 class Moved:
-    """Braking levels where one vehicle was moved, and how far away it then was.
+    """Braking levels where one vehicle was moved, from 0 to 1 for a full stop, and how far away it then was.
 
     ``levels`` maps a condition, and ``at`` a name of `TWICE`, to numbers of shape (frames,), NaN where there are none;
     ``episodes`` and each of ``strata`` name what a frame is of. ``seed`` is that of the rise's orders.
@@ -317,11 +317,12 @@ def moved_of(answers: Answers) -> Moved:
     """Return what a model's answers hold."""
     nothing = np.full(len(answers.frames), np.nan)
     levels = {name: answers.projection(name, "brake") for name in answers.decisions}
+    full = max((answers.space.project(action, "brake") or 0.0 for action in answers.space.actions), default=0.0)
     recorded = {picture: [answers.numbers(column) for column in columns] for picture, columns in AT.items()}
     at = {picture: next((one for one in of if not np.isnan(one).all()), nothing) for picture, of in recorded.items()}
     at["real"] = nothing if answers.gaps is None else np.where(np.isfinite(answers.gaps), answers.gaps, np.nan)
     return Moved(
-        levels={name: level for name, level in levels.items() if level is not None},
+        levels={name: level / (full or 1.0) for name, level in levels.items() if level is not None},
         at=at,
         episodes=answers.episodes,
         strata={"scenario": answers.scenarios} | _strata(answers),

@@ -254,7 +254,7 @@ class _Drawn:
         for name, distance in distances.items():
             meant = np.where(distance < first, hard, np.where(distance < last, brake, go))
             codes = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(np.int8))
-            given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes])
+            given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
         draws = min(self.draws, ALONG_DRAWS)
         earned = (
             earns_depth(Drawn(replace(shown, levels={name: levels[draw] for name, levels in given.items()})))
