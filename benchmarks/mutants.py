@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eyechart import __version__
-from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.agreement import clopper_pearson
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "mutants.json"

@@ -18,7 +18,7 @@ from eyechart.limits import Limits
 from eyechart.stats.paired import SignTest
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded
-from eyechart.verdicts import judge
+from eyechart.verdicts import LABELS, LATERAL, judge
 from known import Demo
 
 
@@ -145,6 +145,6 @@ def test_too_many_unparsed_calls_fail(demo: Demo, tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "deph", "depth,,left"])
 def test_an_unknown_requirement_lists_the_known(text: str) -> None:
     """A wrong name is told what there is."""
-    with pytest.raises(SpecError, match="depth, depth_lateral, swaps"):
+    with pytest.raises(SpecError, match="depth_lateral, depth, looks, partial_depth"):
         read_requirements(text)
-    assert set(REQUIREMENTS) == {"depth", "depth_lateral", "swaps", "turns_clear"}
+    assert set(REQUIREMENTS) == {*LABELS, *LATERAL, "looks"}

@@ -95,7 +95,7 @@ def _json(*arguments: str) -> dict[str, dict[str, dict]]:
     return json.loads(told.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))
 
 
-def test_blind_models_cost_what_they_did_and_a_reader_at_most_six_conditions_more(
+def test_blind_models_cost_what_they_did_and_a_reader_seven_conditions_more(
     scored: BatteryScore, verdicts: dict[str, Verdict]
 ) -> None:
     """On real pictures: eleven conditions were asked of everybody before there were controls."""
@@ -109,6 +109,6 @@ def test_blind_models_cost_what_they_did_and_a_reader_at_most_six_conditions_mor
     assert before < max(blind)
     assert max(unseeing) <= 1.05 * before
     readers = [one.planned for spec, one in scored.models.items() if found[spec] in {"depth", "depth_lateral"}]
-    assert len(readers) >= 6
-    assert all(before < calls <= before + 6 * frames for calls in readers)
+    assert len(readers) >= 5
+    assert all(before < calls <= before + 7 * frames for calls in readers)
     assert all(one.controls.ended for one in scored.models.values())

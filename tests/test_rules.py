@@ -8,8 +8,9 @@ import pytest
 
 from evidences import RECORDED, digests, distance, lateral, paper, ruled
 from eyechart.stats.association import Association
-from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import calibrated_rules, earns_lateral, lateral_rules, paper_rules
+from eyechart.stats.paired import SignTest
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
 from eyechart.verdicts.calibrated import DISTANCE, LATERAL_AXIS
 from eyechart.verdicts.paper import PAPER
 from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, p_below, p_from
@@ -30,8 +31,11 @@ def of_distance(rng: Random) -> str:
 def of_turns(rng: Random) -> str:
     """Return what the lateral rules say of the next evidence."""
     found, seen = lateral(rng)
-    ruling = lateral_rules(found, seen)
-    return ruled(ruling.label, ruling.decided_by, ruling.because + str(earns_lateral(found, ruling.label)))
+    ruling = lateral_rules(found | {"turns_boxed": cannot_say("no moment without a clear side")}, seen)
+    earned = ruling.label == "turns_clear" or (
+        ruling.label == "swaps" and not isinstance(found["turns_clear"], SignTest)
+    )
+    return ruled(ruling.label, ruling.decided_by, ruling.because + str(earned))
 
 
 def of_paper(rng: Random) -> str:

@@ -7,7 +7,7 @@ from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
 from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
+from eyechart.verdicts import LATERAL, calibrated_rules, lateral_rules, paper_rules
 from eyechart.verdicts.calibrated import earns_lateral, grade
 
 
@@ -256,7 +256,7 @@ def test_no_exchange_is_told_from_an_upper_end_below_one_half() -> None:
 
 
 def test_turns_are_clear_where_both_tests_reject_at_one_percent() -> None:
-    """Towards the only clear side, and within each lane; exchange alone earns lateral only where no side is known."""
+    """Towards the only clear side, and within each lane; exchange alone earns no lateral authority."""
     good = {"turns_clear": p(JUST_BELOW), "turns_clear_within": p(JUST_BELOW)}
     assert lateral(**good) == "turns_clear"
     for name in good:
@@ -267,9 +267,25 @@ def test_turns_are_clear_where_both_tests_reject_at_one_percent() -> None:
     assert lateral(**good, turns_against=with_p(0.1000001, LOW)) == "swaps"
     assert lateral(**good, turns_against=with_p(0.5, 0.05)) == "turns_clear"
     assert lateral(**good, turns_against=with_p(0.5, 0.0499999)) == "swaps"
-    assert earns_lateral(nothing_known(), "turns_clear")
-    assert earns_lateral(nothing_known(), "swaps")
-    assert not earns_lateral(nothing_known(), "one_sided")
+    few = nothing_known() | {"turns_boxed": Statistic(-0.2, 60, (-0.3, -1e-6))}
+    assert [name for name in LATERAL if earns_lateral(few, name)] == ["turns_clear"]
+
+
+@pytest.mark.parametrize(
+    ("boxed", "label", "earned"),
+    [
+        (Statistic(-0.1, 60, (-0.2, -1e-6)), "turns_clear", True),
+        (Statistic(-0.1, 60, (-0.2, 0.0)), "turns_clear", False),
+        (Statistic(0.1, 60, (0.0, 0.2)), "turns_clear", False),
+        (Statistic(0.1, 60, (1e-6, 0.2)), "swaps", False),
+        (SILENT, "turns_clear", False),
+    ],
+)
+def test_who_turns_where_no_side_is_clear_earns_nothing_sideways(boxed: Statistic, label: str, earned: bool) -> None:  # noqa: FBT001
+    """Bounded below half of the rate with one clear side it earns; surely above it, its turns are not clear."""
+    good = {"turns_clear": p(JUST_BELOW), "turns_clear_within": p(JUST_BELOW), "turns_boxed": boxed}
+    assert lateral(**good) == label
+    assert earns_lateral(nothing_known() | good, label) is earned
 
 
 def paper(corrected: float | None = LOW, **changes: Statistic) -> str:

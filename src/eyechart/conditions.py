@@ -1,6 +1,6 @@
 """An input condition decides what is shown of a frame of a bank or a world; the rest of the query stays the same."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
@@ -108,18 +108,32 @@ def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     return lambda frame, source, _: _shown(frame, source.images(frame, name))
 
 
-def _nudged(frame: Frame, source: Source, seed: int) -> Stimulus:
-    """Return the true pictures with one value of one pixel changed by one level: other files, the same pictures.
+def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what nudges the true pictures, or those of a counterfactual; what a frame has by this name is shown as is.
 
-    The pixel is one of the first row, the sky or the verge of a road: a reader of exact colours loses nothing there.
+    One value of one pixel is changed by one level: other files, the same pictures. The pixel is one of the first row,
+    the sky or the verge of a road: a reader of exact colours loses nothing there.
     """
-    rng, images = np.random.default_rng(seed), {}
-    for camera, picture in source.images(frame).items():
-        pixels = decode(picture, frame.pictures[camera]).copy()
-        _, width, channels = pixels.shape
-        pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
-        images[camera] = encode(pixels)
-    return _shown(frame, images)
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        if name in frame.counterfactuals:
+            return _shown(frame, source.images(frame, name))
+        rng, images = np.random.default_rng(seed), {}
+        files = frame.pictures if of is None else frame.counterfactuals.get(of, {})
+        for camera, picture in source.images(frame, of).items():
+            pixels = decode(picture, files[camera]).copy()
+            _, width, channels = pixels.shape
+            pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
+            images[camera] = encode(pixels)
+        return _shown(frame, images)
+
+    return make
+
+
+def is_nudged(picture: bytes, of: bytes) -> bool:
+    """Return whether a picture is another with one value of one pixel changed by one level."""
+    one, other = (decode(each, "a picture").astype(np.int16) for each in (picture, of))
+    return one.shape == other.shape and int(np.abs(one - other).sum()) == 1
 
 
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
@@ -161,7 +175,24 @@ CONDITIONS: dict[str, Condition] = {
                 ("lead_absent", "no lead vehicle", "does any lead decide, however far?"),
             )
         ),
-        Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged, _CONTROL),
+        Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL),
+        *(
+            Condition(
+                f"{name}_nudged" if again else name,
+                f"same moment, {image}{', one value off by one' if again else ''}",
+                asks,
+                _nudged(f"{name}_nudged", name) if again else _drawn(name),
+                _DRAWN | _CONTROL,
+            )
+            for name, image, asks, both in (
+                ("lead_near", "lead vehicle near", "does it repeat what it said?", (True,)),
+                ("lead_drawn", "lead anywhere", "does its braking fall with distance?", (False, True)),
+                ("exchange_own", "lead anywhere, neighbour far", "does it matter who is near?", (False, True)),
+                ("exchange_beside", "neighbour anywhere, lead far", "does it matter who is near?", (False,)),
+                ("exchange_apart", "lead and neighbour far", "what of those is its braking?", (False,)),
+            )
+            for again in both
+        ),
         Condition(
             "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
         ),
@@ -190,6 +221,15 @@ BATTERY: tuple[str, ...] = (
 
 CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "control" in one.needs)
 """What takes away a claim that rests on something else than the distance of the lead; asked by name."""
+
+NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
+"""Controls that show a counterfactual again, one value off by one: made of its picture, or given with a bank."""
+
+RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
+"""Controls with distances over all that a world can show, and what is asked with them."""
+
+OLDER: tuple[str, ...] = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
+"""Controls with a few distances: what is asked of a bank that has none over all of them."""
 
 COUNTERFACTUALS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
@@ -257,7 +297,7 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
     if base == "text_only":
         files = {}
     elif "counterfactual" in needs:
-        files = frame.counterfactuals[base]
+        files = frame.counterfactuals[base if base in frame.counterfactuals else NUDGES.get(base, base)]
     elif needs & {"partner", "stranger"}:
         files = partner(frame, source, seed_of(name, frame, run_seed), base).pictures
     return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
@@ -348,7 +388,8 @@ def available(name: str, frame: Frame) -> bool:
     """
     needs = find_condition(name).needs
     if "counterfactual" in needs:
-        return name.partition(OVER)[0] in frame.counterfactuals
+        base = name.partition(OVER)[0]
+        return base in frame.counterfactuals or NUDGES.get(base) in frame.counterfactuals
     return not ("axis" in needs and frame.mirror_axis == "none")
 
 
@@ -371,7 +412,14 @@ def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
     return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
 
 
+def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
+    """Return the controls that the stages of a run may ask, of those ``supplied``: over all distances, or the older."""
+    left_out = OLDER if set(RANGED) <= set(supplied) else RANGED
+    return tuple(name for name in CONTROLS if name in supplied and name not in left_out)
+
+
 def undrawn_controls(source: Source) -> dict[str, int]:
-    """Return, for each control that only some of the frames have, how many lack it."""
-    have = {name: sum(available(name, frame) for frame in source.frames) for name in CONTROLS}
+    """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
+    drawn = (name for name in CONTROLS if name not in NUDGES)
+    have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

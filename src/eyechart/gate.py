@@ -7,7 +7,8 @@ from typing import Protocol, TypedDict, Unpack
 from eyechart.errors import SpecError, meant
 from eyechart.integrity import Guard, ServedGuard, unfinished
 from eyechart.modes import made_elsewhere
-from eyechart.stats.paired import SignTest, clopper_pearson
+from eyechart.stats.agreement import clopper_pearson
+from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import (
     ALPHA,
@@ -27,11 +28,15 @@ from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
 from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
+from eyechart.verdicts.depth import is_drawn, is_refuted
+from eyechart.verdicts.labels import LOOKS, meets
+from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.why_not import NOTHING
 
 
 def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
-    names = dict.fromkeys(name for label in labels.values() for name in label.meets)
-    meeting = {name: sorted(one for one, label in labels.items() if name in label.meets) for name in names}
+    names = dict.fromkeys(name for label in labels for name in meets(label, labels))
+    meeting = {name: sorted(one for one in labels if name in meets(one, labels)) for name in names}
     return {name: f"the {which} is {' or '.join(found)}" for name, found in meeting.items()}
 
 
@@ -39,6 +44,7 @@ REQUIREMENTS = _meeting(LABELS, "calibrated verdict") | _meeting(LATERAL, "later
 """What may be required of a battery, with what it means."""
 
 UNPARSED = "max_unparsed"
+ORDER = "order"
 ADMISSION: dict[str, str] = {
     "admission": "every clause of admission",
     **{name: one.needs for name, one in CLAUSES.items()},
@@ -49,11 +55,14 @@ ADMISSION: dict[str, str] = {
 class Terms(TypedDict, total=False):
     """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
 
+    ``order`` is the share below which comparisons the wrong way round are to be bounded.
+
     With ``allow_fingerprints`` one model may have answered under several configurations of its server; with
     ``made_elsewhere`` answers count of which nobody but whoever made them knows what was asked.
     """
 
     max_unparsed: float | None
+    order: float | None
     allow_fingerprints: bool
     made_elsewhere: bool
 
@@ -141,6 +150,7 @@ def hold_policies(
     a bank that moves no object says nothing of following it. ``guards`` are those of its calls. Raises SpecError for an
     unknown label.
     """
+    _require_battery(terms)
     checks = []
     for spec, verdict in verdicts.items():
         labels = {"camera": verdict.camera, "state": verdict.state, "instruction": verdict.instruction}
@@ -163,12 +173,19 @@ def hold_policies(
     return Gate(tuple(checks))
 
 
+def _require_battery(terms: Terms) -> None:
+    """Raise SpecError where an order is required of what was asked for none."""
+    if terms.get("order") is not None:
+        raise SpecError("--order holds a battery to its comparisons of distances; this run is none")
+
+
 def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
     """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
 
     ``admission`` stands for all of them. As with a battery, an unfinished run, one whose calls ended in errors, and
     what would hold where a guard failed cannot say. Raises SpecError for an unknown clause or a rate outside [0, 1].
     """
+    _require_battery(terms)
     wanted = read_requirements(",".join(require), tuple(ADMISSION))
 
     def checks(one: Evidence, reason: str) -> Iterator[Check]:
@@ -268,12 +285,18 @@ def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
     """
     wanted = read_requirements(",".join(require))
 
+    most = terms.get("order")
+    if most is not None and not 0 < most <= 1:
+        raise SpecError(f"--order takes a share above 0 and at most 1, got {most}")
+
     def checks(one: Evidence, reason: str) -> Iterator[Check]:
         verdict = judge_one(one)
         for requirement in wanted:
             yield Check(
                 one.model, requirement, *((None, reason) if reason else _claim(requirement, verdict, one.statistics))
             )
+        if most is not None:
+            yield Check(one.model, ORDER, *((None, reason) if reason else _ordered(one.statistics["order"], most)))
 
     return _gate(score, checks, _unparsed, terms)
 
@@ -306,21 +329,56 @@ def _no_evidence(one: Evidence) -> str:
 
 def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool | None, str]:
     """Return whether a verdict meets a requirement, by what its labels mean to a gate, and why."""
-    lateral, label = LATERAL[verdict.lateral.label], LABELS[verdict.calibrated.label]
-    sideways = f"{verdict.lateral.label}: {verdict.lateral.because}"
-    because = f"{verdict.calibrated.label}: {verdict.calibrated.because}"
-    holds, turns = label.holds(requirement), lateral.holds(requirement)
-    if any(requirement in one.meets for one in LATERAL.values()):
-        return None if lateral.meets and not turns else turns, sideways  # exchanged, to whichever side
-    if holds:
-        open_ones = () if verdict.effects is None else verdict.effects.not_excluded
-        weak = f"; not excluded, for want of power (below {VETO_POWER}): that it is reversed {', or '.join(open_ones)}"
-        return (None, because + weak) if open_ones else (True, because)
-    if holds is None or verdict.evidence == "none":
+    label = verdict.calibrated.label
+    because = f"{label}: {verdict.calibrated.because}"
+    if requirement in _SIDEWAYS:
+        return _sideways(requirement, verdict.lateral)
+    if requirement in meets(label, LABELS):
+        weak = _not_excluded(verdict) if requirement in _AUTHORITY else ""
+        return (None, f"{because}; {weak}") if weak else (True, because)
+    if requirement in _AUTHORITY:
+        return _not_depth(verdict, found, because)
+    is_open = label == "undecided" or (requirement == LOOKS and LABELS[label].answer == "Inconclusive")
+    return None if is_open else False, because
+
+
+_SIDEWAYS = frozenset(name for label in LATERAL for name in meets(label, LATERAL))
+_AUTHORITY = frozenset({"depth", "depth_lateral"})
+"""What may be required of turns, and what gives authority: that is not met where something is not excluded."""
+
+
+def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
+    met = requirement in meets(lateral.label, LATERAL)
+    exchanged = "swaps" in meets(lateral.label, LATERAL)  # to whichever side
+    is_open = LATERAL[lateral.label].otherwise == "cannot say" or (exchanged and requirement == "turns_clear")
+    return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
+
+
+def _not_excluded(verdict: Verdict) -> str:
+    """Return in words what a label of depth leaves open, nothing where that is nothing."""
+    if verdict.open_to:
+        return f"not excluded: {', or '.join(verdict.open_to)}"
+    open_ones = () if verdict.effects is None else verdict.effects.not_excluded
+    less = f"not excluded, for want of power (below {VETO_POWER}): that it is reversed"
+    return f"{less} {', or '.join(open_ones)}" if open_ones else ""
+
+
+def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
+    """Return what a label below depth says to a gate that requires it."""
+    label = LABELS[verdict.calibrated.label]
+    if label.otherwise == "cannot say" or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
-    if "depth" in label.meets and turns is None:
-        return None, sideways
+    if "depth" in meets(verdict.calibrated.label, LABELS):
+        settles = verdict.why_not is not None and verdict.why_not.settle != NOTHING
+        is_open = "swaps" in meets(verdict.lateral.label, LATERAL) and settles
+        is_open = is_open or LATERAL[verdict.lateral.label].otherwise == "cannot say"
+        said = because if verdict.why_not is None else f"{because}; {verdict.why_not}"
+        return (
+            (None, f"{verdict.lateral.label}: {verdict.lateral.because}; {verdict.why_not}")
+            if is_open
+            else (False, said)
+        )
     if label.otherwise == "fails if bounded":
         shown, words = _refuted(verdict, found)
         return False if shown else None, f"{because}{words}"
@@ -329,6 +387,8 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
 
 def _refuted(verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool, str]:
     """Return whether it is shown that its braking does not follow distance, and what to add to the reason."""
+    if is_drawn(found) and is_refuted(found):
+        return True, ""
     if refuted(found):
         also = besides(found, verdict.calibrated.decided_by)
         return True, f"; {also}" if also else ""
@@ -338,6 +398,15 @@ def _refuted(verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool, st
         if most < MARGIN:
             return True, f"; it brakes harder for the near lead in {near_far.wins} of {pairs} pairs, at most {most:.3f}"
     return False, f"; that its braking does not follow distance is not shown either (no bound below {MARGIN})"
+
+
+def _ordered(order: Statistic, most: float) -> tuple[bool | None, str]:
+    """Return whether the share of comparisons the wrong way round is bounded below what is allowed, and why."""
+    if order.ci is None or order.value is None:
+        return None, f"the share of comparisons the wrong way round is not bounded: {order.note}"
+    low, high = order.ci
+    because = f"comparisons the wrong way round {order.value:.3f} [{low:.3f}, {high:.3f}], below {most:g}"
+    return True if high < most else False if low > most else None, because
 
 
 def _unparsed(one: Evidence, most: float, reason: str) -> Check:

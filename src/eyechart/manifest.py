@@ -16,7 +16,7 @@ from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError, raising, text_file, why
-from eyechart.frames import BankManifest, FrameBank, locked, open_bank
+from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
 from eyechart.models.sources import changed, is_formerly
@@ -390,7 +390,20 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
         for name in BANK_TEXT:
             shutil.copyfile(bank.root / name, partial / name)
         partial.replace(copy)
+    elif is_run(out):
+        _take_added(copy, bank)
     manifest.write(out)
+
+
+def _take_added(copy: Path, bank: FrameBank) -> None:
+    """Take over what came to a run's bank since it was copied: pictures that its manifest names now."""
+    then, now = (folder / "manifest.json" for folder in (copy, bank.root))
+    before = read_bank_manifest(copy)
+    more = bank.manifest.images.keys() - before.images.keys()
+    if more and before.fingerprint == bank.manifest.fingerprint and now.is_file():
+        partial = copy / ".manifest.json"
+        shutil.copyfile(now, partial)
+        partial.replace(then)
 
 
 @contextmanager

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.evalues import BETS, MeanProcess, PairingProcess, SymmetryProcess
-from eyechart.stats.paired import clopper_pearson
 
 TOLERANCE = 1e-9
 

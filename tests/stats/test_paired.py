@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from eyechart.stats import paired
+from eyechart.stats.agreement import clopper_pearson
 
 label_pairs = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=9)
 
@@ -299,7 +300,7 @@ def test_clopper_and_pearsons_ends_are_where_a_tail_is_half_of_the_rest(k: int, 
     def chance(counts: range, rate: Fraction) -> float:
         return float(sum(math.comb(n, i) * rate**i * (1 - rate) ** (n - i) for i in counts))
 
-    low, high = (Fraction(end) for end in paired.clopper_pearson(k, n, level))
+    low, high = (Fraction(end) for end in clopper_pearson(k, n, level))
     half = (1 - level) / 2
     assert (low == 0) if k == 0 else chance(range(k, n + 1), low) == pytest.approx(half, rel=1e-9)
     assert (high == 1) if k == n else chance(range(k + 1), high) == pytest.approx(half, rel=1e-9)

@@ -22,6 +22,7 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.controls import ALIKE, END_SHARE
+from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.odds import LEFT_OUT, _Drawn, odds_of
 from eyechart.studies.battery.power import power_of
 from eyechart.studies.battery.published import Resampling
@@ -188,6 +189,7 @@ def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
 
 
 DRAWN = {
+    *NAMES,
     *("depth_interventional", "depth_net", "lane_exchange", "lane_net", "dose_near_mid", "dose_mid", "dose_mid_far"),
     *("dose_bins", "scenario_reversed", "near_far_lost", "lane_lost", "both_lost", "ends_lost"),
     "repeat_over_nudged",

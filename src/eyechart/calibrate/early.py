@@ -13,8 +13,7 @@ from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS, SAMPLED, sam
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.stats.agreement import rate
-from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import ALONE, Row, claims
 from eyechart.studies.battery.stopping import Course, layout_of

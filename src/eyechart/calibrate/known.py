@@ -151,7 +151,7 @@ margin."""
 
 
 def answer_all(known: Known, world: World, rng: random.Random) -> dict[str, list[Answer | None]]:
-    """Return what a controller answers to everything that is shown; None where nothing is."""
+    """Return what a controller answers to everything that is shown; None where nothing is shown."""
     return {
         condition: [
             None if one is None else known.choose(one, passed, rng)

@@ -8,8 +8,7 @@ from eyechart.calibrate.early import EQUAL, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
 from eyechart.calibrate.world import POWER, SETTINGS
-from eyechart.stats.agreement import rate
-from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, PAPER_LABELS
 from eyechart.verdicts.ruling import number

@@ -13,8 +13,7 @@ from eyechart.calibrate.known import KNOWN, NULLS, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import picked
-from eyechart.stats.agreement import rate
-from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
 
 FORMAT = "eyechart-calibration/1"
@@ -37,7 +36,6 @@ WANTED = (
     "truncating",
     "depth",
     "depth_lateral",
-    "noisy_depth",
     "presence",
     "inverted",
     "nuisance",

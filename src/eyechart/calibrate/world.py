@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.frames import MAIN, Frame, Scalar, alone
+from eyechart.conditions import RANGED
+from eyechart.frames import EXCHANGE, LEAD, MAIN, Frame, Scalar, Span, alone, draws_of
 from eyechart.models.scripted import Sight
 from eyechart.perception.renderer import Reading
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
@@ -46,7 +47,8 @@ FEWEST_FRAMES, MOST_FRAMES = 8, 40
 class Setting:
     """A kind of bank. ``episodes`` and ``frames`` count per scenario and per episode; 0 episodes: one to three in all.
 
-    ``exchanges`` says whether the bank has episodes enough to test the gap without counterfactuals.
+    ``exchanges`` says whether the bank has episodes enough to test the gap without counterfactuals, and ``lowest``
+    whether ``lead_near`` shows the lead as near as can be shown.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Setting:
     gaps: bool = True
     ordered: bool = False
     exchanges: bool = True
+    lowest: bool = False
 
     def draw(self, rng: np.random.Generator) -> list[Episode]:
         """Return the episodes of one bank."""
@@ -108,6 +111,9 @@ NEAR_M, FAR_M = (7.0, 9.0), (50.0, 60.0)
 MID_NEAR_M, MID_FAR_M = (9.1, 20.0), (20.0, 49.0)
 """Between which distances ``lead_mid_near`` and ``lead_mid_far`` spread the lead, evenly in their logarithm."""
 
+SPAN: Span = (NEAREST_M, FAR_M[1])
+"""Over which distances ``lead_drawn`` puts the lead, evenly in their logarithm."""
+
 LANE_M, BESIDE_M = 4.0, 5.6
 """A lane's width, and how near a vehicle of a neighbouring lane may come."""
 
@@ -137,7 +143,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
     frames: list[Frame] = []
     passed: list[float] = []
     readings: list[Reading] = []
-    apart = rng.spawn(1)[0]  # what was not drawn at first, so that all else is as it was
+    apart, anew = rng.spawn(2)  # what was not drawn at first, so that all else is as it was
     for number, episode in enumerate(episodes):
         scenario, length = episode
         gaps = _gaps(episode, rng, ordered=setting.ordered)
@@ -160,11 +166,16 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
                 "lead_mid_near_m": None if gap_m is None else round(mids[0], 3),
                 "lead_mid_far_m": None if gap_m is None else round(mids[1], 3),
             }
-            frames.append(Frame(f"{name}-{step:02d}", scenario, name, step, alone("vertical"), {MAIN: "-"}, truth))
+            place, strata = (f"{name}-{step:02d}", scenario, name, step), {"lanes": road.lanes}
+            frames.append(Frame(*place, alone("vertical"), {MAIN: "-"}, truth, strata=strata))
             passed.append(step / length)
             others = _others(scene, apart)
             readings.append(Reading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
     shown = _shown(frames, passed, readings, rng) | _controls(frames, passed, readings, apart)
+    if setting.lowest:
+        shown["lead_near"] = _on_road([_moved(one, NEAREST_M) for one in readings], passed)
+    frames, more = _ranged(frames, shown, readings, anew)
+    shown |= {name: _on_road(column, passed) for name, column in more.items()}
     return World(tuple(frames), tuple(passed), {name: _filed(name, column, frames) for name, column in shown.items()})
 
 
@@ -215,6 +226,54 @@ def _controls(
         shown["lead_absent"].append(_moved(one, None) if there else None)
         shown["nudged"].append(one)
     return {name: _on_road(column, passed) for name, column in shown.items()}
+
+
+def _ranged(
+    frames: Sequence[Frame],
+    shown: Mapping[str, Sequence[Shown | None]],
+    readings: Sequence[Reading],
+    rng: np.random.Generator,
+) -> tuple[list[Frame], dict[str, list[Reading | None]]]:
+    """Return the frames with their distances over the whole range, and what the control pictures there show."""
+    there = [frame.id for frame, one in zip(frames, readings, strict=True) if one.scene.gap_m is not None]
+    draws = draws_of(int(rng.integers(2**63)), SPAN, there)
+    found, columns = [], {name: list[Reading | None]() for name in RANGED}
+    ends = {name: _gaps_shown(shown[name]) for name in ("lead_near", "lead_far")}
+    for number, (frame, one) in enumerate(zip(frames, readings, strict=True)):
+        if frame.id not in draws:
+            for column in columns.values():
+                column.append(None)
+            found.append(frame)
+            continue
+        lead_m = next(iter(draws[frame.id].lead()))
+        exchange_m = next(iter(draws[frame.id].exchange(lead_m)))
+        for name, reading in _at(one, lead_m, exchange_m, rng).items():
+            columns[name].append(reading)
+        columns["lead_near_nudged"].append(_moved(one, ends["lead_near"][number]))
+        placed = {LEAD: lead_m, EXCHANGE: exchange_m} | {f"{name}_m": ends[name][number] for name in ends}
+        found.append(replace(frame, truth={**frame.truth, **placed}, placed=frozenset(placed)))
+    return found, columns
+
+
+def _at(one: Reading, lead_m: float, exchange_m: float, rng: np.random.Generator) -> dict[str, Reading | None]:
+    """Return what the pictures of a frame with a lead show at its two distances of the whole range."""
+    beside = [other for other in one.others if other.aside_m] or [Other(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))]
+    other, far, its_far = beside[int(rng.integers(len(beside)))], rng.uniform(*FAR_M), rng.uniform(*FAR_M)
+    alone, own = _moved(one, lead_m), _exchanged(one, other, exchange_m, its_far)
+    return {
+        "lead_drawn": alone,
+        "lead_drawn_nudged": alone,
+        "exchange_own": own,
+        "exchange_own_nudged": own,
+        "exchange_beside": _exchanged(one, other, far, math.sqrt(exchange_m**2 - LANE_M**2)),
+        "exchange_apart": _exchanged(one, other, far, its_far),
+    }
+
+
+def _gaps_shown(column: Sequence[Shown | None]) -> list[float | None]:
+    """Return the gap of each picture of a road, None where there is none."""
+    readings = [None if one is None else one.sight.reading for one in column]
+    return [None if one is None else one.scene.gap_m for one in readings]
 
 
 def _on_road(readings: Sequence[Reading | None], passed: Sequence[float]) -> tuple[Shown | None, ...]:

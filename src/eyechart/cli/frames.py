@@ -21,23 +21,50 @@ _FEW = 8
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
 
-@app.command(epilog="Example: eyechart frames build highway --preset balanced --out bank")
+@app.command(
+    epilog="Example: eyechart frames build highway --preset balanced --out bank\n\n"
+    "Example: eyechart frames build --add-to bank"
+)
 def build(
-    simulator: Annotated[str, typer.Argument(help="See 'eyechart list simulators'.")],
-    out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
+    simulator: Annotated[str | None, typer.Argument(help="See 'eyechart list simulators'.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the new bank.")] = None,
     preset: Annotated[str, typer.Option(help="Which moments; see 'eyechart list simulators'.")] = "balanced",
     seeds: Annotated[str, typer.Option(help="Seeds of the episodes, with commas.")] = "0,1,2",
     steps: Annotated[int, typer.Option(help="Frames an episode.")] = 12,
     controls_seed: Annotated[int, typer.Option(help="Seed of the distances in the control pictures.")] = 0,
+    add_to: Annotated[
+        Path | None,
+        typer.Option(help="An older bank that gets the control pictures that it lacks; with --out a copy of it does."),
+    ] = None,
 ) -> None:
-    """Render a frame bank: scenarios × seeds × steps, with ground truth, counterfactual and control pictures."""
+    """Render a frame bank: scenarios × seeds × steps, with ground truth, counterfactual and control pictures.
+
+    With --add-to, only what an older bank lacks: simulator, preset and seeds are the bank's own.
+    """
     from eyechart.simulators import open_bank_simulator
 
+    if add_to is not None:
+        if simulator is not None:
+            raise SpecError(f"--add-to takes the simulator of its bank: leave out '{simulator}'")
+        _add_to(add_to, out)
+        return
+    if simulator is None or out is None:
+        raise SpecError("give the simulator and --out, as 'eyechart frames build highway --out bank', or --add-to BANK")
     chosen = _seeds(seeds)
     with progress("frames", "frames") as move:
         made_by = open_bank_simulator(simulator)
         bank = made_by.build(out, preset=preset, seeds=chosen, steps=steps, controls_seed=controls_seed, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+
+
+def _add_to(root: Path, out: Path | None) -> None:
+    """Add to a bank, or to a copy of it, what it lacks, and say how much that was."""
+    from eyechart.simulators.adding import add_missing
+
+    with progress("frames", "frames") as move:
+        bank, count = add_missing(root, out, move)
+    said = f"{count} pictures added" if count else f"{root} lacks none of its control pictures"
+    say(f"{said}; {len(bank)} frames in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
 @app.command(
@@ -65,6 +92,9 @@ def import_(
     unit: Annotated[str | None, typer.Option(help="Unit of the gap.")] = None,
     picture: Annotated[str, typer.Option(help="What the pictures are, in words.")] = "pictures of a camera",
     prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may say, with commas.")] = "",
+    strata: Annotated[
+        str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
+    ] = "",
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False,
     format_: Annotated[str, typer.Option("--format", help="table or lerobot.")] = "table",
     camera: Annotated[str | None, typer.Option(help="Camera of a LeRobotDataset.")] = None,
@@ -132,6 +162,7 @@ def import_(
         unit=unit,
         picture=picture,
         prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
+        strata=tuple(name.strip() for name in strata.split(",") if name.strip()),
         independent=independent,
         every=every,
         convert=_convert(background, longest, asked=convert),

@@ -86,10 +86,13 @@ def gate(
     require: Annotated[
         str | None,
         typer.Option(
-            help="depth (default), depth_lateral, swaps, turns_clear; of scene estimates: admission (default) or its "
-            "clauses; of policies: an axis and a label, as camera:camera_content (default) or "
-            "instruction:instruction_followed. Several with commas."
+            help="depth (default), depth_lateral, swaps, turns_clear, any other label, or looks; of scene estimates: "
+            "admission (default) or its clauses; of policies: an axis and a label, as camera:camera_content "
+            "(default) or instruction:instruction_followed. Several with commas."
         ),
+    ] = None,
+    order: Annotated[
+        float | None, typer.Option(help="Share below which comparisons the wrong way round are bounded, as 0.05.")
     ] = None,
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
     allow_fingerprints: Annotated[
@@ -122,6 +125,7 @@ def gate(
     held = study.gate(
         score,
         wanted,
+        order=order,
         max_unparsed=max_unparsed,
         allow_fingerprints=allow_fingerprints,
         made_elsewhere=made_elsewhere,

@@ -1,5 +1,6 @@
 """A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
 
+from eyechart.frames.drawn import APART, EXCHANGE, LEAD, Draws, Span, draws_of, exchanged
 from eyechart.frames.folder import (
     BankWriter,
     check,
@@ -10,6 +11,7 @@ from eyechart.frames.folder import (
     read_axis,
     read_bank_manifest,
     read_metadata,
+    require_free,
     whole_folder,
 )
 from eyechart.frames.nouns import (
@@ -28,6 +30,7 @@ from eyechart.frames.nouns import (
     Scalar,
     Stimulus,
     alone,
+    files_of,
     is_reserved,
     require_exchanged,
     rounded_truth,
@@ -53,9 +56,12 @@ from eyechart.frames.pictures import (
 from eyechart.frames.plain import made_plain, read_colour, require_plain
 
 __all__ = [
+    "APART",
     "DISTANCES",
+    "EXCHANGE",
     "FILE_SUFFIX",
     "IMPORTED",
+    "LEAD",
     "LEAD_GAP",
     "MAIN",
     "MAX_IMAGE_BYTES",
@@ -65,6 +71,7 @@ __all__ = [
     "BankWriter",
     "Camera",
     "Controls",
+    "Draws",
     "Frame",
     "FrameBank",
     "Gap",
@@ -72,13 +79,17 @@ __all__ = [
     "MirrorAxis",
     "Scalar",
     "Shared",
+    "Span",
     "Stimulus",
     "alone",
     "as_png",
     "beside",
     "check",
     "decode",
+    "draws_of",
     "encode",
+    "exchanged",
+    "files_of",
     "inside",
     "is_bare",
     "is_reserved",
@@ -95,6 +106,7 @@ __all__ = [
     "read_colour",
     "read_metadata",
     "require_exchanged",
+    "require_free",
     "require_plain",
     "rounded_truth",
     "same_moments",

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, Self, cast, get_args
 
 from eyechart.errors import BankError, EyechartError, SpecError, raising, text_file, why
+from eyechart.frames.drawn import drawn_otherwise
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -213,6 +214,7 @@ def read_axis(value: Scalar) -> MirrorAxis:
 
 def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
     cameras = manifest.cameras or alone(read_axis(row["mirror_axis"]))
+    row = {**row, **manifest.added.get(str(row["frame_id"]), {})}
     first, *others = (one.name for one in cameras)
     pictures = {first: str(row["file_name"]), **{name: str(row[f"{name}{FILE_SUFFIX}"]) for name in others}}
     drawn: dict[str, dict[str, str]] = {}
@@ -222,7 +224,8 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
             drawn.setdefault(name, {})[camera if over else first] = str(file)
     frame_id = str(row["frame_id"])
     truth = {name: row[name] for name in row if not is_reserved(name)}
-    truth |= manifest.controls.distances.get(frame_id, {})
+    placed = manifest.controls.distances.get(frame_id, {})
+    truth |= placed
     state = {name: read_state(truth.pop(name), f"the state '{name}'") for name in manifest.state}
     fields = {name: truth.pop(name) for name in manifest.prompt_columns}
     motion = read_motion(truth.pop(MOTION, []), manifest.motion) if manifest.motion is not None else ()
@@ -238,6 +241,8 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
         fields=rounded_truth(fields, frame_id),
         state=state,
         motion=motion,
+        placed=frozenset(placed),
+        strata=manifest.strata.get(frame_id, {}),
     )
 
 
@@ -270,7 +275,8 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
             problems.append(f"{path}: frame '{frame.id}' is not in the manifest")
         elif digest != frame.geometry():
             problems.append(f"{path}: the ground truth of frame '{frame.id}' differs from the manifest's fingerprint")
-    recorded |= dict.fromkeys(bank.manifest.controls.distances.keys() - bank.manifest.geometry.keys(), "")
+    for one in (bank.manifest.controls.distances, bank.manifest.strata, bank.manifest.added):
+        recorded |= dict.fromkeys(sorted(one.keys() - bank.manifest.geometry.keys()), "")
     problems += [f"{path}: frame '{frame_id}' of the manifest is missing" for frame_id in recorded]
     if not problems and [frame.id for frame in bank] != list(bank.manifest.geometry):
         problems.append(f"{path}: the frames stand in another order than in the manifest")
@@ -284,10 +290,10 @@ def open_unchecked(root: Path) -> FrameBank:
 
 
 def check(root: Path, files: Collection[str] | None = None) -> list[str]:
-    """Recompute a bank's fingerprint and the hash of every picture; return what differs, one line each, by name.
+    """Recompute a bank's fingerprint and the hash of every picture, draw its distances again; return what differs.
 
-    ``files`` are the pictures to look at, all if none are given. An empty list means that the bank is what its
-    manifest says. Raises BankError if it cannot be opened at all.
+    Each line names what it is of. ``files`` are the pictures to look at, all if none are given. An empty list means
+    that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
     """
     bank = open_unchecked(root)
     manifest, problems = bank.manifest, _geometry_problems(bank)
@@ -303,7 +309,7 @@ def check(root: Path, files: Collection[str] | None = None) -> list[str]:
         elif digest != manifest.images[file]:
             problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
     problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
-    return problems or _misplaced(bank)
+    return problems or _misplaced(bank) or drawn_otherwise(bank)
 
 
 def _misplaced(bank: FrameBank) -> list[str]:
@@ -325,7 +331,7 @@ class BankWriter:
     """
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
-        _require_free(out)
+        require_free(out)
         self._folder = whole_folder(out, BankError)
         self._out = out
         self._manifest = manifest
@@ -333,6 +339,7 @@ class BankWriter:
         self._geometry: dict[str, str] = {}
         self._images: dict[str, str] = {}
         self._distances: dict[str, dict[str, float]] = {}
+        self._strata: dict[str, Mapping[str, Scalar]] = {}
 
     def __enter__(self) -> Self:
         self._work = self._folder.__enter__()
@@ -363,8 +370,7 @@ class BankWriter:
                 f"but the pictures given are {sorted(counterfactuals)}"
             )
         self._check_cameras(frame, [pictures, *counterfactuals.values()])
-        if distances := {name: truth.pop(name) for name in DISTANCES if name in truth}:
-            self._distances[frame.id] = _numbers(distances, frame.id)
+        frame = self._put_aside(frame, truth)
         row: dict[str, object] = {
             **picked(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
             **truth,
@@ -383,6 +389,15 @@ class BankWriter:
         self._rows[frame.id] = json.dumps(row, ensure_ascii=False)
         self._geometry[frame.id] = frame.geometry()
 
+    def _put_aside(self, frame: Frame, truth: dict[str, Scalar]) -> Frame:
+        """Keep what belongs to the manifest, of ``truth`` the distances, and return the frame that says which are."""
+        names = [*(name for name in DISTANCES if name in truth), *sorted(frame.placed - {*DISTANCES})]
+        if distances := {name: truth.pop(name) for name in names}:
+            self._distances[frame.id] = _numbers(distances, frame.id)
+        if frame.strata:
+            self._strata[frame.id] = rounded_truth(frame.strata, frame.id)
+        return replace(frame, placed=frozenset(names))
+
     def read(self, file: str) -> bytes:
         """Return an encoded picture that was added."""
         return read_bounded(self._work, file)
@@ -391,6 +406,7 @@ class BankWriter:
         """Take a frame that was added, as it was given, and its pictures out of the bank."""
         del self._rows[frame.id], self._geometry[frame.id]
         self._distances.pop(frame.id, None)
+        self._strata.pop(frame.id, None)
         for file in files_of(frame):
             del self._images[file]
             path = self._work / file
@@ -444,12 +460,14 @@ class BankWriter:
 
     def _finish(self) -> None:
         controls = replace(self._manifest.controls, distances=self._distances) if self._distances else Controls()
-        manifest = replace(self._manifest, geometry=self._geometry, images=self._images, controls=controls)
+        manifest = replace(
+            self._manifest, geometry=self._geometry, images=self._images, controls=controls, strata=self._strata
+        )
         (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows.values()), encoding="utf-8")
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
         open_bank(self._work)
-        _require_free(self._out)
+        require_free(self._out)
 
 
 def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:
@@ -461,6 +479,7 @@ def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]
     return {name: float(value) for name, value in found.items()}
 
 
-def _require_free(out: Path) -> None:
+def require_free(out: Path) -> None:
+    """Raise BankError where a bank's place is taken."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

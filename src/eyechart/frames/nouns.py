@@ -31,11 +31,12 @@ IMPORTED = "import"
 
 FORMAT = "eyechart-bank/1"
 FILE_SUFFIX = "_file_name"
-DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m")
+DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m", "lead_drawn_m", "exchange_m")
 """Columns that say where drawn controls put a vehicle; they belong to the pictures, not to the moment."""
 
 RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 _EXACT = 2**53
+_SMALLEST = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,9 @@ class Frame:
     ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no
     lead). ``fields`` maps the bank's prompt columns to what a prompt may say of the frame, ``state`` a name to numbers
     that a controller may see, such as the angles of its joints; neither is ground truth. ``motion`` is what was done
-    from here on in the log, a row a step, and empty where nobody logged it; no controller sees it.
+    from here on in the log, a row a step, and empty where nobody logged it; no controller sees it. ``placed`` are the
+    columns of ``truth`` that say where pictures with one thing changed put a vehicle, and ``strata`` what a claim may
+    be asked by besides the scenario, such as the colour of the lead.
     """
 
     id: str
@@ -122,6 +125,8 @@ class Frame:
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     motion: tuple[tuple[float, ...], ...] = ()
+    placed: frozenset[str] = frozenset()
+    strata: Mapping[str, Scalar] = field(default_factory=dict)
 
     @property
     def file(self) -> str:
@@ -141,9 +146,9 @@ class Frame:
     def geometry(self) -> str:
         """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007).
 
-        Where its controls were drawn has no part in it: they may be drawn anew for the same moment.
+        Where its pictures put a vehicle has no part in it: they may be drawn anew for the same moment.
         """
-        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth) if name not in DISTANCES}
+        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth) if name not in self.placed}
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
         if self.fields:
             parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
@@ -218,7 +223,7 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """Where a bank's control pictures put a vehicle: by frame id the distances, and the seed by which they were drawn.
+    """Where pictures with one thing changed put a vehicle: by frame id the distances, and the seed of the controls'.
 
     The seed is None where nobody drew them by one.
     """
@@ -237,7 +242,9 @@ class BankManifest:
     owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
     ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
     ``controls`` holds the truth of its control pictures. ``motion`` says what its logged motions are, and what a
-    controller of motions answers with; None where it has none.
+    controller of motions answers with; None where it has none. ``span`` is the range over which `drawn` distances were
+    drawn, in the gap's unit, None where none were. ``strata`` maps a frame id to what a claim may be asked by, and
+    ``added`` to the columns of pictures that came later than its row.
     """
 
     simulator: str
@@ -256,9 +263,14 @@ class BankManifest:
     state: tuple[str, ...] = ()
     controls: Controls = field(default_factory=Controls)
     motion: MotionSpace | None = None
+    span: tuple[float, float] | None = None
+    strata: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
+    added: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_exchanged(self.cameras)
+        if self.span is not None and not _SMALLEST <= self.span[0] < self.span[1] <= LARGEST:
+            raise BankError(f"distances are drawn from one above 0 to a greater one, not from {self.span}")
 
     @property
     def fingerprint(self) -> str:
@@ -274,11 +286,13 @@ class BankManifest:
 
     def as_dict(self) -> dict[str, object]:
         """Return the manifest as plain JSON values."""
+        besides = [*(["controls"] if self.controls != Controls() else []), *(["span"] if self.span else [])]
+        besides += [name for name in ("strata", "added") if getattr(self, name)]
         return {
             "format": FORMAT,
             **picked(self, "fingerprint declaration"),
             **self._declared(),
-            **picked(self, "geometry images" if self.controls == Controls() else "geometry images controls"),
+            **picked(self, f"geometry images {' '.join(besides)}"),
         }
 
     def _declared(self) -> dict[str, object]:

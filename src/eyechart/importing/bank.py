@@ -12,8 +12,10 @@ from itertools import chain, count, repeat
 from pathlib import Path
 from typing import TypeVar
 
+from eyechart.conditions import NUDGES, is_nudged
 from eyechart.errors import SourceError, finite_number, whole_number
 from eyechart.frames import (
+    DISTANCES,
     IMPORTED,
     BankManifest,
     BankWriter,
@@ -81,10 +83,11 @@ class Choices:
     with one thing changed) to a column, an empty name to none; ``rig`` says which
     are of several cameras and of the state, and else ``mirror`` is the axis of the one, unless a column says it of each
     frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
-    frames without episodes to be independent draws, and ``prompt_columns`` what a prompt may say. Every ``every``-th
-    frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
-    refused. With ``keep_repeats`` a recording that is there twice is imported twice. ``numerals`` says how numbers are
-    written and which mean "nothing ahead"; ``strip`` is what the paths of another machine begin with.
+    frames without episodes to be independent draws, ``prompt_columns`` what a prompt may say, and ``strata`` the
+    columns by which a claim may be asked, besides the scenario. Every ``every``-th frame of an episode is taken.
+    ``convert`` says how pictures are made plain; without it those that are not are refused. With ``keep_repeats`` a
+    recording that is there twice is imported twice. ``numerals`` says how numbers are written and which mean "nothing
+    ahead"; ``strip`` is what the paths of another machine begin with.
     ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
     """
 
@@ -95,6 +98,7 @@ class Choices:
     unit: str | None = None
     picture: str = UNDESCRIBED
     prompt_columns: tuple[str, ...] = ()
+    strata: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
     rig: reading.Rig | None = None
@@ -220,11 +224,23 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     images, files = read(frame.pictures, lambda name: _under(choices, name))
     drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
+    _require_nudged({kind: one for kind, (one, _) in drawn.items()}, where)
     return (
         replace(frame, pictures=files, counterfactuals=changed),
         images,
         {kind: one for kind, (one, _) in drawn.items()},
     )
+
+
+def _require_nudged(drawn: Mapping[str, Mapping[str, bytes]], where: str) -> None:
+    """Raise SourceError where a picture that is to be another with one value off by one is not."""
+    for name, of in NUDGES.items():
+        for camera, picture in drawn.get(name, {}).items():
+            if of not in drawn or not is_nudged(picture, drawn[of][camera]):
+                raise SourceError(
+                    f"{where}: the {name} is not its {of} with one value of one pixel changed by one level; leave the "
+                    f"column out (--map {name}=), and it is made of {of}"
+                )
 
 
 def keep(table: Table, choices: Choices) -> Kept:
@@ -341,6 +357,7 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
             f"the frames of an episode are not independent: leave out --independent, or the column "
             f"'{places['episode']}' with --map episode="
         )
+    _check_strata(choices, places, table, faults)
     for name in choices.prompt_columns:
         if name not in table.columns:
             faults.add(f"--prompt-columns {name}: {reading.no_column(name, table.columns, table.name)}")
@@ -349,6 +366,14 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
                 faults.add(f"--prompt-columns {name}: it is the {place} of a frame, which no prompt may say")
         if name == "actions" or is_reserved(name):
             faults.add(f"--prompt-columns {name}: this name is taken; rename the column")
+
+
+def _check_strata(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
+    for name in choices.strata:
+        if name not in table.columns:
+            faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
+        elif name in {*places.values(), *choices.prompt_columns} or is_reserved(name):
+            faults.add(f"--strata {name}: this column is something else already; name one that is kept as ground truth")
 
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:
@@ -432,7 +457,7 @@ def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[
     if len(truth[gap]) == len(named):  # else some of its cells are faults
         numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
         kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=not kept.faults))
-    for name in (f"{kind}_m" for kind in reading.PICTURED):
+    for name in dict.fromkeys((*(f"{kind}_m" for kind in reading.PICTURED), *DISTANCES)):
         for where, one in zip(named, truth.get(name, ()), strict=False):
             if isinstance(one, int | float) and one < 0:
                 kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
@@ -480,6 +505,7 @@ def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
             fields={name: column[place] for name, column in cells.said.items()},
             state={name: column[place] for name, column in cells.state.items()},
             motion=motion,
+            strata={name: cells.truth[name][place] for name in choices.strata},
         )
         for (place, file), motion in zip(enumerate(next(iter(cells.pictures.values()))), motions, strict=False)
     ]

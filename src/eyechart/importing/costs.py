@@ -8,7 +8,7 @@ from typing import cast
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
-from eyechart.frames import FrameBank
+from eyechart.frames import EXCHANGE, LEAD, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.notes import notes
@@ -83,6 +83,16 @@ def _pixels(bank: FrameBank) -> Iterator[int]:
             yield high * wide
 
 
+_PLACED = {
+    "lead_mid_near": "lead_mid_near_m",
+    "lead_mid_far": "lead_mid_far_m",
+    "lead_drawn": LEAD,
+    "exchange_own": EXCHANGE,
+    "exchange_beside": EXCHANGE,
+}
+"""The pictures that are at a distance of their own, and its column."""
+
+
 def costs(bank: FrameBank) -> list[str]:
     """Return what the bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
     manifest, lines = bank.manifest, []
@@ -104,9 +114,9 @@ def costs(bank: FrameBank) -> list[str]:
         for name, lacking in undrawn_controls(bank).items()
     ]
     lines += [
-        f"no {name}_m for some pictures of {name}: these are in no range of distances that is tested"
-        for name in ("lead_mid_near", "lead_mid_far")
-        if any(name in one.counterfactuals and f"{name}_m" not in one.truth for one in bank)
+        f"no {column} for some pictures of {name}: these are in no range of distances that is tested"
+        for name, column in _PLACED.items()
+        if any(name in one.counterfactuals and one.truth.get(column) is None for one in bank)
     ]
     lines += _prices(bank)
     if (wide := max(_pixels(bank))) > _LARGE:

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from eyechart.conditions import CONTROLS, flip
 from eyechart.destination import whole
 from eyechart.errors import BankError
-from eyechart.frames import RGB, Frame, FrameBank, decode
+from eyechart.frames import EXCHANGE, RGB, Frame, FrameBank, decode
 from eyechart.perception.view import CALIBRATED, view_for
 
 _Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
@@ -128,11 +128,20 @@ def _rows(frames: list[Frame], columns: int | None) -> list[list[Frame]]:
     return [episode[at : at + wide] for episode in episodes.values() for at in range(0, len(episode), wide)]
 
 
+_PLACED = {
+    "lane_own": "lane_near_m",
+    "lane_beside": "lane_far_m",
+    "exchange_own": EXCHANGE,
+    "exchange_beside": EXCHANGE,
+}
+"""The columns that say how far away a control shows a vehicle, where they are not called as it is."""
+
+
 def _caption(frame: Frame, bank: FrameBank, shown: str | None) -> str:
     """Return a frame's id, the gap that its picture shows as far as the bank knows it, and what it demands."""
     words = [frame.id]
     gap = bank.manifest.gap
-    placed = {"lane_own": "lane_near_m", "lane_beside": "lane_far_m"}.get(str(shown), f"{shown}_m")
+    placed = _PLACED.get(str(shown), f"{shown}_m")
     if shown in CONTROLS:
         words += [f"{value:.1f}" for value in [frame.truth.get(placed)] if isinstance(value, float)]
     elif gap is not None and gap.column in frame.truth:

@@ -157,11 +157,12 @@ class BankSimulator(Protocol):
         seeds: Sequence[int] = (0, 1, 2),
         steps: int = 12,
         controls_seed: int = 0,
+        staging: int = 2,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many).
 
-        By ``controls_seed`` the distances of its control pictures are drawn.
+        By ``controls_seed`` the distances of its control pictures are drawn; ``staging`` is the version of its moments.
         """
 
 

@@ -2,11 +2,12 @@
 
 import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, product
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,11 +20,14 @@ from eyechart.frames import (
     BankWriter,
     Camera,
     Controls,
+    Draws,
     Frame,
     FrameBank,
     Gap,
     Scalar,
+    Span,
     alone,
+    draws_of,
     encode,
     open_bank,
 )
@@ -32,6 +36,8 @@ from eyechart.seeds import key_seed
 from eyechart.simulators import SIMULATORS, Declaration, open_bank_simulator
 from eyechart.simulators.plan import LEAST_STEPS
 from eyechart.spaces.motion import MotionSpace
+
+T = TypeVar("T")
 
 MOST_SEED = 2**63 - 1
 Seen = RGB | Mapping[str, RGB]
@@ -51,13 +57,18 @@ def _none(_: np.random.Generator) -> Drawn:
     return Drawn()
 
 
+def _none_ranged(_: Draws, rng: np.random.Generator) -> Drawn:
+    return _none(rng)
+
+
 @dataclass(frozen=True, slots=True)
 class Moment:
     """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
 
     ``controls`` draws the moment's control pictures with a generator of their own. It is called before the next moment
-    is asked for: until then the world stands as it was. Where a preset has several cameras, a picture is one of each,
-    by name. ``fields``, ``state`` and ``motion`` are those of the frame.
+    is asked for: until then the world stands as it was. ``ranged`` draws those whose distances are of the whole range,
+    and ``distances`` says where the counterfactuals put the lead. Where a preset has several cameras, a picture is one
+    of each, by name. ``fields``, ``state``, ``motion`` and ``strata`` are those of the frame.
     """
 
     truth: Mapping[str, Scalar]
@@ -67,6 +78,15 @@ class Moment:
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     motion: tuple[tuple[float, ...], ...] = ()
+    ranged: Callable[[Draws, np.random.Generator], Drawn] = _none_ranged
+    distances: Mapping[str, float] = field(default_factory=dict)
+    strata: Mapping[str, Scalar] = field(default_factory=dict)
+
+
+def first_shown(draw: Callable[[float], T | None], distances: Iterable[float]) -> tuple[float, T] | None:
+    """Return the first of these distances that can be drawn, with what is drawn there, or None."""
+    shown = ((one, draw(one)) for one in distances)
+    return next(((one, made) for one, made in shown if made is not None), None)
 
 
 def check_seed(seed: int) -> None:
@@ -93,6 +113,8 @@ class Preset:
     ``scenarios`` map each name to what a manifest records of it, ``moments(scenario, seed, steps)`` are those of an
     episode, and ``settings`` what else is recorded. ``gap`` is None where there is no vehicle ahead. ``cameras``,
     ``prompt_columns``, ``state`` and ``motion`` are those of the manifest; without ``cameras`` there is one alone.
+    ``span`` is from the lowest distance of the lead that the world can show to far, None where no pictures are drawn
+    over it. ``staged`` are the moments of later versions of the staging, as far as they are others.
     """
 
     scenarios: Mapping[str, object]
@@ -103,6 +125,13 @@ class Preset:
     prompt_columns: tuple[str, ...] = ()
     state: tuple[str, ...] = ()
     motion: MotionSpace | None = None
+    span: Span | None = None
+    staged: Mapping[int, Callable[[str, int, int], Iterator[Moment]]] = field(default_factory=dict)
+
+    def staging(self, version: int) -> tuple[int, Callable[[str, int, int], Iterator[Moment]]]:
+        """Return the moments of a version of the staging, and the version since which they are so."""
+        since = max((one for one in self.staged if one <= version), default=min(version, STAGING))
+        return since, self.staged.get(since, self.moments)
 
 
 DOZEN = 12
@@ -111,6 +140,9 @@ DOZEN = 12
 STAGING = 2
 """The version of the staging that a manifest tells. In the first, without a number, moments of an episode of more than
 `DOZEN` steps were other ones than those of a shorter one."""
+
+BOXED = 3
+"""The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as can be shown."""
 
 
 def by_dozens(stage: Callable[[str, int, int], Iterator[Moment]]) -> Callable[[str, int, int], Iterator[Moment]]:
@@ -149,13 +181,15 @@ class BankMaker(ABC):
         seeds: Sequence[int] = (0, 1, 2),
         steps: int = 12,
         controls_seed: int = 0,
+        staging: int = STAGING,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of the preset's scenarios × ``seeds`` × ``steps`` frames into ``out``.
 
-        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the bank. ``progress``
-        gets the number of frames written and their total. Raises SpecError for an unknown preset,
-        seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
+        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the bank. ``staging`` is
+        the version of its moments. ``progress`` gets the number of frames written and their total. Raises SpecError for
+        an unknown preset, seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is
+        taken.
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:
@@ -164,6 +198,7 @@ class BankMaker(ABC):
         _require(seeds, steps)
         check_seed(controls_seed)
         made = self.open_preset(preset)
+        how = Built(preset, tuple(seeds), steps, controls_seed, made.staging(staging)[0])
         manifest = BankManifest(
             simulator=declared.name,
             preset=preset,
@@ -173,7 +208,7 @@ class BankMaker(ABC):
             settings={
                 "seeds": seeds,
                 "steps": steps,
-                "staging": STAGING,
+                "staging": how.staging,
                 "scenarios": dict(made.scenarios),
                 **made.settings,
             },
@@ -183,26 +218,76 @@ class BankMaker(ABC):
             prompt_columns=made.prompt_columns,
             state=made.state,
             motion=made.motion,
+            span=made.span,
         )
-        episodes = list(product(made.scenarios, seeds))
         with BankWriter(out, manifest) as writer:
-            for number, (scenario, seed) in enumerate(episodes):
-                for step, moment in enumerate(made.moments(scenario, seed, steps)):
-                    key = (declared.name, "controls", preset, scenario, seed, step, controls_seed)
-                    drawn = moment.controls(np.random.default_rng(key_seed(*key)))
-                    cameras = made.cameras or alone(declared.mirror_axis)
-                    _write(
-                        writer,
-                        moment,
-                        drawn,
-                        scenario=scenario,
-                        episode=f"{scenario}-{seed}",
-                        step=step,
-                        cameras=cameras,
-                    )
-                    if progress is not None:
-                        progress(number * steps + step + 1, len(episodes) * steps)
+            for number, (frame, picture, others) in enumerate(frames_of(declared, made, how), 1):
+                writer.add(frame, encoded(picture), {name: encoded(one) for name, one in others.items()})
+                if progress is not None:
+                    progress(number, len(made.scenarios) * len(seeds) * steps)
         return open_bank(out)
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """Of what a bank was built: its preset, the seeds and steps of its episodes, and the version of their staging."""
+
+    preset: str
+    seeds: tuple[int, ...]
+    steps: int
+    controls_seed: int = 0
+    staging: int = STAGING
+
+
+def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple[Frame, Seen, Mapping[str, Seen]]]:
+    """Yield the frames of a bank in order, each with its picture, and by name those with one thing changed."""
+    _, moments = made.staging(how.staging)
+    episodes = list(product(made.scenarios, how.seeds))
+    ids = [_id(*episode, step) for episode in episodes for step in range(how.steps)]
+    draws = {} if made.span is None else draws_of(how.controls_seed, made.span, ids)
+    cameras = made.cameras or alone(declared.mirror_axis)
+    for scenario, seed in episodes:
+        for step, moment in enumerate(moments(scenario, seed, how.steps)):
+            key = how.preset, scenario, seed, step, how.controls_seed
+            rngs = {kind: np.random.default_rng(key_seed(declared.name, kind, *key)) for kind in ("controls", "ranged")}
+            drawn = [moment.controls(rngs["controls"])]
+            if made.span is not None:
+                ranged = moment.ranged(draws[_id(scenario, seed, step)], rngs["ranged"])
+                drawn += [Drawn({}, moment.distances), ranged]
+            whole = moment if made.span is not None else replace(moment, strata={})
+            yield _frame(whole, drawn, (scenario, seed, step), cameras)
+
+
+def _id(scenario: str, seed: int, step: int) -> str:
+    return f"{scenario}-{seed}-{step:02d}"
+
+
+def _frame(
+    moment: Moment, drawn: Sequence[Drawn], place: tuple[str, int, int], cameras: tuple[Camera, ...]
+) -> tuple[Frame, Seen, Mapping[str, Seen]]:
+    """Return a moment as a frame, with its picture and those with one thing changed."""
+    scenario, seed, step = place
+    pictures, distances = dict[str, Seen](moment.counterfactuals), dict[str, float]()
+    for one in drawn:
+        pictures |= one.pictures
+        distances |= one.distances
+    frame_id, names = _id(*place), [one.name for one in cameras]
+    frame = Frame(
+        id=frame_id,
+        scenario=scenario,
+        episode=f"{scenario}-{seed}",
+        step=step,
+        cameras=cameras,
+        pictures=_files("images", frame_id, names),
+        truth={**moment.truth, **distances},
+        counterfactuals={name: _files("counterfactuals", f"{frame_id}-{name}", names) for name in pictures},
+        fields=moment.fields,
+        state=moment.state,
+        motion=moment.motion,
+        placed=frozenset(distances),
+        strata=moment.strata,
+    )
+    return frame, moment.picture, pictures
 
 
 def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, int], None] | None = None) -> FrameBank:
@@ -216,11 +301,17 @@ def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, i
     if made.simulator not in SIMULATORS or not {"seeds", "steps"} <= made.settings.keys():
         raise SpecError(f"{why}it was not built by 'eyechart frames build' from a simulator that is known here")
     simulator = open_bank_simulator(made.simulator)
-    how = build_record(_Built, {name: made.settings[name] for name in ("seeds", "steps")})
+    how = built_of(bank)
     anew = simulator.build(
-        out, preset=made.preset, seeds=how.seeds, steps=how.steps, controls_seed=controls_seed, progress=progress
+        out,
+        preset=how.preset,
+        seeds=how.seeds,
+        steps=how.steps,
+        controls_seed=controls_seed,
+        staging=how.staging,
+        progress=progress,
     )
-    if made.settings.get("staging") != STAGING and how.steps > DOZEN:
+    if "staging" not in made.settings and how.steps > DOZEN:
         shutil.rmtree(out)
         raise BankError(
             f"{why}an older eyechart staged its episodes of {how.steps} steps in another way; build it anew, or leave "
@@ -242,12 +333,11 @@ def _pictured(bank: FrameBank) -> dict[str, str]:
     return {file: digest for file, digest in bank.manifest.images.items() if file not in drawn}
 
 
-@dataclass(frozen=True, slots=True)
-class _Built:
-    """Of what a bank was built."""
-
-    seeds: tuple[int, ...]
-    steps: int
+def built_of(bank: FrameBank) -> Built:
+    """Return of what a bank was built, as its manifest says; raises ValueError where that is nothing of the kind."""
+    made = bank.manifest
+    told = {name: made.settings[name] for name in ("seeds", "steps", "staging") if name in made.settings}
+    return build_record(Built, {"preset": made.preset, **told, "controls_seed": made.controls.seed or 0})
 
 
 def _require(seeds: Sequence[int], steps: int) -> None:
@@ -261,35 +351,6 @@ def _require(seeds: Sequence[int], steps: int) -> None:
         raise SpecError(f"an episode needs {LEAST_STEPS} steps or more to hold every kind of moment, not {steps}")
 
 
-def _write(
-    writer: BankWriter,
-    moment: Moment,
-    drawn: Drawn,
-    *,
-    scenario: str,
-    episode: str,
-    step: int,
-    cameras: tuple[Camera, ...],
-) -> None:
-    frame_id, pictures = f"{episode}-{step:02d}", {**moment.counterfactuals, **drawn.pictures}
-    names = [one.name for one in cameras]
-    frame = Frame(
-        id=frame_id,
-        scenario=scenario,
-        episode=episode,
-        step=step,
-        cameras=cameras,
-        pictures=_files("images", frame_id, names),
-        truth={**moment.truth, **drawn.distances},
-        counterfactuals={name: _files("counterfactuals", f"{frame_id}-{name}", names) for name in pictures},
-        fields=moment.fields,
-        state=moment.state,
-        motion=moment.motion,
-    )
-    encoded = {name: _encoded(picture) for name, picture in pictures.items()}
-    writer.add(frame, _encoded(moment.picture), encoded)
-
-
 def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
     """Return the files of a picture by camera, in a folder of each where there are several."""
     if cameras == [MAIN]:
@@ -297,6 +358,7 @@ def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
     return {one: f"{folder}/{one}/{name}.png" for one in cameras}
 
 
-def _encoded(picture: Seen) -> dict[str, bytes]:
+def encoded(picture: Seen) -> dict[str, bytes]:
+    """Return a picture as PNGs by camera."""
     by_camera = picture if isinstance(picture, Mapping) else {MAIN: picture}
     return {name: encode(one) for name, one in by_camera.items()}

@@ -19,10 +19,12 @@ LEAST_STEPS = 4
 _KINDS = {"near": 3, "left": 3, "right": 3, "far": 2, "slow": 1}
 """How many moments of each kind an episode of twelve has."""
 
+_BOXED_KINDS = {**_KINDS, "near": 2, "slow": 2}
+"""The same where moments in which neither side is clear are wanted: a sixth of them at least."""
+
 _MIDDLE = {"left": (True, False), "right": (False, True), "slow": (False, False)}
 """The clear sides, left and right, of each kind of middle gap; ``slow`` may also have both."""
 
-_SIDES_OF_ALL = tuple(kind for kind in _MIDDLE for _ in range(_KINDS[kind]))
 _BEYOND_THE_EDGE = 0.5
 _CLOSE_SHARE = 0.4
 _LEAST_MOVE_M = 0.6
@@ -65,11 +67,14 @@ class Lanes:
         return [lane for lane in self.ego if (lane > 0 or not left) and (lane < self.count - 1 or not right)]
 
 
-def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator) -> list[Wish]:
-    """Return one wish a step, in an order in which the gap has no trend."""
-    kinds = [kind for kind, count in share(steps, rng).items() for _ in range(count)]
+def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, *, boxed: bool = False) -> list[Wish]:
+    """Return one wish a step, in an order in which the gap has no trend.
+
+    With ``boxed`` a sixth of them at least have no clear side, in an episode of a dozen.
+    """
+    kinds = [kind for kind, count in share(steps, rng, boxed=boxed).items() for _ in range(count)]
     wishes = []
-    for gap_m, sides in zip(_draw_gaps(kinds, bands, rng), _draw_sides(kinds, lanes, rng), strict=True):
+    for gap_m, sides in zip(_draw_gaps(kinds, bands, rng), _draw_sides(kinds, lanes, rng, boxed=boxed), strict=True):
         fits = lanes.fit(sides)
         wishes.append(Wish(gap_m=gap_m, sides=sides, lane=fits[rng.integers(len(fits))]))
     gaps = np.array([wish.gap_m for wish in wishes])
@@ -93,12 +98,17 @@ def log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> float:
     return math.exp(rng.uniform(low, high))
 
 
-def share(steps: int, rng: np.random.Generator) -> dict[str, int]:
+def share(steps: int, rng: np.random.Generator, *, boxed: bool = False) -> dict[str, int]:
     """Return how many of an episode's moments are of each kind; the largest remainders get what is left over."""
-    parts = sum(_KINDS.values())
-    counts = {kind: steps * part // parts for kind, part in _KINDS.items()}
-    tie_breaks = dict(zip(_KINDS, rng.permutation(len(_KINDS)).tolist(), strict=True))
-    by_remainder = sorted(_KINDS, key=lambda kind: (-(steps * _KINDS[kind] % parts), tie_breaks[kind]))
+    kinds = _BOXED_KINDS if boxed else _KINDS
+    parts = sum(kinds.values())
+    counts = {kind: steps * part // parts for kind, part in kinds.items()}
+    tie_breaks = dict(zip(kinds, rng.permutation(len(kinds)).tolist(), strict=True))
+
+    def turn(kind: str) -> tuple[int, bool, int]:
+        return -(steps * kinds[kind] % parts), boxed and kind == "slow", tie_breaks[kind]
+
+    by_remainder = sorted(kinds, key=turn)
     for kind in by_remainder[: steps - sum(counts.values())]:
         counts[kind] += 1
     return counts
@@ -128,13 +138,17 @@ def _draw_gaps(kinds: Sequence[str], bands: Bands, rng: np.random.Generator) -> 
     return drawn
 
 
-def _draw_sides(kinds: Sequence[str], lanes: Lanes, rng: np.random.Generator) -> list[tuple[bool, bool]]:
+def _draw_sides(
+    kinds: Sequence[str], lanes: Lanes, rng: np.random.Generator, *, boxed: bool
+) -> list[tuple[bool, bool]]:
     """Return the clear sides of each moment; near and far gaps have them as often as middle ones."""
-    drawn = []
+    drawn, counts = [], _BOXED_KINDS if boxed else _KINDS
+    of_all = tuple(kind for kind in _MIDDLE for _ in range(counts[kind]))
     for kind in kinds:
-        like = kind if kind in _MIDDLE else _SIDES_OF_ALL[rng.integers(len(_SIDES_OF_ALL))]
+        like = kind if kind in _MIDDLE else of_all[rng.integers(len(of_all))]
         sides = _MIDDLE[like]
-        if like == "slow" and rng.uniform() < 1 / 2 and lanes.fit((True, True)):
+        closed = boxed and kind == "slow"
+        if like == "slow" and not closed and rng.uniform() < 1 / 2 and lanes.fit((True, True)):
             sides = (True, True)
         drawn.append(sides)
     return drawn

@@ -310,3 +310,18 @@ def _wilson(k: float, n: float, level: float) -> tuple[float, float]:
     centre = (k + z * z / 2) / (n + z * z)
     half = z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
     return (0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
+
+
+def clopper_pearson(k: float, n: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does.
+
+    A ``k`` between two counts has the interval between theirs.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    tail = (1 - level) / 2
+    low = 0.0 if k <= 0 else float(special.betaincinv(k, n - k + 1, tail))
+    high = 1.0 if k >= n else float(special.betaincinv(k + 1, n - k, 1 - tail))
+    return low, high

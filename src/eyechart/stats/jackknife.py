@@ -1,4 +1,4 @@
-"""Intervals of what is no share: each episode is left out once, and Student's t says how far these values reach."""
+"""Intervals over episodes: each episode is left out once, and Student's t says how far these values reach."""
 
 import math
 from collections.abc import Callable
@@ -21,6 +21,9 @@ FEW = f"an interval needs {LEAST_EPISODES} episodes or more"
 
 _UNSEEN = 0.5
 """So much of an episode in which every answer is as frequent, whatever was shown, stands for what was not seen."""
+
+ENDS = 0.90
+"""The level of an interval of which each end is a bound of its own, at .05."""
 
 _SKEW = 0.35
 """Ends are moved out by this share of the square of their distance, over what lies between the value and the bound.
@@ -103,6 +106,74 @@ def mean_over_episodes(sums: npt.ArrayLike, *, level: float = 0.95) -> Statistic
         return np.asarray(np.divide(above, below, out=np.full(len(below), np.nan), where=below > 0))
 
     return over_counts(len(given), ratio, level=level)
+
+
+def mean_of_frames(
+    scores: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS, fewest: int = LEAST_EPISODES
+) -> Statistic:
+    """Return the mean of scores in [-1, 1], one a frame, with an interval over whole episodes that frames hold up.
+
+    ``scores``, shape (frames,), is NaN where a frame has none; ``episodes`` names each frame's. The interval is the
+    jackknife's over the episodes that have scores, with Student's t of one degree less than these. No end is nearer
+    than what a share of frames that was never seen may hide: of ``n`` frames none shows what, at the level of one end,
+    1 - tail^(1/n) of all may show (Clopper and Pearson 1934), and they may all lie at -1 or 1. ``n`` counts the frames
+    with a score. No interval of fewer episodes than
+    ``fewest``, which is two at least.
+    """
+    given, names = np.asarray(scores, dtype=np.float64), np.asarray(episodes)
+    have = ~np.isnan(given)
+    n, method = (
+        int(np.count_nonzero(have)),
+        f"{100 * level:g}% interval over episodes (jackknife, t), held up by frames",
+    )
+    if not n:
+        return cannot_say("no frame has these decisions", method=method)
+    sums, frames = by_episode([given[have], np.ones(n)], names[have])
+    value, count = float(sums.sum() / n), len(frames)
+    if count < fewest:
+        return Statistic(value, n, method=method, note=f"an interval needs {fewest} episodes or more", level=level)
+    wide = _t(level, count - 1) * _error((sums.sum() - sums) / (n - frames))
+    unseen = 1 - ((1 - level) / 2) ** (1 / n)
+    ci = value - max(wide, unseen * (1 + value)), value + max(wide, unseen * (1 - value))
+    return Statistic(value, n, (max(-1.0, ci[0]), min(1.0, ci[1])), method=method, level=level)
+
+
+def half_exceeded(
+    first: npt.ArrayLike, second: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS
+) -> Statistic:
+    """Return a rate less half of another, with the jackknife's interval over whole episodes.
+
+    ``first`` and ``second``, shape (2, frames), count what happened and how often it could; ``episodes`` names each
+    frame's. ``n`` counts how often the first could. No interval of fewer episodes than `LEAST_EPISODES`.
+    """
+    method = f"{100 * level:g}% interval over episodes (jackknife, t)"
+    each = by_episode([*np.asarray(first, dtype=np.float64), *np.asarray(second, dtype=np.float64)], episodes)
+    whole, count = each.sum(axis=1), each.shape[1]
+    n = int(whole[1])
+    if not whole[1] or not whole[3]:
+        return cannot_say("one of the two could never happen", n, method)
+
+    def apart(sums: Floats) -> Floats:
+        return np.asarray(np.divide(*sums[:2]) - np.divide(*sums[2:]) / 2)
+
+    value = float(apart(whole[:, None])[0])
+    rest = whole[:, None] - each
+    if count < LEAST_EPISODES or (rest[[1, 3]] <= 0).any():
+        return Statistic(value, n, method=method, note=FEW if count < LEAST_EPISODES else _ALONE, level=level)
+    wide = half_width(apart(rest), level)
+    return Statistic(value, n, (value - wide, value + wide), method=method, level=level)
+
+
+def by_episode(columns: npt.ArrayLike, episodes: npt.ArrayLike) -> Floats:
+    """Return the sums of columns, shape (columns, frames), over each episode's frames: shape (columns, episodes)."""
+    names, codes = np.unique(np.asarray(episodes), return_inverse=True)
+    return np.array([np.bincount(codes, one, len(names)) for one in np.asarray(columns, dtype=np.float64)])
+
+
+def half_width(left: npt.ArrayLike, level: float) -> float:
+    """Return how far Student's t reaches about a value of which ``left``, shape (episodes,), are those without one."""
+    values = np.asarray(left, dtype=np.float64)
+    return _t(level, len(values) - 1) * _error(values)
 
 
 def _error(left: Floats) -> float:

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
@@ -28,6 +29,13 @@ class SignTest(Statistic):
     losses: int
     ties: int
     reversed: bool = field(default=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxedTurns(Statistic):
+    """How often it turns where neither side is clear, less half of how often where one is; it ``turned`` so often."""
+
+    turned: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +72,45 @@ class Parts(Statistic):
     """The part of a bank that looks most reversed, with all that were tested; ``p`` is corrected over them."""
 
     parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One part of what was shown, and how braking answers to the lead there.
+
+    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of ``frames`` frames it brakes
+    harder for the nearer lead, on ``lesser`` less hard; ``effect`` is the mean of these signs, with its one-sided
+    bounds ``low`` and ``high``. ``beside`` is what a vehicle of a neighbouring lane does there less half of what the
+    lead does, and ``beside_low`` its bound.
+    """
+
+    of: str
+    name: str
+    frames: int
+    harder: int
+    lesser: int
+    effect: float | None
+    low: float | None = None
+    high: float | None = None
+    beside: float | None = None
+    beside_low: float | None = None
+
+    @property
+    def where(self) -> str:
+        """Return in words where it is."""
+        if self.of == "range":
+            return f"from {self.name}"
+        return f"in `{self.name}`" if self.of == "scenario" else f"where {self.of} is {self.name}"
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.harder} of {self.frames}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places(Statistic):
+    """How many parts of what was shown are of one kind, out of ``n``; ``places`` are these."""
+
+    places: tuple[Place, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,18 +454,6 @@ def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:
         return np.asarray(special.gammaln(of + 1) - special.gammaln(chosen + 1) - special.gammaln(of - chosen + 1))
 
     return np.asarray(np.exp(ways(others, both) + ways(n - others, ones - both) - ways(n, ones)))
-
-
-def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does."""
-    if not 0 < level < 1:
-        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
-    from scipy import special  # noqa: PLC0415 - slow to import
-
-    tail = (1 - level) / 2
-    low = 0.0 if k == 0 else float(special.betaincinv(k, n - k + 1, tail))
-    high = 1.0 if k == n else float(special.betaincinv(k + 1, n - k, 1 - tail))
-    return low, high
 
 
 def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[object], npt.NDArray[np.int64]]:

@@ -8,14 +8,16 @@ from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
 from eyechart.stats.agreement import SwapRate, trials_needed
-from eyechart.stats.paired import Discordant, SignTest, pairs_to_bound
+from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.controls import ABSENT, ASKED, CONTROLS, DOSE, EXCHANGE, LACKING, NUDGED, below
+from eyechart.verdicts.depth import HARDER, MOVED, RULES, STAGE, TURNS, UNFOLLOWED, is_drawn
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.rules import (
     Axis,
     Clause,
     Found,
+    Reading,
     Rule,
     compared,
     fact,
@@ -47,7 +49,7 @@ NO_PICTURES = ("noise", "text_only")
 def grade(found: Mapping[str, Statistic]) -> str:
     """Return how well the question of distance was put: controlled, interventional, observational or none."""
     if found["depth_interventional"].p is not None:
-        return "interventional" if found["lane_exchange"].p is None else "controlled"
+        return "controlled" if is_drawn(found) or found["lane_exchange"].p is not None else "interventional"
     return "none" if found["depth_observational"].p is None else "observational"
 
 
@@ -64,7 +66,10 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
         wanted = (NUDGED,)
     elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
         wanted = (ABSENT,)
-    if label == "depth_associated" and found["depth_interventional"].p is not None:
+    if set(STAGE) <= {*supplied, *asked}:
+        if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
+            wanted = STAGE
+    elif label == "depth_associated" and found["depth_interventional"].p is not None:
         exchanged = found["lane_exchange"].p is not None
         if exchanged:
             wanted = (*DOSE, NUDGED)
@@ -77,10 +82,6 @@ def _may_be_blind(found: Mapping[str, Statistic], ruling: Ruling) -> bool:
     """Return whether nothing is decided but that it follows no file: some absence may be true of it."""
     return ruling.label == "undecided" and ruling.statistic is not None and not below(found["repeat_over_nudged"].p)
 
-
-MOVED = p_below("depth_interventional", ALPHA)
-NO_FILE = p_from("repeat_over_nudged", ALPHA)
-"""What depth begins with: it brakes harder for the nearer lead, and does not follow the file."""
 
 NO_CONTENT = (there("bound_content_shuffled"), p_from("repeats_together", ALPHA))
 
@@ -99,7 +100,6 @@ _OF_CONTENT = _bounds(_levels(CHANGES))
 _OF_ALL = _bounds(_levels((*CHANGES, *NO_PICTURES)))
 _BLANK = p_below("bound_blank", ALPHA)
 _PRESENCE = p_below("presence", ALPHA)
-_HARDER = "it brakes harder where the lead is nearer"
 
 
 def _open_bound(found: Found, clause: Clause | None) -> Reason:
@@ -120,111 +120,118 @@ def _no_answer(name: str, condition: str) -> Rule:
     return Rule("undecided", name, (missing(name),), words, quiet=True)
 
 
-DISTANCE = Axis(
-    "distance",
-    (
-        Rule(
-            "undecided",
-            "unparsed_reference",
-            (missing("unparsed_reference", "value"),),
-            "no call with the real picture has come back",
-            quiet=True,
-        ),
-        Rule(
-            "not_scorable",
-            "unparsed_reference",
-            (compared("unparsed_reference", "value", ">", UNPARSED_CUT),),
-            f"above {UNPARSED_CUT}",
-        ),
-        Rule("content", "", (MOVED, NO_FILE), f"{_HARDER}, but {{but}}", broken=CONTROLS),
-        *(
-            Rule(
-                label,
-                "depth_interventional",
-                (MOVED, NO_FILE, *CONTROLS, *ASKED, *turns),
-                f"{_HARDER}, and every control holds",
-            )
-            for label, turns in (
-                ("depth_lateral", (compared("lateral_earned", "value", ">=", 1.0),)),
-                ("depth", ()),
-            )
-        ),
-        Rule("depth_associated", "depth_interventional", (MOVED, NO_FILE), f"{_HARDER}; {{but}}", open_to=LACKING),
-        Rule(
-            "depth_associated",
-            "depth_observational",
-            (missing("depth_interventional"), p_below("depth_observational", ALPHA), NO_FILE),
-            f"{_HARDER}; nothing was moved",
-        ),
-        *(
-            Rule(
-                "content",
-                name,
-                (
-                    p_below(name, ALPHA, family=tuple(CONTENT)),
-                    p_below(name.replace("content_", "content_nudged_"), ALPHA, untested=True),
-                ),
-                f"{what} changes its answer more than a repeat does",
-            )
-            for name, what in CONTENT.items()
-        ),
-        Rule(
-            "self_inconsistent",
-            "kappa_pooled",
-            (
-                compared("self_disagreement", "low", ">", FLOOR),
-                compared("kappa", "value", "<", FLOOR),
-                compared("kappa", "low", "<=", 0.0),
-                p_below("bound_kappa", ALPHA),
-                p_below("kappa_pooled", ALPHA),
-            ),
-            "it disagrees with itself on the same picture (s = {self_disagreement}), about as often as chance would",
-        ),
-        Rule(
-            "scene_cue",
-            "scene_cue",
-            (p_below("scene_cue", ALPHA),),
-            "another scenario changes its answer more than another frame does",
-        ),
-        Rule(
-            "presence_only",
-            "presence",
-            (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
-            f"real and blank differ, and the effect of content is below {MARGIN}",
-        ),
-        Rule(
-            "refusal_effect",
-            "presence_response",
-            (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
-            "real and blank differ in outputs, not in decisions",
-        ),
-        Rule(
-            "image_invariant",
-            "bound_blank",
-            (_BLANK, *NO_CONTENT, *_OF_ALL),
-            f"the effects of a blank picture and of content are both below {MARGIN}",
-        ),
-        Rule(
-            "undecided",
-            "repeat_over_nudged",
-            (p_below("repeat_over_nudged", ALPHA),),
-            "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
-            "the file, or a cache answered, and neither is sight",
-        ),
-        _no_answer("bound_content_shuffled", "shuffled"),
-        _no_answer("bound_blank", "blank"),
-        Rule(
-            "undecided",
-            "repeats_together",
-            (p_below("repeats_together", ALPHA),),
-            "some pictures get another answer than most, and get it twice; what is in them was not shown",
-        ),
-        # where the effect of a blank is shown, what is open is the effect of content
-        Rule("undecided", needs=(_PRESENCE,), says=_open_bound, broken=_OF_CONTENT, worst=True),
-        Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
+_ANSWERED = (
+    Rule(
+        "undecided",
+        "unparsed_reference",
+        (missing("unparsed_reference", "value"),),
+        "no call with the real picture has come back",
+        quiet=True,
+    ),
+    Rule(
+        "not_scorable",
+        "unparsed_reference",
+        (compared("unparsed_reference", "value", ">", UNPARSED_CUT),),
+        f"above {UNPARSED_CUT}",
     ),
 )
-"""The calibrated labels, in the order in which they are tried."""
+_EXCHANGED = (
+    Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=CONTROLS),
+    *(
+        Rule(
+            label,
+            "depth_interventional",
+            (MOVED, UNFOLLOWED, *CONTROLS, *ASKED, *turns),
+            f"{HARDER}, and every control holds",
+        )
+        for label, turns in (
+            ("depth_lateral", (TURNS,)),
+            ("depth", ()),
+        )
+    ),
+    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{HARDER}; {{but}}", open_to=LACKING),
+)
+_REST = (
+    Rule(
+        "depth_associated",
+        "depth_observational",
+        (missing("depth_interventional"), p_below("depth_observational", ALPHA), UNFOLLOWED),
+        f"{HARDER}; nothing was moved",
+    ),
+    *(
+        Rule(
+            "content",
+            name,
+            (
+                p_below(name, ALPHA, family=tuple(CONTENT)),
+                p_below(name.replace("content_", "content_nudged_"), ALPHA, untested=True),
+            ),
+            f"{what} changes its answer more than a repeat does",
+        )
+        for name, what in CONTENT.items()
+    ),
+    Rule(
+        "self_inconsistent",
+        "kappa_pooled",
+        (
+            compared("self_disagreement", "low", ">", FLOOR),
+            compared("kappa", "value", "<", FLOOR),
+            compared("kappa", "low", "<=", 0.0),
+            p_below("bound_kappa", ALPHA),
+            p_below("kappa_pooled", ALPHA),
+        ),
+        "it disagrees with itself on the same picture (s = {self_disagreement}), about as often as chance would",
+    ),
+    Rule(
+        "scene_cue",
+        "scene_cue",
+        (p_below("scene_cue", ALPHA),),
+        "another scenario changes its answer more than another frame does",
+    ),
+    Rule(
+        "presence_only",
+        "presence",
+        (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
+        f"real and blank differ, and the effect of content is below {MARGIN}",
+    ),
+    Rule(
+        "refusal_effect",
+        "presence_response",
+        (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
+        "real and blank differ in outputs, not in decisions",
+    ),
+    Rule(
+        "image_invariant",
+        "bound_blank",
+        (_BLANK, *NO_CONTENT, *_OF_ALL),
+        f"the effects of a blank picture and of content are both below {MARGIN}",
+    ),
+    Rule(
+        "undecided",
+        "repeat_over_nudged",
+        (p_below("repeat_over_nudged", ALPHA),),
+        "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
+        "the file, or a cache answered, and neither is sight",
+    ),
+    _no_answer("bound_content_shuffled", "shuffled"),
+    _no_answer("bound_blank", "blank"),
+    Rule(
+        "undecided",
+        "repeats_together",
+        (p_below("repeats_together", ALPHA),),
+        "some pictures get another answer than most, and get it twice; what is in them was not shown",
+    ),
+    # where the effect of a blank is shown, what is open is the effect of content
+    Rule("undecided", needs=(_PRESENCE,), says=_open_bound, broken=_OF_CONTENT, worst=True),
+    Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
+)
+
+DISTANCE = Axis("distance", (*_ANSWERED, *_EXCHANGED, *_REST))
+"""The calibrated labels of a run whose pictures move the lead to four distances, in the order in which they are tried.
+"""
+
+DEPTH = Axis("depth", (*_ANSWERED, *RULES, *_REST))
+"""Those of a run that was asked for pictures in which the lead is drawn along its range."""
 
 _CLAIMS_NOTHING = {"undecided", "not_scorable", "image_invariant"}
 _OF_ONE_TEST = {"depth_lateral", "depth_associated"}
@@ -268,9 +275,14 @@ def _turns_for(chance: float) -> int:
     return trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
 
 
+BOXED = compared("turns_boxed", "high", "<", 0.0, needs="an upper bound below 0")
+"""Where neither side is clear it turns less than half as often as where one is."""
+_INWARDS = Clause("turns_boxed", (Reading("value", "<=", 0.0), Reading("low", "<=", 0.0)), untested=True)
+
+
 def earns_lateral(found: Mapping[str, Statistic], label: str) -> bool:
-    """Return whether a lateral label earns ``depth_lateral``: exchange alone only where nobody knows the sides."""
-    return label == "turns_clear" or (label == "swaps" and not isinstance(found["turns_clear"], SignTest))
+    """Return whether a lateral label earns ``depth_lateral``: turns to the clear side, and few where none is."""
+    return label == "turns_clear" and BOXED.holds(found) is True
 
 
 _SWAP = "mirror_swap_rate"
@@ -364,7 +376,7 @@ LATERAL_AXIS = Axis(
         Rule(
             "turns_clear",
             "turns_clear",
-            (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA)),
+            (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
             _to_the_clear_side,
         ),
         Rule("swaps", _SWAP, _SWAPS, _exchanged),
@@ -391,4 +403,4 @@ def calibrated_rules(found: Found, *, turns: bool) -> tuple[Ruling, str]:
     ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
     """
     known = ChainMap(dict(fact("lateral_earned", holds=turns)), found)  # type: ignore[arg-type]
-    return DISTANCE.evaluate(known), grade(found)
+    return (DEPTH if is_drawn(found) else DISTANCE).evaluate(known), grade(found)

@@ -1,5 +1,6 @@
 """Every label of a verdict, once: what it says, how it is drawn, what settles it early, and what a gate reads in it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,6 +37,27 @@ ENDS_LOST = 0.045
 VETO_POWER = 0.80
 """A veto with less power than this to see a reversal excludes none, and a gate that requires depth is not met."""
 
+ORDER_CUT = 0.15
+"""Fewer comparisons than this share come out the wrong way round, in expectation over answers: the bound of depth."""
+ORDER_HIGH, ORDER_LOW = 0.10, 0.05
+"""A kind of pairs whose share lies above the first, and its lower bound above the second, refutes depth."""
+ORDER_OPEN = 0.25
+"""A kind of pairs whose upper bound lies above this is named, and a gate that requires depth is not met."""
+
+BESIDE_CUT = 0.15
+"""In each third of the range a neighbour does less than half of what the lead does, give or take this level."""
+BESIDE_REFUTED, THIRD_REFUTED = -0.02, 0.05
+"""Above these values specificity, of all and of a third, is not merely not shown: it does not hold."""
+
+SENSITIVE_FROM = 0.25
+"""Who is bounded below this reads distance on too few frames to matter, and more frames would not show it."""
+
+RISE_ALPHA, FILE_ALPHA = 0.02, 0.001
+"""Levels of the tests that somewhere braking rises with distance, and that it follows the file."""
+
+DRAWN, DRAWN_LEAST = 8, 3
+"""A window a factor of 1.2 wide holds so many drawn distances on average, and so many in the emptiest one."""
+
 KAPPA_MARGIN = 0.20
 """Below this bound on kappa a model agrees with itself about as often as chance would."""
 
@@ -49,17 +71,21 @@ BOUND_ALPHA = 0.05
 GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
 """What stands before a word of each family, for those who do not tell its colour."""
 
+LOOKS = "looks"
+"""What a gate may require: that the answer is Yes or In part."""
+
 
 @dataclass(frozen=True, slots=True)
 class Label:
     """One label: what it says, how it is drawn, what a gate reads in it, and what settles it early.
 
-    A report draws it in the colours of its ``family``, with a sign of its ``own`` or that of its family. ``meets``
-    names the requirements of a gate that it meets; of any other, ``otherwise`` says what it shows: that it fails, that
-    it cannot say, or that it fails where the share of pairs in which braking follows distance is bounded below the
-    margin. ``early`` names the claims that settle it before a run has ended, the first its evidence; without any it is
-    never settled early. Those of ``depth`` only say what is left out: whether it is one is decided on all frames, by
-    the rules of a whole run.
+    A report draws it in the colours of its ``family``, with a sign of its ``own`` or that of its family. ``answer`` is
+    what it answers to whether a model looks. A gate that requires it by name is met by it, as is one that requires what
+    it ``meets`` besides, or `LOOKS` where it is answered with Yes or In part; of any other, ``otherwise`` says what it
+    shows: that it fails, that it cannot say, or that it fails where the share of pairs in which braking follows
+    distance is bounded below the margin. ``early`` names the claims that settle it before a run
+    has ended, the first its evidence; without any it is never settled early. Those of ``depth`` only say what is left
+    out: whether it is one is decided on all frames, by the rules of a whole run.
     """
 
     says: str
@@ -68,15 +94,12 @@ class Label:
     meets: tuple[str, ...] = ()
     otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
     early: tuple[str, ...] = ()
+    answer: Literal["Yes", "In part", "No", "Inconclusive"] = "Inconclusive"
 
     @property
     def glyph(self) -> str:
         """Return the sign before its word."""
         return self.own or GLYPHS[self.family]
-
-    def holds(self, requirement: str) -> bool | None:
-        """Return whether it meets a requirement of a gate; None where it leaves that open."""
-        return True if requirement in self.meets else None if self.otherwise == "cannot say" else False
 
 
 _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
@@ -92,13 +115,20 @@ LABELS: dict[str, Label] = {
         "It may be tried as a longitudinal and lateral advisor: its braking follows distance, and its turns are "
         "exchanged when the picture is reflected.",
         "sees",
-        meets=("depth", "depth_lateral"),
+        meets=("depth",),
+        answer="Yes",
     ),
     "depth": Label(
         "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
         "sees",
-        meets=("depth",),
         early=_NEARER,
+        answer="Yes",
+    ),
+    "partial_depth": Label(
+        "Its braking follows distance, but not everywhere: no authority where it does not.",
+        "partly",
+        "◕",
+        answer="In part",
     ),
     "depth_associated": Label(
         "Its braking goes with distance; what else goes with it was not excluded: no authority.",
@@ -106,34 +136,42 @@ LABELS: dict[str, Label] = {
         "◕",
         otherwise="cannot say",
         early=_NEARER,
+        answer="In part",
     ),
     "content": Label(
         "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
+        answer="In part",
     ),
     "self_inconsistent": Label(
-        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind"
+        "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
+        "blind",
+        answer="No",
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
+        answer="No",
     ),
     "presence_only": Label(
         "It notices whether there is a picture, not what is in it: no authority over motion.",
         "partly",
         "◔",
+        answer="No",
         early=("presence", *_CONTENT, *_ALONE, _ABSENT),
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
+        answer="No",
         early=("presence_response", "bound_blank_kept", *_BLIND),
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
+        answer="No",
         early=("bound_blank", "bound_blank_response", *_BLIND),
     ),
     "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
@@ -141,10 +179,8 @@ LABELS: dict[str, Label] = {
 """The calibrated labels, in the order of their rules."""
 
 LATERAL: dict[str, Label] = {
-    "turns_clear": Label("Where exactly one side is clear its turns go there.", meets=("swaps", "turns_clear")),
-    "swaps": Label(
-        "It exchanges its directions under reflection.", meets=("swaps",), early=("swaps_rate", "swaps_pairing")
-    ),
+    "turns_clear": Label("Where exactly one side is clear its turns go there.", meets=("swaps",)),
+    "swaps": Label("It exchanges its directions under reflection.", early=("swaps_rate", "swaps_pairing")),
     "does_not_swap": Label("It does not exchange its directions under reflection.", early=("no_swaps",)),
     "one_sided": Label("It gives one direction only, whichever side the picture shows."),
     "no_power": Label(
@@ -200,3 +236,9 @@ PAPER_LABELS = (
 
 NOT_JUDGED = "not_judged"
 """In place of a label of the paper's rules where a run stopped early: their tests hold at a fixed size only."""
+
+
+def meets(name: str, labels: Mapping[str, Label]) -> tuple[str, ...]:
+    """Return the requirements of a gate that a label meets."""
+    looks = (LOOKS,) if labels[name].answer in {"Yes", "In part"} else ()
+    return (name, *labels[name].meets, *looks)

@@ -9,11 +9,12 @@ from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard, unfinished
 from eyechart.records import Written
 from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
 from eyechart.verdicts.controls import EXCHANGE, below
+from eyechart.verdicts.depth import holes, is_drawn, open_kinds
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
@@ -46,11 +47,12 @@ class Verdict(Written):
     wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
     (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
     say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label. ``beware``
-    says that turns go to the blocked side where they do; ``trust`` holds it too.
+    says that turns go to the blocked side where they do; ``trust`` holds it too. ``holes`` are the places in which its
+    braking does not answer to the lead, with counts, and ``open_to`` what a label of depth does not exclude, in words.
     """
 
     written = (
-        "paper=paper.label calibrated=calibrated.label lateral=lateral.label evidence calibrated.because "
+        "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence calibrated.because "
         "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
         "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
         "stopped_early=stopped effects why_not"
@@ -70,6 +72,13 @@ class Verdict(Written):
     effects: Effects | None = None
     why_not: WhyNot | None = None
     beware: str = ""
+    holes: tuple[Place, ...] = ()
+    open_to: tuple[str, ...] = ()
+
+    @property
+    def answer(self) -> str:
+        """Return whether it looks: Yes, In part, No, or Inconclusive, also where a guard puts it in doubt."""
+        return "Inconclusive" if self.doubts else LABELS[self.calibrated.label].answer
 
     @property
     def state(self) -> str:
@@ -162,13 +171,15 @@ def judge_one(evidence: Evidence) -> Verdict:
     calibrated, asked_by = rules(found, turns=turns)
     effects = effects_of(found) if stopped is None or stopped.whole else None
     beware = _beware(calibrated.label, lateral, found["turns_clear"])
+    drawn = stopped is None and is_drawn(found)
+    not_excluded = tuple(open_kinds(found)) if drawn else () if effects is None else effects.not_excluded
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
         calibrated=calibrated,
         lateral=lateral,
         evidence=asked_by,
-        trust=_trust(calibrated.label, lateral, beware, effects),
+        trust=_trust(calibrated.label, lateral, beware, not_excluded),
         scope=evidence.scope,
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
@@ -177,17 +188,23 @@ def judge_one(evidence: Evidence) -> Verdict:
         why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
         beware=beware,
+        holes=holes(found) if drawn and calibrated.label in _BY_DISTANCE else (),
+        open_to=not_excluded if drawn and calibrated.label in _BY_DISTANCE else (),
     )
 
 
-def _trust(label: str, lateral: Ruling, beware: str, effects: Effects | None) -> str:
+_BY_DISTANCE = ("depth", "depth_lateral", "partial_depth", "depth_associated")
+"""The labels beside which holes are named, and what is not excluded."""
+
+
+def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[str]) -> str:
     """Return with what a model may be trusted, to which side it turns where that was shown, and what is left open."""
     said = [LABELS[label].says]
     if label == "depth_lateral" and lateral.label == "turns_clear":
         said.append(LATERAL[lateral.label].says)
     elif beware:
         said.append(f"Beware: {beware}.")
-    if LABELS[label].family == "sees" and effects is not None and effects.not_excluded:
+    if LABELS[label].family == "sees" and not_excluded:
         said.append("In part of what was tested a reversal was not excluded.")
     return " ".join(said)
 
@@ -313,9 +330,8 @@ def _turns(found: Mapping[str, Statistic]) -> list[str]:
     elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
         said.append(f"whether it turns to the clear side was not tested: {clear.note}")
     boxed = found["turns_boxed"]
-    if boxed.value:
-        count = round(boxed.value * boxed.n)
-        said.append(f"it turns where no side is clear: {count} of {boxed.n} turns; turns_clear does not count these")
+    if isinstance(boxed, BoxedTurns) and boxed.turned:
+        said.append(f"it turns where no side is clear: {boxed.turned} of {boxed.n} answers")
     return said
 
 

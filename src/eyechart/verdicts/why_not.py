@@ -9,8 +9,9 @@ from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import Discordant, SignTest, net_effect
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import STRICT, frames_to_bound, turns_to_tell
+from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
 from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, besides, failures, lacking
+from eyechart.verdicts.depth import NO_RISE, REFUTING, SHOWN, is_drawn, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
@@ -71,6 +72,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found = evidence.statistics
     made: dict[str, Callable[[], WhyNot]] = {
         "depth": lambda: _not_lateral(found, lateral),
+        "partial_depth": lambda: _in_part(found, ruling),
         "depth_associated": lambda: _not_depth(evidence),
         "content": lambda: _not_associated(evidence),
         "not_scorable": lambda: _not_scorable(ruling),
@@ -129,6 +131,9 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
 
 def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
     """Say which test of turns does not hold."""
+    if lateral.label == "turns_clear":
+        settle = "more moments at which neither side is clear, in more episodes"
+        return WhyNot("depth_lateral", "turns_boxed", found["turns_boxed"], BOXED.needs, settle)
     if lateral.label == "swaps":
         return _not_clear(found, lateral)
     swap, needs = found["mirror_swap_rate"], f"half of the turns exchanged under reflection, p below {ALPHA}"
@@ -170,6 +175,8 @@ def _turns_needed(swap: Statistic) -> str:
 def _not_depth(evidence: Evidence) -> WhyNot:
     """Say which control was not answered."""
     found = evidence.statistics
+    if is_drawn(found):
+        return _not_shown(evidence)
     if found["depth_interventional"].p is None:
         name = "depth_interventional"
         if all(evidence.replies.get(moved) for moved in MOVED):
@@ -184,6 +191,23 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     missing = tuple(dict.fromkeys(name for lacks in lacking(found) for name in lacks.conditions))
     missing = tuple(name for name in missing if name not in evidence.replies)
     return _missing("depth", one.statistic, evidence, missing)
+
+
+def _not_shown(evidence: Evidence) -> WhyNot:
+    """Say what was not shown of who was asked for the lead along its whole range, or not asked."""
+    found = evidence.statistics
+    clause = next(one for one in (*SHOWN, NO_RISE) if one.holds(found) is not True)
+    one = clause.read(found)
+    missing = tuple(name for name in clause.conditions if name not in evidence.replies)
+    if clause.outcome(found) is None and missing:
+        return _missing("depth", clause.statistic, evidence, missing)
+    settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
+    return WhyNot("depth", clause.statistic, one, clause.needs, settle)
+
+
+def _in_part(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
+    """Say that its braking answers in some places only; more frames show no more of the others."""
+    return WhyNot("depth", ruling.decided_by, found["holes"], "an effect in every place", NOTHING)
 
 
 def _missing(label: str, name: str, evidence: Evidence, missing: tuple[str, ...]) -> WhyNot:
@@ -211,6 +235,9 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     """Say which of the conditions of depth fails, or that its first test does not hold or could not be made."""
     found = evidence.statistics
     interventional, observational = found["depth_interventional"], found["depth_observational"]
+    if is_drawn(found) and is_refuted(found):
+        clause = next(one for one in REFUTING if one.holds(found) is False)
+        return WhyNot("depth", clause.statistic, clause.read(found), clause.needs, NOTHING)
     if below(interventional.p):
         failed = next(failures(found), None)
         if failed is not None:

@@ -2,18 +2,20 @@
 
 ``lane_own`` and ``lane_beside`` exchange who is near: the lead and a vehicle of a neighbouring lane, at equal
 straight-line distance. Left in its place the lead would hide the other one from a rule that takes the nearest of all.
+``exchange_own``, ``exchange_beside`` and ``exchange_apart`` do so at a distance of the whole range, and far for both.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 
 import numpy as np
 
-from eyechart.frames import RGB
-from eyechart.simulators.banks import Drawn, Moment
-from eyechart.simulators.highway.stock import IDMVehicle
+from eyechart.cameras import PALETTE
+from eyechart.frames import EXCHANGE, LEAD, RGB, Draws
+from eyechart.simulators.banks import Drawn, Moment, first_shown
+from eyechart.simulators.highway.stock import IDMVehicle, VehicleGraphics
 from eyechart.simulators.highway.truth import Vehicle, find_lead, gap_to, is_visible, others, read_truth
 from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
 from eyechart.simulators.plan import log_uniform, other_gap
@@ -21,6 +23,9 @@ from eyechart.simulators.plan import log_uniform, other_gap
 NEAR_M = (7.0, 9.0)
 FAR_M = (50.0, 60.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, centre to centre."""
+
+LOWEST_M = 5.0
+"""The lowest distance that can be shown: a car's length, at which lead and ego touch."""
 
 MIDS_M = {"lead_mid_near": (9.1, 20.0), "lead_mid_far": (20.0, 49.0)}
 """Between which distances the mids spread the lead, evenly in their logarithm."""
@@ -32,16 +37,19 @@ _CAR_M = 5.0
 _BUMPER_M = 1.0
 _OFF_CENTRE_M = 1.0
 _TRIES = 20
+_PLACES = 6
+"""So often far places are drawn of one distance of the exchange, until there is room."""
 
 
-def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:
+def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
     """Return a world's moment with every counterfactual that can be drawn honestly; none after a crash.
 
-    The lead is moved only along a lane that is free from where it was to where it goes.
+    The lead is moved only along a lane that is free from where it was to where it goes; near is as near as can be shown
+    where the ``lowest`` distance is wanted.
     """
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world.vehicle, lead)
-    near_m, far_m = other_gap(gap_m, NEAR_M, rng), other_gap(gap_m, FAR_M, rng)
+    near_m, far_m = LOWEST_M if lowest else other_gap(gap_m, NEAR_M, rng), other_gap(gap_m, FAR_M, rng)
     pictures: dict[str, RGB | None] = {}
     if not world.vehicle.crashed:
         pictures["lead_near"] = _draw_with_lead_at(world, camera, near_m)
@@ -49,7 +57,16 @@ def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:
         with recoloured(world.vehicle):
             pictures["recoloured"] = camera.draw()
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
-    return Moment(read_truth(world), camera.draw(), drawn, controls=partial(draw_controls, world, camera))
+    truth = read_truth(world)
+    return Moment(
+        truth,
+        camera.draw(),
+        drawn,
+        controls=partial(draw_controls, world, camera),
+        ranged=partial(draw_ranged, world, camera),
+        distances={f"{name}_m": m for name, m in (("lead_near", near_m), ("lead_far", far_m)) if name in drawn},
+        strata={"lanes": truth["lanes"], "lead_colour": None if lead is None else colour_of(lead)},
+    )
 
 
 def draw_controls(world: World, camera: Camera, rng: np.random.Generator) -> Drawn:
@@ -69,6 +86,66 @@ def draw_controls(world: World, camera: Camera, rng: np.random.Generator) -> Dra
             if next_one is None or not is_visible(gap_to(world.vehicle, next_one)):
                 pictures["lead_absent"] = camera.draw()
     return Drawn(pictures, distances)
+
+
+def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Generator) -> Drawn:
+    """Return the control pictures at distances of the whole range; none after a crash, or without a lead."""
+    lead = find_lead(world)
+    if lead is None or world.vehicle.crashed:
+        return Drawn()
+    moved_m, pictures, distances = None, dict[str, RGB](), dict[str, float]()
+    if alone := first_shown(partial(_draw_with_lead_at, world, camera), draws.lead()):
+        moved_m, pictures["lead_drawn"] = alone
+        distances[LEAD] = moved_m
+    if both := first_shown(partial(_exchange_at, world, camera, lead, rng), draws.exchange(moved_m)):
+        distances[EXCHANGE] = both[0]
+        pictures |= both[1]
+    return Drawn(pictures, distances)
+
+
+def _exchange_at(
+    world: World, camera: Camera, lead: Vehicle, rng: np.random.Generator, own_m: float
+) -> dict[str, RGB] | None:
+    """Return the pictures of the exchange at this distance, or None where no neighbour has room for it."""
+    x, y = map(float, world.vehicle.position)
+    away_m = math.hypot(own_m, float(lead.position[1]) - y)
+    for _ in range(_PLACES):
+        far_m, its_far_m = (float(rng.uniform(*FAR_M)) for _ in range(2))
+        for other in _neighbours(world, rng):
+            aside_m = abs(float(other.position[1]) - y)
+            if aside_m >= away_m:
+                continue
+            beside_m = math.sqrt(away_m**2 - aside_m**2)
+            wanted = {
+                "exchange_own": (own_m, its_far_m),
+                "exchange_beside": (far_m, beside_m),
+                "exchange_apart": (far_m, its_far_m),
+            }
+            ways = all(_way_is_free(world, lead, x + gap_m) for gap_m in (own_m, far_m))
+            if ways and all(_has_room(world, other, x + ahead) for ahead in (its_far_m, beside_m)):
+                pictures = _draw_placed(world, camera, lead, other, wanted)
+                if len(pictures) == len(wanted):
+                    return pictures
+    return None
+
+
+def _draw_placed(
+    world: World, camera: Camera, lead: Vehicle, other: Vehicle, wanted: Mapping[str, tuple[float, float]]
+) -> dict[str, RGB]:
+    """Return the pictures by name with the lead and another vehicle so far ahead, of those in which the lead leads."""
+    x, pictures = float(world.vehicle.position[0]), {}
+    with _there(world, other):
+        for name, (lead_m, other_m) in wanted.items():
+            with moved(lead, x + lead_m), moved(other, x + other_m):
+                if find_lead(world) is lead:
+                    pictures[name] = camera.draw()
+    return pictures
+
+
+def colour_of(vehicle: Vehicle) -> str:
+    """Return the name of the colour in which a vehicle is drawn."""
+    drawn = tuple(VehicleGraphics.get_color(vehicle))[:3]
+    return next(name for name, (body, _) in PALETTE.items() if body == drawn)
 
 
 def _draw_with_lead_at(world: World, camera: Camera, gap_m: float) -> RGB | None:
@@ -112,12 +189,8 @@ def _exchange(
             ways = all(_way_is_free(world, lead, x + gap_m) for gap_m in (near_m, far_m))
             if not ways or not all(_has_room(world, other, place) for place in places):
                 continue
-            pictures = {}
-            with _there(world, other):
-                for name, gap_m, place in zip(("lane_own", "lane_beside"), (near_m, far_m), places, strict=True):
-                    with moved(lead, x + gap_m), moved(other, place):
-                        if find_lead(world) is lead:
-                            pictures[name] = camera.draw()
+            wanted = {"lane_own": (near_m, far_m), "lane_beside": (far_m, beside_m)}
+            pictures = _draw_placed(world, camera, lead, other, wanted)
             if len(pictures) == len(places):
                 return pictures, {"lane_near_m": near_m, "lane_far_m": far_m}
     return {}, {}

@@ -8,6 +8,7 @@ lends its place to the ego.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ import numpy as np
 from eyechart.errors import BankError
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment, Preset, by_dozens
-from eyechart.simulators.highway.counterfactuals import record
+from eyechart.simulators.banks import BOXED, Moment, Preset, by_dozens
+from eyechart.simulators.highway.counterfactuals import FAR_M, LOWEST_M, record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.stock import IDMVehicle, MDPVehicle, MergeEnv, Vehicle
 from eyechart.simulators.highway.truth import is_visible, read_scene
@@ -148,16 +149,16 @@ class _Layout:
     others: tuple[Placed, ...]
 
 
-def stage(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
-    """Yield the moments of one episode, in the order of natural time."""
+def stage(scenario: str, seed: int, steps: int, *, boxed: bool = False) -> Iterator[Moment]:
+    """Yield the moments of one episode, in the order of natural time, those of the version `BOXED` where it is so."""
     rng = np.random.default_rng(key_seed("highway", "balanced", scenario, seed))
     with speedups():
         world = STAGES[scenario].open(seed)
         instants = drive_naturally(world, steps)
     camera = Camera(world)
-    for number, wish in enumerate(make_plan(_LANES[scenario], GAPS, steps, rng)):
+    for number, wish in enumerate(make_plan(_LANES[scenario], GAPS, steps, rng, boxed=boxed)):
         _set_up(world, instants[number * len(instants) // steps], wish, still=scenario == "blocked", rng=rng)
-        yield record(world, camera, rng)
+        yield record(world, camera, rng, lowest=boxed)
 
 
 def _set_up(world: World, traffic: Traffic, wish: Wish, *, still: bool, rng: np.random.Generator) -> None:
@@ -243,4 +244,10 @@ def _show(world: World, layout: _Layout, *, still: bool) -> None:
     world.controlled_vehicles = [driver]
 
 
-BALANCED = Preset({name: one.as_dict() for name, one in STAGES.items()}, by_dozens(stage), LEAD_GAP)
+BALANCED = Preset(
+    {name: one.as_dict() for name, one in STAGES.items()},
+    by_dozens(stage),
+    LEAD_GAP,
+    span=(LOWEST_M, FAR_M[1]),
+    staged={BOXED: by_dozens(partial(stage, boxed=True))},
+)

@@ -53,6 +53,7 @@ with _later():
     from highway_env.vehicle import behavior, controller
     from highway_env.vehicle.behavior import IDMVehicle
     from highway_env.vehicle.controller import MDPVehicle
+    from highway_env.vehicle.graphics import VehicleGraphics
     from highway_env.vehicle.kinematics import Vehicle
     from highway_env.vehicle.objects import Landmark
 
@@ -67,6 +68,7 @@ __all__ = [
     "RoadNetwork",
     "StraightLane",
     "Vehicle",
+    "VehicleGraphics",
     "WorldSurface",
     "behavior",
     "controller",

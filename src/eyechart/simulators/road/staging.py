@@ -4,7 +4,7 @@ Beyond them stand obstacles as the family has them. Each moment is a world of it
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,13 +12,13 @@ import numpy as np
 
 from eyechart.cameras import FORWARD
 from eyechart.errors import BankError
-from eyechart.frames import RGB, Gap
+from eyechart.frames import EXCHANGE, LEAD, RGB, Draws, Gap
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import BankMaker, Drawn, Moment, Preset, by_dozens, versions_of
+from eyechart.simulators.banks import BOXED, BankMaker, Drawn, Moment, Preset, by_dozens, first_shown, versions_of
 from eyechart.simulators.plan import Bands, Lanes, Wish, log_uniform, make_plan, other_gap
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
 from eyechart.simulators.road.truth import ahead, blocks, find_lead, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import SCENERY, AnyWorld, draw, eye_of
+from eyechart.simulators.road.world import PAINT_NAMES, SCENERY, AnyWorld, draw, eye_of, lowest_m
 
 GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
 """About 5, 8 and 15 m, and what is seen 30 m away."""
@@ -33,6 +33,9 @@ MIDS_M = {"lead_mid_near": (4.5, 9.0), "lead_mid_far": (9.0, 17.9)}
 EXCHANGE_M = ((3.2, 4.4), (15.6, 24.0))
 """Where ``lane_own`` and ``lane_beside`` put the near and the far one: in the picture, and neither hidden."""
 
+EXCHANGED_FAR_M = (22.5, FAR_M[1])
+"""Where the exchange at a distance of the whole range puts what is far: farther than any such distance."""
+
 _LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
 _OFF_TRACK_M = 0.2
 _LEAN_M = 0.35
@@ -44,6 +47,8 @@ _CLEARANCE_M = 0.05
 _LEAST_SEEN = 0.5
 _LEAST_SPEED_MPS = 1.0
 _TRIES = 200
+_PLACES = 30
+"""So many pairs of far places are tried of one distance of the exchange; of a fifth of them the lead does not lean."""
 _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
 """How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
 
@@ -62,24 +67,37 @@ class Vehicle:
     most_mps: float
 
 
-def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int) -> Iterator[Moment]:
-    """Yield the moments of one episode."""
+def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int, *, boxed: bool = False) -> Iterator[Moment]:
+    """Yield the moments of one episode, those of the version `BOXED` where it is so."""
     rng = np.random.default_rng(key_seed(vehicle.view, "balanced", scenario, seed))
-    for wish in make_plan(_LANES, GAPS, steps, rng):
-        yield record(_set_up(vehicle, scenario, wish, rng), rng)
+    for wish in make_plan(_LANES, GAPS, steps, rng, boxed=boxed):
+        yield record(_set_up(vehicle, scenario, wish, rng), rng, lowest=boxed)
 
 
-def record(world: AnyWorld, rng: np.random.Generator) -> Moment:
-    """Return a world's moment with the lead near, the lead far, and the own hood repainted."""
+def record(world: AnyWorld, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
+    """Return a world's moment with the lead near, the lead far, and the own hood repainted.
+
+    Near is as near as can be shown where the ``lowest`` gap is wanted.
+    """
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world, lead)
+    near_m = lowest_m(world.vehicle) if lowest else other_gap(gap_m, NEAR_M, rng)
+    far_m = other_gap(gap_m, FAR_M, rng)
     pictures = {
-        "lead_near": _draw_with_lead_at(world, other_gap(gap_m, NEAR_M, rng)),
-        "lead_far": _draw_with_lead_at(world, other_gap(gap_m, FAR_M, rng)),
+        "lead_near": _draw_with_lead_at(world, near_m),
+        "lead_far": _draw_with_lead_at(world, far_m),
         "recoloured": draw(world, red=True),
     }
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
-    return Moment(read_truth(world), draw(world), drawn, controls=partial(draw_controls, world))
+    return Moment(
+        read_truth(world),
+        draw(world),
+        drawn,
+        controls=partial(draw_controls, world),
+        ranged=partial(draw_ranged, world),
+        distances={f"{name}_m": m for name, m in (("lead_near", near_m), ("lead_far", far_m)) if name in drawn},
+        strata={"lead_colour": None if lead is None else PAINT_NAMES[lead.paint]},
+    )
 
 
 def draw_controls(world: AnyWorld, rng: np.random.Generator) -> Drawn:
@@ -103,6 +121,61 @@ def draw_controls(world: AnyWorld, rng: np.random.Generator) -> Drawn:
         if read_scene(absent).gap_m is None:
             pictures["lead_absent"] = draw(absent)
     return Drawn(pictures, distances)
+
+
+def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Drawn:
+    """Return the control pictures at gaps of the whole range; none without a lead.
+
+    The exchange is that of `draw_controls` at another gap, and once more with both far.
+    """
+    lead = find_lead(world)
+    if lead is None:
+        return Drawn()
+    moved_m, pictures, distances = None, dict[str, RGB](), dict[str, float]()
+    if alone := first_shown(partial(_draw_with_lead_at, world), draws.lead()):
+        moved_m, pictures["lead_drawn"] = alone
+        distances[LEAD] = moved_m
+    if both := first_shown(partial(_exchange_at, world, lead, rng), draws.exchange(moved_m)):
+        distances[EXCHANGE] = both[0]
+        pictures |= both[1]
+    return Drawn(pictures, distances)
+
+
+def _exchange_at(world: AnyWorld, lead: Obstacle, rng: np.random.Generator, own_m: float) -> dict[str, RGB] | None:
+    """Return the pictures of the exchange at this gap, or None where no obstacle beside could stand so."""
+    for number in range(_PLACES):
+        far_m, its_far_m = (float(rng.uniform(*EXCHANGED_FAR_M)) for _ in range(2))
+        for taken, y in _beside(world, lead, rng):
+            leaning = lead if number < _PLACES / 5 else _lean_from(world, lead, y, rng)
+            own, far, its_far = (_at_gap(world, leaning, gap_m) for gap_m in (own_m, far_m, its_far_m))
+            beside = _abreast(world, own, y)
+            if beside is None:
+                continue
+            shown = {
+                "exchange_own": (own, replace(its_far, y=y)),
+                "exchange_beside": (far, beside),
+                "exchange_apart": (far, replace(its_far, y=y)),
+            }
+            if pictures := _draw_exchanged(world, shown, [lead, *([] if taken is None else [taken])]):
+                return pictures
+    return None
+
+
+def _abreast(world: AnyWorld, lead: Obstacle, y: float) -> Obstacle | None:
+    """Return the lead put aside to ``y``, as far from the vehicle's middle as it is, or None where that is nearer."""
+    square = _away(world, lead) ** 2 - (y - world.state.y) ** 2
+    return replace(lead, x=world.state.x + math.sqrt(square), y=y) if square > 0 else None
+
+
+def _draw_exchanged(
+    world: AnyWorld, shown: Mapping[str, tuple[Obstacle, Obstacle]], instead: Sequence[Obstacle]
+) -> dict[str, RGB]:
+    """Return the pictures by name with these pairs of lead and other ``instead`` of some; none where one cannot be."""
+    others = [one for one in world.layout.obstacles if not any(one is gone for gone in instead)]
+    worlds = {name: _with(world, *pair, *others) for name, pair in shown.items()}
+    if not all(_is_exchanged(made, *shown[name]) for name, made in worlds.items()):
+        return {}
+    return {name: draw(made) for name, made in worlds.items()}
 
 
 def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
@@ -133,15 +206,11 @@ def _exchange(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> tupl
         for taken, y in _beside(world, lead, rng):
             leaning = lead if number < _TRIES / 10 else _lean_from(world, lead, y, rng)
             near, far = _at_gap(world, leaning, near_m), _at_gap(world, leaning, far_m)
-            others = [one for one in world.layout.obstacles if one is not lead and one is not taken]
-            along = math.sqrt(_away(world, near) ** 2 - (y - world.state.y) ** 2)
-            shown = {
-                "lane_own": (near, replace(far, y=y)),
-                "lane_beside": (far, replace(near, x=world.state.x + along, y=y)),
-            }
-            worlds = {name: _with(world, *pair, *others) for name, pair in shown.items()}
-            if all(_is_exchanged(made, *shown[name]) for name, made in worlds.items()):
-                pictures = {name: draw(made) for name, made in worlds.items()}
+            beside = _abreast(world, near, y)
+            if beside is None:
+                continue
+            shown = {"lane_own": (near, replace(far, y=y)), "lane_beside": (far, beside)}
+            if pictures := _draw_exchanged(world, shown, [lead, *([] if taken is None else [taken])]):
                 return pictures, {"lane_near_m": near_m, "lane_far_m": far_m}
     return {}, {}
 
@@ -272,6 +341,8 @@ class RoadBanks(BankMaker):
         return Preset(
             scenarios={family: {"beside": SCENERY[family]} for family in FAMILIES},
             moments=by_dozens(partial(stage, self.vehicle)),
+            staged={BOXED: by_dozens(partial(stage, self.vehicle, boxed=True))},
+            span=(lowest_m(self.vehicle.view), FAR_M[1]),
             gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
             settings={
                 "stop_m": distances.stop_m,

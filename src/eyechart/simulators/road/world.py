@@ -1,5 +1,6 @@
 """A world under way: a vehicle among a layout's obstacles, its track, how a drive ends, and what its camera shows."""
 
+import math
 import struct
 from dataclasses import dataclass, replace
 from functools import cache
@@ -102,7 +103,10 @@ AnyWorld = RoadWorld[VehicleState]
 
 
 PAINTS: tuple[Colour, ...] = ((216, 84, 24), (190, 40, 130), (40, 70, 200))
-"""The obstacles' colours: orange, magenta, blue."""
+"""The obstacles' colours."""
+
+PAINT_NAMES = ("orange", "magenta", "blue")
+"""Their names, in this order."""
 
 SCENERY = dict(zip(FAMILIES, ROVER.verges, strict=True))
 """What lies beside the road of each family: the one cue by which a picture tells its scenario."""
@@ -127,6 +131,14 @@ def cylinders(layout: Layout) -> list[Cylinder]:
 def verge_of(family: str, view: ForwardView) -> Colour:
     """Return what lies beside the road of a family as a view has it."""
     return view.verges[SCENERY[family]]
+
+
+@cache
+def lowest_m(vehicle: str) -> float:
+    """Return the lowest gap, to 0.1 m, at which the foot of an obstacle ahead stands in the picture, above the hood."""
+    view, hood = FORWARD[vehicle], camera_of(next(iter(FAMILIES)), vehicle).hood
+    above = int(hood.any(axis=1).argmax()) - view.horizon
+    return math.ceil(10 * float(view.depth[above])) / 10
 
 
 @cache

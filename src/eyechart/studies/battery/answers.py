@@ -123,6 +123,11 @@ class Answers:
             return None
         return np.array([math.nan, math.nan, *found], dtype=np.float64)[self._column(condition) + 2]
 
+    def numbers(self, column: str) -> Floats:
+        """Return each frame's number in a column of ground truth, NaN where there is none."""
+        found = [frame.truth.get(column) for frame in self.frames]
+        return np.array([float(one) if isinstance(one, int | float) else math.nan for one in found])
+
     def both(self, first: str, second: str, level: str) -> tuple[Symbols, Symbols, Mask]:
         """Return two conditions' symbols on the frames that have both, and which frames these are."""
         one, other = self.symbols(first, level), self.symbols(second, level)

@@ -6,7 +6,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from eyechart.stats.paired import (
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.controls import DEPTH_TESTS, LEVEL, NO_BRAKE, Controls
+from eyechart.studies.battery.depth import NAMES, Moved, moved_of
 from eyechart.studies.battery.evidence import ALONE
 from eyechart.studies.battery.published import Resampling, Statistics
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
@@ -37,6 +38,7 @@ LIKE_CONTENT = ("shuffled", "recoloured", "lead_absent")
 
 COUNTERFACTUAL_TESTS = (
     *DEPTH_TESTS,
+    *NAMES,
     *(f"content_{name}" for name in LIKE_CONTENT[1:]),
     *(f"content_nudged_{name}" for name in LIKE_CONTENT[1:]),
     "bound_content_recoloured",
@@ -69,6 +71,7 @@ class Calibrated:
             "kappa_pooled": self.kappa_pooled,
             "bound_kappa": partial(self._kappa_over, SAME[:2], KAPPA_MARGIN),
             **Controls(self.answers).tests(),
+            **{name: partial(self._of_depth, name) for name in NAMES},
             "repeat_over_nudged": partial(self._over, "real_repeat", "nudged"),
             "repeats_together": self._repeats_together,
             "depth_observational": self._observational,
@@ -86,6 +89,15 @@ class Calibrated:
             "image_token": partial(self._image_token, "response"),
             "image_token.decision": partial(self._image_token, "decision"),
         }
+
+    @cached_property
+    def _moved(self) -> Moved:
+        return moved_of(self.answers)
+
+    def _of_depth(self, name: str) -> Statistic:
+        if self.answers.projection("real", "brake") is None:
+            return cannot_say(NO_BRAKE)
+        return self._moved.tests()[name]()
 
     def _unparsed_reference(self) -> Statistic:
         """Return the rate of replies without a decision; a call that failed says nothing of the model."""

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
+from eyechart.stats.jackknife import half_exceeded
 from eyechart.stats.order import SWAPPED_ENDS, falls_everywhere, lost_beyond_noise, swapped_ends
 from eyechart.stats.paired import (
+    BoxedTurns,
     Curve,
     Dose,
     joint_losses,
@@ -33,6 +35,7 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.verdicts import ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+from eyechart.verdicts.depth import STAGE
 
 LEVEL = 1 - 2 * ALPHA
 """Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
@@ -69,6 +72,13 @@ CURVE = "mean braking level with the lead nearest less that with it farthest"
 
 COMPARED = ("lead_near", "lead_far", "lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged")
 """The pictures that the conditions of depth compare."""
+
+ALONG_LANE = (
+    *("real", "real_repeat", "lead_near", "lead_near_nudged", "lead_far", "lead_drawn", "lead_drawn_nudged"),
+    *("lead_mid_near", "lead_mid_far"),
+)
+"""The pictures in which what stands beside is what the frame says."""
+_BOXED, _ONE_SIDE = ["False", "False"], ["False", "True"]
 
 SIDES = ("left_clear", "right_clear")
 """The columns of ground truth that say which side is clear."""
@@ -215,11 +225,6 @@ class Controls:
             tested = {}
         return worst_part(tested, [1.0 if p is None else p for p in holm(made)], powers if tested else [])
 
-    def _numbers(self, column: str) -> Floats:
-        """Return each frame's number in a column of ground truth, NaN where there is none."""
-        found = [frame.truth.get(column) for frame in self.answers.frames]
-        return np.array([float(one) if isinstance(one, int | float) else np.nan for one in found])
-
     @cached_property
     def _ranges(self) -> list[Range]:
         """Return the doses from the nearest: the condition, its range, and which frames show it at that range.
@@ -228,7 +233,7 @@ class Controls:
         """
         found: list[Range] = []
         for condition, column in DISTANCES.items():
-            asked, distance = ~np.isnan(self._level(condition)), self._numbers(column)
+            asked, distance = ~np.isnan(self._level(condition)), self.answers.numbers(column)
             known = distance[~np.isnan(distance)]
             if not len(known):
                 found.append((condition, None, asked))
@@ -301,10 +306,10 @@ class Controls:
         Where near and far were put frame by frame the bank does not tell, only between which distances: the true lead
         is nearer than all of these, or farther.
         """
-        known = self._numbers(LEAD_GAP.column)
+        known = self.answers.numbers(LEAD_GAP.column)
         real, found = self._level("real"), []
         for condition, column in DISTANCES.items():
-            level, distance = self._level(condition), self._numbers(column)
+            level, distance = self._level(condition), self.answers.numbers(column)
             before, after = known * APART < distance, known > distance * APART
             if condition not in MIDS:
                 before = known * APART < np.fmin.reduce(distance, initial=np.nan)
@@ -329,7 +334,7 @@ class Controls:
     def _scan(self) -> Statistic:
         """Test whether braking rises with distance anywhere along the two mids."""
         levels = np.concatenate([self._level(name) for name in MIDS])
-        places = np.concatenate([self._numbers(DISTANCES[name]) for name in MIDS])
+        places = np.concatenate([self.answers.numbers(DISTANCES[name]) for name in MIDS])
         have = ~np.isnan(places + levels)
         seed = key_seed("dose_scan", *(frame.id for frame in self.answers.frames))
         found = falls_everywhere(places[have], levels[have], seed=seed)
@@ -442,7 +447,7 @@ class Controls:
     def _unparsed(self) -> Statistic:
         """Return the rate of calls without a decision about the compared pictures that hold fewest, failed ones too."""
         found = []
-        for name in COMPARED:
+        for name in (*COMPARED, *STAGE):
             given = [one for one in self.answers.decisions.get(name, ()) if one is not None]
             failed = sum(one.missing == "error" for one in given)
             lost = rate(sum(one.action is None for one in given), len(given), level=LEVEL)
@@ -494,17 +499,30 @@ class Controls:
         return replace(share, p=p, method=method)
 
     def _turns_boxed(self) -> Statistic:
-        """Return the share of turns that are made where neither side is clear."""
-        frames, what = self.answers.frames, "share of turns where neither side is clear"
-        turns = self.answers.partners
-        known = [
-            {frame.truth[name] for name in SIDES}
-            for turn, frame in zip(self.answers.actions("real").tolist(), frames, strict=True)
-            if turn in turns and all(isinstance(frame.truth.get(name), bool) for name in SIDES)
-        ]
-        if not known:
-            return cannot_say("no turn on a frame of which both sides are known", method=what)
-        return replace(rate(sum(sides == {False} for sides in known), len(known), level=LEVEL), method=what)
+        """Return how often it turns where neither side is clear, less half of how often where exactly one is.
+
+        Of all pictures that move nothing beside the own lane.
+        """
+        what = "turns where neither side is clear less half of those where one is"
+        turns = [*self.answers.partners]
+        known = [[frame.truth.get(name) for name in SIDES] for frame in self.answers.frames]
+        given = np.array([self.answers.actions(name) for name in ALONG_LANE])
+        turned, answered = np.isin(given, turns).sum(axis=0), (given != ABSENT).sum(axis=0)
+        boxed, beside = (np.array([sorted(map(str, one)) == of for one in known]) for of in (_BOXED, _ONE_SIDE))
+        if not turns or not (boxed * answered).any():
+            why = "no action turns" if not turns else "no answer where neither side is known to be clear"
+            return cannot_say(why, method=what)
+        counts = ((turned * which, answered * which) for which in (boxed, beside))
+        found = half_exceeded(*counts, self.answers.episodes)
+        return BoxedTurns(
+            found.value,
+            found.n,
+            found.ci,
+            method=f"{what}: {found.method}",
+            note=found.note,
+            level=found.level,
+            turned=int((turned * boxed).sum()),
+        )
 
     def _turns_clear(self) -> Statistic:
         found, what = self._turned(), "turns to the only clear side over turns away from it"

@@ -7,21 +7,25 @@ two calls about one picture disagree as often as the noise floor says.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, SAMPLED, available, sample
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, RANGED, SAMPLED, available, sample
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.records import Plain
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.paired import bounded_below, net_effect
+from eyechart.stats.paired import bounded_below, net_effect, sign_test
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.controls import ALIKE, BINS, DISTANCES, END_SHARE, FEWEST_PAIRS, MIDS
+from eyechart.studies.battery.depth import BESIDE, TWICE, Moved, moved_of
 from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, ENDS_LOST, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+from eyechart.verdicts.depth import earns_depth
 
 NOISE = 0.11
 """The noise floor that is planned for where none is given: near the median of the paper's hosted models, .125."""
@@ -30,6 +34,8 @@ READS = (0.3, 1.0)
 """The shares of the frames on which the planned readers of distance read it."""
 
 DRAWS = 2000
+ALONG_DRAWS = 100
+"""So many are drawn where all statistics of each are made, one by one."""
 
 STRICT = ("shuffled", "recoloured", "cross_scenario")
 LOOSE = ("mirrored", "lead_near", "lead_far", "lead_absent")
@@ -205,6 +211,8 @@ class _Drawn:
 
         near, far = level(hard), level(go)
         first = self._wins(near, far, pairs)
+        if self._shown(*RANGED).any():
+            return self._along(share), float(first.mean())
         exchange = self._shown("lane_own", "lane_beside")
         if int(exchange.sum()) < FEWEST_PAIRS or not self._shown(*MIDS).any():
             return None, float(first.mean())
@@ -230,6 +238,29 @@ class _Drawn:
             holds &= lost[:, which].mean(axis=1) - noise <= BOTH_LOST
         holds &= _reversed(nudged.astype(float), again.astype(float), self._shown("nudged")) >= ALPHA
         return float(holds.mean()), float(first.mean())
+
+    def _along(self, share: float) -> float:
+        """Return how often who reads the distance on a share of the frames is ``depth``, of pictures along the range.
+
+        It brakes hardest in the nearest third of the range, and goes on in the farthest; elsewhere it brakes always.
+        """
+        shown = moved_of(Answers("", self.bank.frames, self.space, self.bank.manifest.gap, {}))
+        go, brake, hard = self._by_level
+        ranks = np.argsort(self.rng.random((self.draws, len(self.bank))), axis=1)
+        distances = _distances(shown)
+        least, greatest = (of(list(distances.values())) for of in (np.nanmin, np.nanmax))
+        first, last = np.geomspace(least, greatest, 4)[1:3]
+        given = {}
+        for name, distance in distances.items():
+            meant = np.where(distance < first, hard, np.where(distance < last, brake, go))
+            codes = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(np.int8))
+            given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
+        draws = min(self.draws, ALONG_DRAWS)
+        earned = (
+            earns_depth(Drawn(replace(shown, levels={name: levels[draw] for name, levels in given.items()})))
+            for draw in range(draws)
+        )
+        return sum(earned) / draws
 
     def _wins(self, one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> Flags:
         """Return in which draws the first is the harder, and by enough."""
@@ -276,6 +307,29 @@ class _Drawn:
                     both = which & self._shown(order[nearer], order[nearer + 1])
                     found.append(_reversed(doses[nearer], doses[nearer + 1], both))
         return found
+
+
+def _distances(shown: Moved) -> dict[str, Levels]:
+    """Return how far away the lead is under each condition that depth compares, NaN where a frame does not show it."""
+    found = {name: shown.distance(picture) for picture, names in TWICE.items() for name in names}
+    there = ~np.isnan(shown.distance("own"))
+    return found | {name: np.where(there, shown.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
+
+
+class Drawn(dict[str, Statistic]):
+    """The statistics of depth of answers that were drawn, each made when a rule reads it."""
+
+    def __init__(self, moved: Moved) -> None:
+        near, far = moved.level("lead_near"), moved.level("lead_far")
+        both = ~np.isnan(near + far)
+        super().__init__(
+            depth_interventional=sign_test(near[both], far[both]), unparsed_controls=Statistic(0.0, 1, (0.0, 0.0))
+        )
+        self._tests = moved.tests()
+
+    def __missing__(self, name: str) -> Statistic:
+        self[name] = self._tests[name]()
+        return self[name]
 
 
 def _reversed(one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from eyechart.conditions import (
     CONTROLS,
     OF_BANKS,
     OVER,
+    asked_in_stages,
     available,
     find_condition,
     require_camera,
@@ -227,7 +228,7 @@ def planned(
     supplied, left_out = conditions_of(bank, formulation)
     controls = extent.controls_of(out, conditions)
     every = (name for name in supplied if name not in CONTROLS)
-    drawn = (name for name in supplied if name in CONTROLS and controls == "all")
+    drawn = asked_in_stages(supplied) if controls == "all" else ()
     chosen = tuple(dict.fromkeys((*(conditions or every), *drawn)))
     for name in chosen:
         find_condition(name)
@@ -316,13 +317,14 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
 def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
     """Return a run's manifest joined with that of what ``out`` holds already.
 
-    Its pictures leave as they did, and its replies are read as they were.
+    Its pictures leave as they did, and its replies are read as they were; others may have come to its bank.
 
     Raises LedgerError where that is another run, or none.
     """
     if is_run(out):
         before, bank_before = read_run(out)
-        if bank_before.manifest.images != bank.manifest.images and before.fingerprint == manifest.fingerprint:
+        same = bank_before.manifest.images.items() <= bank.manifest.images.items()
+        if not same and before.fingerprint == manifest.fingerprint:
             raise LedgerError(
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )

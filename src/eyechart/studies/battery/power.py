@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from eyechart.conditions import CONTROLS, available
+from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import Exchanged, exchange_test
@@ -129,8 +129,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
     smallest, why = _smallest_p(bank)
     never = np.zeros(len(bank))
     bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
-    controls = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
-    controls |= sampled_of(bank)
+    controls = _controls_of(bank) | sampled_of(bank)
     shown = [name for name, count in (calls | controls).items() if count]
     asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
     return BankPower(
@@ -159,6 +158,12 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
         controls=controls,
         odds=odds_of(bank, noise=noise),
     )
+
+
+def _controls_of(bank: FrameBank) -> dict[str, int]:
+    """Return of how many frames each control is asked that the stages of a run may ask."""
+    have = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
+    return {name: have[name] for name in asked_in_stages([name for name, count in have.items() if count])}
 
 
 def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:

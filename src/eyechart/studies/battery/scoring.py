@@ -24,6 +24,7 @@ from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
+from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.requests import require_requests
@@ -31,7 +32,7 @@ from eyechart.studies.battery.stages import Asked, asked_of_model, staged, stage
 from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
 
-READ = (*DEPTH_TESTS, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
+READ = (*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
 """The tests that ``depth`` and its turns rest on."""
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS, available
+from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, in_order
@@ -46,8 +46,8 @@ def supplied(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
     """Return the controls that a run may ask after its conditions; a shard lacks the answers that call for any."""
     if manifest.controls != "auto" or plan.shard is not None:
         return ()
-    drawn = (name for name in CONTROLS if name not in plan.conditions)
-    return tuple(name for name in drawn if any(available(name, frame) for frame in plan.frames))
+    shown = asked_in_stages([name for name in CONTROLS if any(available(name, frame) for frame in plan.frames)])
+    return tuple(name for name in shown if name not in plan.conditions)
 
 
 def widest(manifest: RunManifest, plan: Plan) -> Plan:

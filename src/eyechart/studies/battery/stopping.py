@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS, shuffled_order
+from eyechart.conditions import CONTROLS, RANGED, shuffled_order
 from eyechart.frames import Frame
 from eyechart.ledger import Ledger
 from eyechart.run import Plan, Stages
@@ -50,10 +50,11 @@ _SAME = ("real", "real_repeat")
 _ABSENT = (Walk(frozenset((*_SAME, ABSENT)), f"bound_{ABSENT}"),)
 
 CONTROLLED = frozenset((*_SAME, *COMPARED))
-"""Without all of these no early ``depth``."""
+ALONG = frozenset((*_SAME, "lead_near", "lead_far", *RANGED))
+"""Without all of the second, or of the first on a bank with few distances, no early ``depth``."""
 
 WALKS: Mapping[str, tuple[Walk, ...]] = {
-    "depth": (Walk(frozenset((*_SAME, *COMPARED[:4]))), Walk(CONTROLLED)),
+    "depth": (Walk(frozenset((*_SAME, *COMPARED[:4]))), Walk(CONTROLLED), Walk(ALONG)),
     "presence_only": _ABSENT,
     "refusal_effect": _ABSENT,
     "image_invariant": _ABSENT,
@@ -112,8 +113,8 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     """
     order = shuffled_order([frame.id for frame in frames], seed)
     asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
-    whole = {name for names in every.values() for name in names} >= CONTROLLED
-    may = set(CONTROLS) & (CONTROLLED | {ABSENT} if whole else {ABSENT})
+    shown = {name for names in every.values() for name in names}
+    may = set(CONTROLS) & {ABSENT, *(name for whole in (CONTROLLED, ALONG) if shown >= whole for name in whole)}
     controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
     return Layout(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
 
@@ -268,7 +269,8 @@ class Course:
 
     def _reached(self, label: str) -> bool:
         """Return whether a label has its evidence of the first walk; that of its controls is walked for after it."""
-        if label in DISTANCE and label != ("depth" if self.layout.shown >= CONTROLLED else "depth_associated"):
+        whole = self.layout.shown >= CONTROLLED or self.layout.shown >= ALONG
+        if label in DISTANCE and label != ("depth" if whole else "depth_associated"):
             return False
         return self._all(label, RULES)
 

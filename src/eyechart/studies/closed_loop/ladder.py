@@ -19,9 +19,9 @@ from eyechart.records import Written
 from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by, open_simulator
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.agreement import rate
+from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.flips import sign_flip_test
-from eyechart.stats.paired import Discordant, clopper_pearson, mcnemar_exact, paired_difference
+from eyechart.stats.paired import Discordant, mcnemar_exact, paired_difference
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives

@@ -1,0 +1,93 @@
+"""Where control pictures put a vehicle: distances drawn by a seed over all that a world can show, and drawn again.
+
+The lead alone is put anywhere in the range. In the exchange the distance keeps away from the ends, and a factor apart
+from that of the lead alone. Both are spread evenly in the logarithm, and stratified over a bank's frames. A distance
+that cannot be shown of a frame makes room for others of the whole range, so that it is drawn over what is allowed.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eyechart.frames.nouns import Frame, FrameBank, Scalar
+from eyechart.seeds import key_seed
+
+LEAD, EXCHANGE = "lead_drawn_m", "exchange_m"
+APART = 1.5
+"""The two distances of a frame differ by this factor at least."""
+
+NEAREST, FARTHEST = 1.12, 0.82
+"""The exchange is drawn from this much beyond the lowest distance to this much of the farthest."""
+
+TRIES = 60
+"""So many distances are tried of a frame, until one can be shown."""
+
+Span = tuple[float, float]
+
+
+def exchanged(span: Span) -> Span:
+    """Return the range of the distances of the exchange, of that of the lead's."""
+    return NEAREST * span[0], FARTHEST * span[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """The distances to try of one frame, the first of them its own share of the range, from 0 to 1."""
+
+    seed: int
+    frame: str
+    span: Span
+    shares: tuple[float, float]
+
+    def lead(self) -> Iterator[float]:
+        """Yield the distances of the lead alone."""
+        yield from self._spread(LEAD, self.span, self.shares[0])
+
+    def exchange(self, lead_m: float | None) -> Iterator[float]:
+        """Yield the distances of the exchange, of a frame that shows the lead alone at ``lead_m``, None: nowhere."""
+        found = self._spread(EXCHANGE, exchanged(self.span), self.shares[1])
+        yield from (one for one in found if lead_m is None or _is_apart(one, lead_m))
+
+    def _spread(self, column: str, span: Span, share: float) -> Iterator[float]:
+        rng = np.random.default_rng(key_seed("drawn", column, self.seed, self.frame))
+        for one in (share, *rng.random(TRIES - 1).tolist()):
+            yield round(span[0] * (span[1] / span[0]) ** one, 3)
+
+
+def _is_apart(one: float, other: float) -> bool:
+    return max(one, other) >= APART * min(one, other)
+
+
+def draws_of(seed: int, span: Span, frames: Sequence[str]) -> dict[str, Draws]:
+    """Return the distances to try of each of a bank's frames; each of them has a share of the range to itself."""
+    rng, count = np.random.default_rng(key_seed("drawn", seed, *frames)), len(frames)
+    lead, exchange = ((rng.permutation(count) + rng.random(count)) / count for _ in range(2))
+    return {
+        frame: Draws(seed, frame, span, (float(one), float(other)))
+        for frame, one, other in zip(frames, lead, exchange, strict=True)
+    }
+
+
+def drawn_otherwise(bank: FrameBank) -> list[str]:
+    """Return where a bank's distances are not those that its seed draws, one line each; none of a bank without."""
+    controls, span = bank.manifest.controls, bank.manifest.span
+    if controls.seed is None or span is None:
+        return []
+    draws = draws_of(controls.seed, span, [frame.id for frame in bank])
+    return [line for frame in bank for line in _problems(frame, draws[frame.id])]
+
+
+def _problems(frame: Frame, draws: Draws) -> Iterator[str]:
+    lead_m, exchange_m = _number(frame.truth.get(LEAD)), _number(frame.truth.get(EXCHANGE))
+    for column, told, tried in ((LEAD, lead_m, draws.lead()), (EXCHANGE, exchange_m, draws.exchange(lead_m))):
+        if told is not None and told not in tried:
+            yield f"frame '{frame.id}': '{column}' is {told:g}, which the bank's seed does not draw"
+    for name, told in (("lead_drawn", lead_m), ("exchange_own", exchange_m), ("exchange_beside", exchange_m)):
+        if (name in frame.counterfactuals) != (told is not None):
+            column = LEAD if name == "lead_drawn" else EXCHANGE
+            yield f"frame '{frame.id}' has only one of the picture {name} and its distance '{column}'"
+
+
+def _number(value: Scalar) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -1,0 +1,339 @@
+"""What a run's answers say of depth: five kinds of statistic, over all that was shown and by place.
+
+Sensitivity, specificity, order, rise and file; each compares braking levels within a frame. A picture that order
+compares is asked twice, so that what repeats is told from what does not, and no noise is subtracted anywhere.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.seeds import key_seed
+from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
+from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
+from eyechart.stats.paired import Place, Places, sign_test
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import Answers
+from eyechart.verdicts import MARGIN
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Symbols = NDArray[np.str_]
+
+TWICE: Mapping[str, tuple[str, str]] = {
+    "near": ("lead_near", "lead_near_nudged"),
+    "drawn": ("lead_drawn", "lead_drawn_nudged"),
+    "own": ("exchange_own", "exchange_own_nudged"),
+    "real": ("real", "real_repeat"),
+    "far": ("lead_far", "exchange_apart"),
+}
+"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
+
+AT: Mapping[str, tuple[str, ...]] = {
+    "near": ("lead_near_m", "lane_near_m"),
+    "drawn": ("lead_drawn_m",),
+    "own": ("exchange_m",),
+    "far": ("lead_far_m", "lane_far_m"),
+}
+"""The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
+
+KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "near_far": (("near", "far"),),
+    "near_drawn": (("near", "drawn"), ("near", "own"), ("near", "real")),
+    "drawn": (("drawn", "own"), ("real", "own"), ("real", "drawn")),
+    "drawn_far": (("drawn", "far"), ("own", "far"), ("real", "far")),
+}
+"""The pairs of pictures that order compares, by kind."""
+
+ALONG = ("drawn", "own", "real")
+"""The pictures along which a rise is looked for."""
+
+BESIDE = "exchange_beside"
+"""The picture that has a neighbour where `exchange_own` has the lead."""
+
+APART = 1.5
+"""Two pictures are compared where their distances differ by this factor at least."""
+
+THIRDS = ("near", "middle", "far")
+"""The range of the exchange is parted into so many parts of equal ratio."""
+
+WINDOW = 1.2
+"""A hole so wide is looked for, as a factor of distance."""
+
+FEWEST_OF_PLACE = 8
+"""A part of the bank with fewer frames is no place."""
+MOST_OF_COLUMN = 12
+"""A column with more values names no places."""
+
+NAMES = (
+    *("holes", "place_open", "place_reversed", "place_beside", "sensitivity", "specificity"),
+    *(f"specificity_{name}" for name in THIRDS),
+    "order",
+    *(f"order_{kind}" for kind in KINDS),
+    *("rise", "file", "drawn_distances"),
+)
+"""The statistics of depth."""
+
+NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its range"
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Braking levels where one vehicle was moved, from 0 to 1 for a full stop, and how far away it then was.
+
+    ``levels`` maps a condition, and ``at`` a name of `TWICE`, to numbers of shape (frames,), NaN where there are none;
+    ``episodes`` and each of ``strata`` name what a frame is of. ``seed`` is that of the rise's orders.
+    """
+
+    levels: Mapping[str, Floats]
+    at: Mapping[str, Floats]
+    episodes: Symbols
+    strata: Mapping[str, Symbols]
+    seed: int = 0
+
+    def tests(self) -> dict[str, Callable[[], Statistic]]:
+        """Return what makes every statistic, by its name."""
+        rest = self.outside_holes
+        return {
+            "holes": partial(self._of_places, "bounded below the margin", self.holes),
+            "place_open": partial(self._of_places, "open", self.open_places),
+            "place_reversed": self._reversed,
+            "place_beside": self._beside,
+            "sensitivity": lambda: rest().sensitivity(),
+            "specificity": lambda: rest().specificity(),
+            **{f"specificity_{name}": partial(self._specificity_of, name) for name in THIRDS},
+            "order": lambda: rest().order(),
+            **{f"order_{kind}": partial(lambda kind: rest().order(kind), kind) for kind in KINDS},
+            "rise": lambda: rest().rise(),
+            "file": self.file,
+            "drawn_distances": self.drawn,
+        }
+
+    def level(self, condition: str) -> Floats:
+        """Return the braking levels under a condition, NaN where it was not asked."""
+        return self.levels.get(condition, np.full(len(self.episodes), np.nan))
+
+    def twice(self, picture: str) -> Floats:
+        """Return both answers to a picture, shape (2, frames)."""
+        return np.array([self.level(name) for name in TWICE[picture]])
+
+    def distance(self, picture: str) -> Floats:
+        """Return how far away the lead is in a picture, NaN where nobody recorded it."""
+        return self.at.get(picture, np.full(len(self.episodes), np.nan))
+
+    def sensitivity(self, which: Mask | None = None) -> Statistic:
+        """Return S: on which share of frames it brakes harder for the near lead than for the far one, less the reverse.
+
+        Of answers that the first test did not see.
+        """
+        sign = np.sign(self.level("lead_near_nudged") - self.level("exchange_apart"))
+        found = mean_of_frames(_only(sign, which), self.episodes, fewest=LEAST_EPISODES if which is None else 2)
+        return replace(found, method=f"braking harder on lead_near_nudged than on exchange_apart, net: {found.method}")
+
+    def _against(self) -> tuple[Floats, Floats]:
+        """Return what the lead does at the drawn distance, and what a vehicle beside does there."""
+        apart = self.level("exchange_apart")
+        return self.level("exchange_own") - apart, self.level(BESIDE) - apart
+
+    def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES) -> Statistic:
+        """Return Q: what a vehicle beside does, less half of what the lead does at the same distance."""
+        own, beside = self._against()
+        found = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
+        return replace(found, method=f"effect of a neighbour less half of that of the lead: {found.method}")
+
+    @cached_property
+    def edges(self) -> Floats | None:
+        """Return the ends of the thirds of the exchange's range, None where no distance was recorded."""
+        known = self.distance("own")[~np.isnan(self.distance("own"))]
+        return np.geomspace(known.min(), known.max(), len(THIRDS) + 1) if len(known) and known.min() > 0 else None
+
+    def third(self, picture: str, place: int) -> Mask:
+        """Return on which frames a picture shows the lead in a third of the range."""
+        if self.edges is None:
+            return np.zeros(len(self.episodes), dtype=np.bool_)
+        at = np.searchsorted(self.edges[1:-1], self.distance(picture), side="right")
+        return np.asarray((at == place) & ~np.isnan(self.distance(picture)))
+
+    def _specificity_of(self, name: str) -> Statistic:
+        rest = self.outside_holes()
+        if self.edges is None:
+            return cannot_say("the bank does not say how far away the exchanged vehicle is")
+        return rest.specificity(rest.third("own", THIRDS.index(name)))
+
+    def order(self, kind: str | None = None) -> Statistic:
+        """Return h: the share of comparisons the wrong way round, of all pairs of pictures or of one kind."""
+        compared = np.zeros((3, len(self.episodes)))
+        for one, other in KINDS[kind] if kind else (pair for pairs in KINDS.values() for pair in pairs):
+            first, second = self.twice(one), self.twice(other)
+            nearer, farther = self._farther(one, other), self._farther(other, one)
+            compared += np.where(nearer, compared_twice(first, second), 0.0)
+            compared += np.where(farther, compared_twice(second, first), 0.0)
+        found = order_of(compared, self.episodes)
+        which = "pairs of pictures" if kind is None else kind.replace("_", "-")
+        return replace(found, method=f"{which}, distances a factor of {APART} apart: {found.method}")
+
+    def _farther(self, one: str, other: str) -> Mask:
+        """Return on which frames the lead is farther in the second picture; near and far need no record."""
+        if (one, other) == ("near", "far") and np.isnan(self.distance(one) + self.distance(other)).all():
+            return np.ones(len(self.episodes), dtype=np.bool_)
+        return np.asarray(self.distance(other) > APART * self.distance(one))
+
+    def rise(self) -> Statistic:
+        """Return R: whether somewhere along the distance it brakes harder the farther."""
+        known = [name for name in ALONG if not np.isnan(self.distance(name)).all()]
+        if not known:
+            return cannot_say(NO_ANSWER)
+        levels = np.array([np.where(np.isnan(both := self.twice(one)), both[::-1], both).mean(axis=0) for one in known])
+        return greatest_rise([self.distance(name) for name in known], levels, seed=self.seed)
+
+    def file(self) -> Statistic:
+        """Return F: whether pictures that are not nudged are told apart on more frames than nudged ones are."""
+        nearer = np.sign(self.distance("drawn") - self.distance("own"))
+        plain, nudged = ((self.twice("own") - self.twice("drawn"))[place] * nearer for place in (0, 1))
+        have = ~np.isnan(plain + nudged)
+        what = "exchange_own over lead_drawn in the right order, as drawn over nudged"
+        if not have.any():
+            return cannot_say(NO_ANSWER, method=what)
+        found = sign_test(plain[have] > 0, nudged[have] > 0)
+        return replace(found, method=f"{what}: {found.method}")
+
+    def drawn(self) -> Statistic:
+        """Return how densely the lead was shown along its range, of pictures that were answered."""
+        shown = [self.distance(one)[~np.isnan(self.twice(one)).all(axis=0)] for one in ("drawn", "own")]
+        found = density(np.concatenate(shown), WINDOW)
+        if isinstance(found, Density):
+            return found
+        near = self.distance("near")[~np.isnan(self.distance("near"))]
+        beyond = f"beyond {near.max():.2g} m" if len(near) else "between the near and the far lead"
+        return replace(found, note=beyond)
+
+    @cached_property
+    def places(self) -> tuple[Place, ...]:
+        """Return every scenario, third of the range and value of a stratum, with how braking answers to the lead."""
+        found = [
+            self._place(of, name, self.level("lead_near_nudged"), which)
+            for of, names in self.strata.items()
+            for name, which in _parts(names)
+        ]
+        return (*(one for one in found if one is not None), *self._thirds())
+
+    def _place(self, of: str, name: str, level: Floats, which: Mask) -> Place | None:
+        """Return a part of the frames as a place, None where too few frames have both answers."""
+        signs = _only(np.sign(level - self.level("exchange_apart")), which)
+        return _placed(of, name, signs, self.episodes, self.specificity(which, fewest=2))
+
+    def _thirds(self) -> Iterator[Place]:
+        """Yield the thirds of the range, by the pictures that show the lead there, against it far away."""
+        apart = self.level("exchange_apart")
+        for place, name in enumerate(self._names()):
+            shown = [
+                _only(np.sign(self.level(TWICE[one][0]) - apart), self.third(one, place)) for one in ("drawn", "own")
+            ]
+            signs = np.where(np.isnan(shown[0]), shown[1], np.where(np.isnan(shown[1]), shown[0], sum(shown) / 2))
+            beside = self.specificity(self.third("own", place), fewest=2)
+            if (found := _placed("range", name, signs, self.episodes, beside)) is not None:
+                yield found
+
+    def holes(self) -> tuple[Place, ...]:
+        """Return the places in which its braking does not answer: the effect is bounded below the margin."""
+        return tuple(one for one in self.places if one.high is not None and one.high < MARGIN)
+
+    def open_places(self) -> tuple[Place, ...]:
+        """Return the places in which it is neither shown nor bounded."""
+        return tuple(one for one in self.places if one not in self.holes() and (one.low is None or one.low <= 0))
+
+    def _of_places(self, what: str, which: Callable[[], tuple[Place, ...]]) -> Statistic:
+        method = f"places whose effect is {what}"
+        if not self.places:
+            return cannot_say("no place has frames enough", method=method)
+        return Places(float(len(which())), len(self.places), method=method, places=which())
+
+    def _reversed(self) -> Statistic:
+        """Return the place that is most surely the wrong way round: by how much it brakes less hard for the nearer."""
+        known = [one for one in self.places if one.high is not None]
+        what = "braking less hard for the nearer lead, net, in the place where that is surest"
+        if not known:
+            return cannot_say("no place has frames enough", method=what)
+        worst = min(known, key=lambda one: one.high or 0.0)
+        low, high = -(worst.high or 0.0), -(worst.low or 0.0)
+        return Statistic(-(worst.effect or 0.0), worst.frames, (low, high), method=what, note=worst.where)
+
+    def _beside(self) -> Statistic:
+        """Return the place where a vehicle beside most surely does more than half of what the lead does."""
+        known = [one for one in self.places if one.beside_low is not None]
+        what = "effect of a neighbour less half of that of the lead, in the place where it is surest"
+        if not known:
+            return cannot_say("no place has frames enough", method=what)
+        worst = max(known, key=lambda one: one.beside_low or 0.0)
+        return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
+
+    def outside_holes(self) -> "Moved":
+        """Return what was shown outside of the holes: the frames and the pictures that lie in none."""
+        holes = self.holes()
+        kept = np.ones(len(self.episodes), dtype=np.bool_)
+        for one in holes:
+            if one.of != "range":
+                kept &= self.strata[one.of] != one.name
+        levels = {name: _only(level, kept) for name, level in self.levels.items()}
+        for place in (self._names().index(one.name) for one in holes if one.of == "range"):
+            for picture, condition in (*((one, name) for one in ALONG for name in TWICE[one]), ("own", BESIDE)):
+                if condition in levels:
+                    levels[condition] = _only(levels[condition], ~self.third(picture, place))
+        return replace(self, levels=levels) if holes else self
+
+    def _names(self) -> list[str]:
+        """Return the thirds of the range by their ends."""
+        edges = self.edges
+        return [] if edges is None else [f"{one:.3g} to {other:.3g} m" for one, other in pairwise(edges)]
+
+
+def _placed(of: str, name: str, signs: Floats, episodes: Symbols, beside: Statistic) -> Place | None:
+    frames = int(np.count_nonzero(~np.isnan(signs)))
+    if frames < FEWEST_OF_PLACE:
+        return None
+    effect = mean_of_frames(signs, episodes, fewest=2)
+    harder, lesser = int(np.count_nonzero(signs > 0)), int(np.count_nonzero(signs < 0))
+    low, high = effect.ci or (None, None)
+    beside_low = None if beside.ci is None else beside.ci[0]
+    return Place(of, name, frames, harder, lesser, effect.value, low, high, beside.value, beside_low)
+
+
+def _only(values: Floats, which: Mask | None) -> Floats:
+    return values if which is None else np.where(which, values, np.nan)
+
+
+def _parts(names: Symbols) -> Iterator[tuple[str, Mask]]:
+    """Yield each value of a column and the frames that have it; none where there is one alone, or too many."""
+    several = [str(one) for one in np.unique(names) if one != ""]
+    if 2 <= len(several) <= MOST_OF_COLUMN:
+        yield from ((one, names == one) for one in several)
+
+
+def moved_of(answers: Answers) -> Moved:
+    """Return what a model's answers hold."""
+    nothing = np.full(len(answers.frames), np.nan)
+    levels = {name: answers.projection(name, "brake") for name in answers.decisions}
+    full = max((answers.space.project(action, "brake") or 0.0 for action in answers.space.actions), default=0.0)
+    recorded = {picture: [answers.numbers(column) for column in columns] for picture, columns in AT.items()}
+    at = {picture: next((one for one in of if not np.isnan(one).all()), nothing) for picture, of in recorded.items()}
+    at["real"] = nothing if answers.gaps is None else np.where(np.isfinite(answers.gaps), answers.gaps, np.nan)
+    return Moved(
+        levels={name: level / (full or 1.0) for name, level in levels.items() if level is not None},
+        at=at,
+        episodes=answers.episodes,
+        strata={"scenario": answers.scenarios} | _strata(answers),
+        seed=key_seed("rise", *(frame.id for frame in answers.frames)),
+    )
+
+
+def _strata(answers: Answers) -> dict[str, Symbols]:
+    """Return what else a bank records of its frames that a claim is asked by, empty where a frame has none."""
+    names = dict.fromkeys(name for frame in answers.frames for name in frame.strata)
+    return {
+        name: np.array(["" if (one := frame.strata.get(name)) is None else str(one) for frame in answers.frames])
+        for name in names
+    }

@@ -1,0 +1,260 @@
+"""The rules of depth: what each statistic has to reach, what refutes it, and what leaves it open.
+
+docs/verdicts.md has them on one screen, docs/statistics.md what each statistic does not show.
+"""
+
+import math
+from collections.abc import Iterator
+
+from eyechart.conditions import RANGED
+from eyechart.stats.order import Rise
+from eyechart.stats.paired import Place, Places
+from eyechart.verdicts.labels import (
+    ALPHA,
+    BESIDE_CUT,
+    BESIDE_REFUTED,
+    DRAWN,
+    DRAWN_LEAST,
+    FILE_ALPHA,
+    MARGIN,
+    ORDER_CUT,
+    ORDER_HIGH,
+    ORDER_LOW,
+    ORDER_OPEN,
+    RISE_ALPHA,
+    SENSITIVE_FROM,
+    THIRD_REFUTED,
+    UNPARSED_CUT,
+)
+from eyechart.verdicts.rules import Clause, Found, Reading, Rule, compared, p_below, p_from
+from eyechart.verdicts.ruling import Reason
+
+STAGE = RANGED
+"""What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
+
+THIRDS = ("near", "middle", "far")
+KINDS = ("near_far", "near_drawn", "drawn", "drawn_far")
+
+HARDER = "it brakes harder where the lead is nearer"
+_UNTESTED = "whether that holds {note} was not tested"
+
+
+def _needs(name: str, reads: str, holds: str, threshold: float, **more: object) -> Clause:
+    """Return that a bound reaches what depth needs."""
+    needs = f"a {'lower' if reads == 'low' else 'upper'} bound {_WORDS[holds]} {threshold}"
+    return compared(name, reads, holds, threshold, needs=needs, conditions=STAGE, unasked="not tested", **more)
+
+
+_WORDS = {"<": "below", "<=": "of at most", ">=": "of at least"}
+
+
+def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
+    """Return that one of some readings holds: where none does, it is refuted; what cannot be said refutes nothing."""
+    needs = " or ".join(map(_said, readings))
+    return Clause(name, tuple(Reading(*one) for one in readings), but, needs=needs, untested=True)
+
+
+def _said(reading: tuple[str, str, float]) -> str:
+    return "{} {} {}".format(*reading)
+
+
+MOVED = p_below("depth_interventional", ALPHA)
+UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
+"""What depth begins with: it brakes harder for the nearer lead, and is not known to follow the file."""
+
+TURNS = compared("lateral_earned", "value", ">=", 1.0)
+"""What earns ``depth_lateral`` where distance earns ``depth``."""
+
+DENSE = compared(
+    "drawn_distances",
+    "value",
+    ">=",
+    DRAWN,
+    but=f"a window a factor of 1.2 wide holds {{value:.1f}} drawn distances; to see a hole takes {DRAWN}",
+    unasked="not tested {note}",
+    needs=f"{DRAWN} drawn distances in a window a factor of 1.2 wide",
+    conditions=STAGE,
+)
+EVEN = compared(
+    "drawn_distances",
+    "fewest",
+    ">=",
+    DRAWN_LEAST,
+    but=f"a window a factor of 1.2 wide holds fewer than {DRAWN_LEAST} drawn distances",
+    needs=f"{DRAWN_LEAST} drawn distances in each window a factor of 1.2 wide",
+)
+
+SHOWN: tuple[Clause, ...] = (
+    DENSE,
+    EVEN,
+    _needs("sensitivity", "low", ">=", MARGIN, but="on how many frames is not shown to matter"),
+    _needs("specificity", "high", "<", 0.0, but="that a vehicle beside moves it less than half as much is not shown"),
+    *(
+        _needs(
+            f"specificity_{name}",
+            "high",
+            "<",
+            BESIDE_CUT,
+            but=f"a vehicle beside is not excluded in the {name} third",
+            untested=True,
+        )
+        for name in THIRDS
+    ),
+    _needs("order", "high", "<", ORDER_CUT, but="how many comparisons come out the wrong way round is not bounded"),
+    compared(
+        "unparsed_controls",
+        "low",
+        "<=",
+        UNPARSED_CUT,
+        but=f"more than {UNPARSED_CUT} of its replies to edited pictures hold no decision ({{note}})",
+        needs=f"a lower bound of at most {UNPARSED_CUT}",
+        untested=True,
+    ),
+)
+"""What has to be shown: what is only not shown leaves it open."""
+
+NO_RISE = compared(
+    "rise",
+    "p",
+    ">",
+    RISE_ALPHA,
+    but="harder the farther, somewhere along the road",
+    unasked="whether it brakes harder the farther somewhere was not tested",
+    needs=f"p above {RISE_ALPHA}",
+)
+
+REFUTING: tuple[Clause, ...] = (
+    _either("sensitivity", "harder for the nearer lead on too few frames to matter", ("value", ">=", MARGIN)),
+    _either(
+        "sensitivity",
+        "harder for the nearer lead on too few frames to matter",
+        ("low", ">=", MARGIN),
+        ("high", ">=", SENSITIVE_FROM),
+    ),
+    _either(
+        "specificity",
+        "half as hard for a vehicle beside, or not for the lead once the lane beside is kept free",
+        ("high", "<", 0.0),
+        ("value", "<=", BESIDE_REFUTED),
+    ),
+    *(
+        _either(
+            f"specificity_{name}",
+            f"half as hard for a vehicle beside in the {name} third of the range",
+            ("high", "<", BESIDE_CUT),
+            ("value", "<=", THIRD_REFUTED),
+        )
+        for name in THIRDS
+    ),
+    _either(
+        "order",
+        "the wrong way round in too many comparisons",
+        ("high", "<", ORDER_CUT),
+        ("value", "<=", ORDER_HIGH),
+    ),
+    *(
+        _either(
+            f"order_{kind}",
+            f"the wrong way round in too many comparisons of {kind.replace('_', ' and ')}",
+            ("value", "<=", ORDER_HIGH),
+            ("low", "<=", ORDER_LOW),
+        )
+        for kind in KINDS
+    ),
+    _either(
+        "place_reversed", "less hard for the nearer lead {note}", ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)
+    ),
+    _either(
+        "place_beside",
+        "half as hard for a vehicle beside {note}",
+        ("value", "<=", ORDER_HIGH),
+        ("low", "<=", ORDER_LOW),
+    ),
+    NO_RISE,
+)
+"""What shows that it does not hold: `content`."""
+
+NO_HOLES = compared("holes", "value", "<=", 0.0)
+FILE = p_below("file", FILE_ALPHA)
+NO_FILE = compared("file", "p", ">=", FILE_ALPHA, untested=False)
+
+_HOLDS = (*SHOWN, *REFUTING, NO_FILE)
+
+
+def is_drawn(found: Found) -> bool:
+    """Return whether pictures were answered in which the lead is drawn along its range."""
+    return "sensitivity" in found and found["sensitivity"].n > 0
+
+
+def is_refuted(found: Found) -> bool:
+    """Return whether who brakes harder for the nearer lead is shown not to brake by its distance."""
+    return MOVED.holds(found) is True and any(clause.holds(found) is False for clause in REFUTING)
+
+
+def holes(found: Found) -> tuple[Place, ...]:
+    """Return the places in which its braking does not answer to the lead."""
+    one = found["holes"]
+    return one.places if isinstance(one, Places) else ()
+
+
+def open_kinds(found: Found) -> Iterator[str]:
+    """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places that are not shown."""
+    for kind in KINDS:
+        high = found[f"order_{kind}"].ci
+        if high is None or high[1] > ORDER_OPEN:
+            yield f"that it is the wrong way round in comparisons of {kind.replace('_', ' and ')}"
+    for name in THIRDS:
+        if found[f"specificity_{name}"].ci is None and not any(one.of == "range" for one in holes(found)):
+            yield f"that it brakes for a vehicle beside in the {name} third of the range"
+    one = found["place_open"]
+    for place in one.places if isinstance(one, Places) else ():
+        yield f"that its braking does not answer {place.where}"
+
+
+def bound(found: Found) -> str:
+    """Return in words how many comparisons come out the wrong way round at most."""
+    ends = found["order"].ci
+    most = 100 if ends is None else math.ceil(100 * ends[1] - 1e-9)
+    return f"at most {most} of 100 comparisons the wrong way round"
+
+
+def _depth(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    return Reason("{says}, {bound}", {"says": HARDER, "bound": bound(found)})
+
+
+def _partial(found: Found, clause: Clause | None) -> Reason:
+    del clause
+    where = ", nor ".join(map(str, holes(found)))
+    return Reason("brakes by distance, not {where}; elsewhere {bound}", {"where": where, "bound": bound(found)})
+
+
+def _refuted(found: Found, clause: Clause | None) -> Reason:
+    assert clause is not None
+    one = found[clause.statistic]
+    but = clause.but.format(note=one.note)
+    if isinstance(one, Rise) and one.nearer and one.farther:
+        but += " (most from {:.3g}-{:.3g} m to {:.3g}-{:.3g} m)".format(*one.nearer, *one.farther)
+    return Reason("{says}, but {but}", {"says": HARDER, "but": but})
+
+
+RULES: tuple[Rule, ...] = (
+    Rule("content", "", (MOVED,), _refuted, broken=REFUTING),
+    Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
+    Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, TURNS), _depth),
+    Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES), _depth),
+    Rule("partial_depth", "holes", (MOVED, *_HOLDS), _partial),
+    Rule(
+        "depth_associated",
+        "depth_interventional",
+        (MOVED, UNFOLLOWED),
+        f"{HARDER}; {{but}}",
+        open_to=(*SHOWN, NO_RISE),
+    ),
+)
+"""The rules of who brakes harder for the nearer lead, in their order."""
+
+
+def earns_depth(found: Found) -> bool:
+    """Return whether all that depth needs holds."""
+    return all(clause.holds(found) for clause in (MOVED, *_HOLDS, NO_HOLES))

@@ -1,0 +1,108 @@
+"""What a run's answers hold of depth: levels, distances and places of a simulated bank, through the stages of a run."""
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eyechart.calibrate.known import KNOWN, Known, by_sight
+from eyechart.calibrate.replication import answers_of, staged
+from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
+from eyechart.conditions import OLDER, RANGED
+from eyechart.models.scripted import Sight
+from eyechart.stats.order import Density
+from eyechart.stats.paired import Places
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.depth import moved_of
+from eyechart.studies.battery.published import Resampling
+from eyechart.verdicts import calibrated_rules
+
+SETTING = SETTINGS["default"]
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """Return a bank of 144 frames."""
+    return make_world(SETTING, np.random.default_rng(7))
+
+
+def asked(known: Known, world: World) -> Answers:
+    """Return the answers that a run asks for, stage by stage."""
+    return staged(answers_of(known, SETTING, world, random.Random(3)), Resampling())  # noqa: S311 - no secret
+
+
+def judged(answers: Answers) -> tuple[str, str]:
+    """Return the label and what is said."""
+    ruling = calibrated_rules(Found(Calibrated(answers, Resampling())), turns=False)[0]
+    return ruling.label, str(ruling.reason)
+
+
+def test_a_reader_is_asked_the_seven_pictures_and_earns_depth(world: World) -> None:
+    """And none of the older controls."""
+    answers = asked(KNOWN["depth"], world)
+    assert set(RANGED) <= answers.decisions.keys()
+    assert not set(OLDER) & answers.decisions.keys()
+    assert judged(answers)[0] == "depth"
+
+
+def test_who_does_not_brake_by_distance_is_not_asked_them(world: World) -> None:
+    """A constant costs what it did."""
+    assert not set(RANGED) & asked(KNOWN["constant"], world).decisions.keys()
+
+
+def _reader_but(blind_on: int) -> Known:
+    """Return a reader of distance that goes on where the road has so many lanes."""
+
+    def decide(sight: Sight, rng: random.Random) -> str:
+        if sight.reading is not None and sight.reading.lanes == blind_on:
+            return "STRAIGHT"
+        return str(KNOWN["depth"].choose(Shown(sight, None), 0.0, rng))
+
+    return Known("blind_on", "", by_sight(decide), "", "", "")
+
+
+def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
+    """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
+    label, said = judged(asked(_reader_but(4), world))
+    assert label == "partial_depth"
+    assert "where lanes is 4: 0 of" in said
+    assert "in `light`: 0 of" in said
+
+
+def test_levels_and_distances_stand_beside_each_frame(world: World) -> None:
+    """Distances are those of the bank; a frame without a lead has neither; windows are as dense as is planned."""
+    moved = moved_of(asked(KNOWN["depth"], world))
+    there = np.array([frame.truth["lead_gap_m"] is not None for frame in world.frames])
+    for picture in ("near", "drawn", "own", "far", "real"):
+        assert np.array_equal(~np.isnan(moved.distance(picture)), there)
+    assert np.array_equal(~np.isnan(moved.level("exchange_beside")), there)
+    assert ((moved.distance("near") < 12) | ~there).all()
+    drawn = moved.drawn()
+    assert isinstance(drawn, Density)
+    assert (drawn.value or 0.0) > 18
+    assert drawn.fewest >= 6
+
+
+def test_outside_of_a_hole_its_frames_and_pictures_are_left_out(world: World) -> None:
+    """A scenario takes its frames out; a third of the range takes out what lies there, and near and far stay."""
+    moved = moved_of(asked(KNOWN["depth"], world))
+    names = moved.strata["scenario"]
+    gone = {name: np.where(names == "blocked", 0.0, level) for name, level in moved.levels.items()}
+    blind = replace(moved, levels=gone)
+    rest = blind.outside_holes()
+    assert isinstance(blind.tests()["holes"](), Places)
+    assert np.isnan(rest.level("lead_near")[names == "blocked"]).all()
+    assert not np.isnan(rest.level("lead_near")[names == "dense"]).all()
+    far = {
+        name: np.where(moved.third("own", 2), 0.0, level) if name.startswith("exchange_own") else level
+        for name, level in moved.levels.items()
+    }
+    far |= {
+        f"lead_drawn{one}": np.where(moved.third("drawn", 2), 0.0, moved.level(f"lead_drawn{one}"))
+        for one in ("", "_nudged")
+    }
+    rest = replace(moved, levels=far).outside_holes()
+    assert np.isnan(rest.level("exchange_beside")[moved.third("own", 2)]).all()
+    assert np.array_equal(rest.level("lead_near"), moved.level("lead_near"), equal_nan=True)

@@ -1,0 +1,379 @@
+"""The rules of depth: each clause on both sides of its threshold, what is not tested, and what is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import by_hand as hand
+from drawn import HOLE, answered, by_hand, found_of, grades
+from eyechart.conditions import RANGED
+from eyechart.errors import SpecError
+from eyechart.gate import hold
+from eyechart.stats.order import Density, Order, Rise
+from eyechart.stats.paired import Places, SignTest
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.depth import NAMES
+from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
+from eyechart.verdicts.calibrated import DEPTH
+from eyechart.verdicts.controls import ABSENT, DOSE, EXCHANGE, NUDGED
+from eyechart.verdicts.depth import KINDS, REFUTING, SHOWN, THIRDS, is_refuted, open_kinds
+from eyechart.verdicts.rules import Clause
+from eyechart.verdicts.ruling import Ruling
+
+
+def ruled(**changed: Statistic) -> Ruling:
+    """Return the ruling of a reader with some statistics changed."""
+    return DEPTH.evaluate(by_hand(**changed))
+
+
+def _order(value: float, low: float, high: float) -> Order:
+    return Order(value, 100, (low, high), lost=100 * value, won=100 - 100 * value, contradicted=0)
+
+
+def test_a_reader_is_told_its_bound() -> None:
+    """The sentence has the upper end, rounded away from the claim."""
+    ruling = ruled(order=_order(0.02, 0.0, 0.0801))
+    assert ruling.label == "depth"
+    expected = "it brakes harder where the lead is nearer, at most 9 of 100 comparisons the wrong way round"
+    assert str(ruling.reason) == expected
+    assert "at most 8 of" in str(ruled(order=_order(0.02, 0.0, 0.08)).reason)
+
+
+BELOW, AT, OVER = -1e-6, 0.0, 1e-6
+OPEN = ("depth_associated", "depth_interventional")
+CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
+    "sensitivity at the margin": ({"sensitivity": Statistic(0.3, 144, (0.1, 0.5))}, "depth", "order"),
+    "sensitivity is not shown": (
+        {"sensitivity": Statistic(0.3, 144, (0.1 + BELOW, 0.5))},
+        *OPEN,
+    ),
+    "sensitivity not shown, its bound just high enough": (
+        {"sensitivity": Statistic(0.15, 144, (0.05, 0.25))},
+        *OPEN,
+    ),
+    "sensitivity bounded below a quarter": (
+        {"sensitivity": Statistic(0.15, 144, (0.05, 0.25 + BELOW))},
+        "content",
+        "sensitivity",
+    ),
+    "a small sensitivity": ({"sensitivity": Statistic(0.1 + BELOW, 144, (0.0, 0.3))}, "content", "sensitivity"),
+    "specificity bounded below none": ({"specificity": Statistic(-0.1, 144, (-0.2, BELOW))}, "depth", "order"),
+    "specificity is not shown": (
+        {"specificity": Statistic(-0.02, 144, (-0.1, 0.0))},
+        *OPEN,
+    ),
+    "a neighbour does as much as half": (
+        {"specificity": Statistic(-0.02 + OVER, 144, (-0.1, 0.0))},
+        "content",
+        "specificity",
+    ),
+    "a third within its margin": ({"specificity_far": Statistic(0.06, 48, (0.0, 0.15 + BELOW))}, "depth", "order"),
+    "a third that is not shown": (
+        {"specificity_far": Statistic(0.05, 48, (-0.1, 0.15))},
+        *OPEN,
+    ),
+    "a third in which a neighbour does as much": (
+        {"specificity_far": Statistic(0.05 + OVER, 48, (-0.1, 0.15))},
+        "content",
+        "specificity_far",
+    ),
+    "order bounded": ({"order": _order(0.12, 0.05, 0.15 + BELOW)}, "depth", "order"),
+    "order is not shown": ({"order": _order(0.1, 0.05, 0.15)}, *OPEN),
+    "order is refuted": ({"order": _order(0.1 + OVER, 0.05, 0.15)}, "content", "order"),
+    "a kind of pairs on the edge": ({"order_drawn": _order(0.1, 0.06, 0.2)}, "depth", "order"),
+    "a kind of pairs not surely": ({"order_drawn": _order(0.2, 0.05, 0.3)}, "depth", "order"),
+    "a kind of pairs surely": ({"order_drawn": _order(0.1 + OVER, 0.05 + OVER, 0.2)}, "content", "order_drawn"),
+    "a rise that is rare enough": ({"rise": Rise(4.0, 400, p=0.02)}, "content", "rise"),
+    "a rise that is not": ({"rise": Rise(4.0, 400, p=0.02 + OVER)}, "depth", "order"),
+    "it follows the file": (
+        {"file": SignTest(1.0, 12, (0.8, 1.0), 0.001 + BELOW, wins=12, losses=0, ties=0)},
+        "undecided",
+        "file",
+    ),
+    "it may follow the file": (
+        {"file": SignTest(1.0, 12, (0.8, 1.0), 0.001, wins=12, losses=0, ties=0)},
+        "depth",
+        "order",
+    ),
+    "unparsed within the cut": ({"unparsed_controls": Statistic(0.1, 144, (0.05, 0.2))}, "depth", "order"),
+    "unparsed beyond it": (
+        {"unparsed_controls": Statistic(0.1, 144, (0.05 + OVER, 0.2))},
+        *OPEN,
+    ),
+    "as dense as it takes": ({"drawn_distances": Density(8.0, 110, fewest=3)}, "depth", "order"),
+    "less dense": (
+        {"drawn_distances": Density(8.0 + BELOW, 110, fewest=3)},
+        *OPEN,
+    ),
+    "dense, but for a gap": (
+        {"drawn_distances": Density(20.0, 288, fewest=2)},
+        *OPEN,
+    ),
+    "a place the wrong way round": (
+        {"place_reversed": Statistic(0.1 + OVER, 36, (0.05 + OVER, 0.3), note="in `light`")},
+        "content",
+        "place_reversed",
+    ),
+    "a place that may be": ({"place_reversed": Statistic(0.1 + OVER, 36, (0.05, 0.3))}, "depth", "order"),
+    "a neighbour in a place": (
+        {"place_beside": Statistic(0.1 + OVER, 36, (0.05 + OVER, 1.0), note="in `light`")},
+        "content",
+        "place_beside",
+    ),
+    "a hole": ({"holes": Places(1.0, 7, places=(HOLE,))}, "partial_depth", "holes"),
+    "turns": ({"lateral_earned": Statistic(1.0, 1)}, "depth_lateral", "order"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_clause_decides_at_its_threshold(case: str) -> None:
+    """On this side of it one label, on the other side another; the statistic that decides is named."""
+    changed, label, decided_by = CASES[case]
+    ruling = ruled(**changed)
+    assert (ruling.label, ruling.decided_by) == (label, decided_by)
+
+
+@pytest.mark.parametrize("clause", [*SHOWN, *REFUTING], ids=lambda clause: f"{clause.statistic} {clause.readings[0]}")
+def test_what_cannot_be_said_is_neither_shown_nor_refuted(clause: Clause) -> None:
+    """A clause has no outcome where its numbers are missing; nothing is called content for want of an answer."""
+    silent = {clause.statistic: Density(None, 0, fewest=None) if "drawn" in clause.statistic else cannot_say("nothing")}  # type: ignore[arg-type]
+    assert clause.outcome(silent) is None
+    assert ruled(**silent).label in {"depth", "depth_associated"}
+
+
+NEEDED = ("sensitivity", "specificity", "order", "rise", "file", "drawn_distances")
+
+
+@pytest.mark.parametrize("name", NEEDED)
+def test_depth_is_not_given_for_want_of_an_answer(name: str) -> None:
+    """Without one of the five kinds, or distances, it is associated at most."""
+    assert ruled(**{name: cannot_say("nothing")}).label == "depth_associated"
+
+
+@pytest.mark.parametrize("name", [*(f"specificity_{one}" for one in THIRDS), *(f"order_{one}" for one in KINDS)])
+def test_a_part_that_no_frame_shows_is_named(name: str) -> None:
+    """It is depth, and what is not excluded keeps a gate from being met."""
+    found = by_hand(**{name: cannot_say("nothing")})
+    assert DEPTH.evaluate(found).label == "depth"
+    assert len(list(open_kinds(found))) == 1
+
+
+def test_a_kind_of_pairs_is_named_above_a_quarter() -> None:
+    """At .25 it is not."""
+    assert not list(open_kinds(by_hand(order_near_far=_order(0.05, 0.0, 0.25))))
+    assert list(open_kinds(by_hand(order_near_far=_order(0.05, 0.0, 0.25 + OVER))))
+
+
+def test_a_hole_is_said_first_with_its_counts() -> None:
+    """And what holds elsewhere after it."""
+    reason = str(ruled(holes=Places(1.0, 7, places=(HOLE,))).reason)
+    assert reason == (
+        "brakes by distance, not in `blocked`: 0 of 36; elsewhere at most 6 of 100 comparisons the wrong way round"
+    )
+
+
+def test_without_pictures_along_the_range_it_says_how_far_was_tested() -> None:
+    """A run of an older bank."""
+    silent = {name: cannot_say("") for name in by_hand() if name.startswith(("sens", "spec", "order", "rise", "file"))}
+    ruling = ruled(**silent, drawn_distances=cannot_say("beyond 9 m"))
+    assert ruling.label == "depth_associated"
+    assert "not tested beyond 9 m" in str(ruling.reason)
+
+
+def test_what_is_refuted_is_no_matter_of_more_frames() -> None:
+    """Only a clause that is refuted refutes."""
+    assert is_refuted(by_hand(rise=Rise(4.0, 400, p=0.01)))
+    assert not is_refuted(by_hand(sensitivity=Statistic(0.2, 20, (0.0, 0.4))))
+
+
+def test_a_plain_reader_earns_depth_and_one_behind_a_coin_does_too() -> None:
+    """The same statistics, of answers that repeat and of answers that do not."""
+    for coin in (0.0, 0.2):
+        assert DEPTH.evaluate(found_of(answered(grades, coin=coin))).label == "depth"
+
+
+def test_a_coin_does_not_turn_content_into_depth() -> None:
+    """Who is the wrong way round on a fifth of the frames stays so behind a coin in 20 and 40 % of the answers."""
+
+    def reversed_on_a_fifth(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        right = grades(lead, beside, own)
+        return np.where(own < 0.2, 1 - right, right)
+
+    for coin in (0.0, 0.2, 0.4):
+        for seed in range(3):
+            found = found_of(answered(reversed_on_a_fifth, coin=coin, seed=seed))
+            assert DEPTH.evaluate(found).label != "depth", coin
+
+
+def test_who_brakes_for_any_lane_does_not_earn_depth() -> None:
+    """A neighbour does as much as the lead, or does from 12 m on."""
+
+    def any_lane(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        return grades(np.minimum(lead, beside), beside, own)
+
+    def cone(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        return grades(np.where(beside > 12, np.minimum(lead, beside), lead), beside, own)
+
+    for look in (any_lane, cone):
+        assert DEPTH.evaluate(found_of(answered(look))).label == "content"
+
+
+def test_a_scenario_without_braking_is_named_and_the_rest_holds() -> None:
+    """Blind in one scenario of four: the place by name, with counts."""
+    moved = answered(grades)
+    blind = moved.strata["scenario"] == "blocked"
+    moved = replace(moved, levels={name: np.where(blind, 0.0, one) for name, one in moved.levels.items()})
+    ruling = DEPTH.evaluate(found_of(moved))
+    assert ruling.label == "partial_depth"
+    assert str(ruling.reason).startswith("brakes by distance, not in `blocked`: 0 of 36;")
+
+
+def test_the_far_end_of_the_range_without_braking_is_named() -> None:
+    """Who brakes below 15 m alone."""
+
+    def near_alone(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        del beside, own
+        return np.where(lead < 15, 1.0, 0.0)
+
+    ruling = DEPTH.evaluate(found_of(answered(near_alone)))
+    assert ruling.label == "partial_depth"
+    assert "not from 23." in str(ruling.reason)
+
+
+def test_a_place_the_wrong_way_round_is_no_hole() -> None:
+    """Braking for the farther lead in one scenario is content, and the place is named."""
+    moved = answered(grades)
+    wrong = moved.strata["scenario"] == "blocked"
+    moved = replace(moved, levels={name: np.where(wrong, 1 - one, one) for name, one in moved.levels.items()})
+    found = found_of(moved)
+    assert DEPTH.evaluate(found).label == "content"
+    assert "in `blocked`" in found["place_reversed"].note
+
+
+def test_few_frames_earn_no_depth() -> None:
+    """A bank of 36 frames leaves holes a factor of 1.2 wide; one of 72 does not."""
+    few, more = (DEPTH.evaluate(found_of(answered(grades, frames=frames))) for frames in (36, 72))
+    assert few.label == "depth_associated"
+    assert "to see a hole takes 8" in str(few.reason)
+    assert more.label == "depth"
+
+
+class Run:
+    """A scored run of one model with statistics by hand."""
+
+    def __init__(self, **changed: Statistic) -> None:
+        self._evidence = hand.evidence({**hand.reader(), **by_hand(**changed)})
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge."""
+        return {"by hand": self._evidence}
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return its verdict."""
+        return judge_one(self._evidence)
+
+
+A_HOLE = {"holes": Places(1.0, 7, places=(HOLE,))}
+A_RISE = Rise(4.0, 400, p=0.01, nearer=(13.0, 16.0), farther=(16.5, 19.0))
+OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
+
+
+@pytest.mark.parametrize(
+    ("changed", "require", "exit_code", "says"),
+    [
+        ({}, "depth", 0, "at most 6 of 100"),
+        ({}, "looks", 0, "depth"),
+        ({}, "content", 1, "depth"),
+        (A_HOLE, "depth", 1, "not in `blocked`: 0 of 36"),
+        (A_HOLE, "looks", 0, "not in `blocked`: 0 of 36"),
+        (A_HOLE, "partial_depth", 0, "blocked"),
+        (OPEN_KIND, "depth", 2, "not excluded: that it is the wrong way round in comparisons of near and far"),
+        (OPEN_KIND, "looks", 0, "depth"),
+        (
+            {"rise": Rise(4.0, 400, p=0.01, nearer=(13.0, 16.0), farther=(16.5, 19.0))},
+            "depth",
+            1,
+            "13-16 m to 16.5-19 m",
+        ),
+        ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "depth", 2, "more frames"),
+        ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "looks", 0, "depth_associated"),
+    ],
+)
+def test_a_gate_reads_the_label_and_what_is_not_excluded(
+    changed: dict[str, Statistic], require: str, exit_code: int, says: str
+) -> None:
+    """A hole fails depth by its name, and is printed where looking is enough; what is open cannot be said."""
+    gate = hold(Run(**changed), [require])
+    assert gate.exit_code == exit_code
+    assert says in gate.checks[0].because
+
+
+@pytest.mark.parametrize(
+    ("order", "exit_code"),
+    [
+        (_order(0.02, 0.0, 0.05 + BELOW), 0),
+        (_order(0.02, 0.0, 0.05), 2),
+        (_order(0.08, 0.05, 0.12), 2),
+        (_order(0.08, 0.05 + OVER, 0.12), 1),
+        (cannot_say("nothing was asked"), 2),
+    ],
+)
+def test_a_gate_may_ask_for_a_stricter_bound_of_order(order: Statistic, exit_code: int) -> None:
+    """It holds below what is required, fails above it, and cannot say between."""
+    assert hold(Run(order=order), ["looks"], order=0.05).exit_code == exit_code
+
+
+@pytest.mark.parametrize("order", [0.0, -0.1, 1.5])
+def test_a_bound_of_order_is_a_share(order: float) -> None:
+    """Anything else is refused."""
+    with pytest.raises(SpecError, match="--order takes a share above 0"):
+        hold(Run(), ["depth"], order=order)
+
+
+def test_a_verdict_says_its_answer_and_its_holes() -> None:
+    """Both are in its JSON; what is not excluded is in what it may be trusted with."""
+    whole, part, weak = Run().verdict, Run(**A_HOLE).verdict, Run(**OPEN_KIND).verdict
+    assert (whole.answer, part.answer) == ("Yes", "In part")
+    said = part.as_dict()
+    assert said["answer"] == "In part"
+    assert [(one["of"], one["name"], one["harder"], one["frames"]) for one in said["holes"]] == [
+        ("scenario", "blocked", 0, 36)
+    ]
+    assert whole.as_dict()["holes"] == []
+    assert "In part of what was tested a reversal was not excluded." in weak.trust
+    assert part.why_not is not None
+    assert part.why_not.label == "depth"
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_verdict_of_depth_says_why_it_is_no_stronger_one(case: str) -> None:
+    """The statistic that keeps it from the next is one of those that it has."""
+    verdict = Run(**CASES[case][0]).verdict
+    if verdict.calibrated.label != "depth_lateral":
+        assert verdict.why_not is not None
+        assert verdict.why_not.settle
+
+
+def test_the_answer_of_every_label_is_declared() -> None:
+    """Yes, in part, no; what is not decided is inconclusive."""
+    answers = {
+        answer: {name for name, one in LABELS.items() if one.answer == answer} for answer in ("Yes", "In part", "No")
+    }
+    assert answers["Yes"] == {"depth", "depth_lateral"}
+    assert answers["In part"] == {"partial_depth", "depth_associated", "content"}
+    assert answers["No"] == {"scene_cue", "presence_only", "refusal_effect", "image_invariant", "self_inconsistent"}
+
+
+SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT)
+
+
+def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
+    """Of whom brakes harder for the near lead, and of nobody else; where a bank lacks one, the older controls are."""
+    found = {**hand.reader(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    assert controls_wanted(found, supplied=SUPPLIED, asked=()) == RANGED
+    assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
+    assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
+    blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT,)
