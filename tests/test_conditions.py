@@ -16,6 +16,8 @@ from eyechart.conditions import (
     FEWEST,
     MID_GREY,
     OF_BANKS,
+    RANGED,
+    STAGED,
     available,
     find_condition,
     flip,
@@ -83,7 +85,8 @@ def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
     expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
     assert expected == BATTERY == tuple(CONDITIONS)[:8]
     assert COUNTERFACTUALS == ("lead_near", "lead_far", "recoloured")
-    assert CONTROLS == ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+    assert STAGED == ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+    assert sorted(CONTROLS) == sorted((*STAGED, *RANGED))
     start = OF_BANKS.index("recoloured") + 1
     assert OF_BANKS[start : start + len(CONTROLS)] == CONTROLS
 
