@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS, RANGED
+from eyechart.conditions import CONDITIONS, COUNTERFACTUALS, OLDER
 from eyechart.frames import (
     LEAD_GAP,
     MAIN,
@@ -26,7 +26,9 @@ from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
-DRAWN_CONTROLS = tuple(name for name in CONTROLS if "counterfactual" in CONDITIONS[name].needs and name not in RANGED)
+STAGED = (*OLDER, "lead_absent", "nudged")
+"""The controls of banks that hold none over the whole range."""
+DRAWN_CONTROLS = tuple(name for name in STAGED if "counterfactual" in CONDITIONS[name].needs)
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
 
 

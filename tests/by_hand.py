@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import cache
 
 import policies_by_hand
-from eyechart.conditions import CONTROLS
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
@@ -467,7 +466,7 @@ def cases() -> dict[str, Evidence]:
             "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
             "an exchange that was asked in vain": evidence(
                 moved(lane_exchange=SILENT, lane_net=SILENT),
-                replies={**ASKED, **{one: {"refused": 144} for one in CONTROLS}},
+                replies={**ASKED, **{one: {"refused": 144} for one in STAGED}},
             ),
             "an exchange that was not drawn": evidence(
                 moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")

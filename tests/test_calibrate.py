@@ -30,6 +30,7 @@ from eyechart.calibrate.tally import (
     tally,
 )
 from eyechart.calibrate.world import (
+    FAR_M,
     FARTHEST_M,
     FEWEST_FRAMES,
     GAP_AR,
@@ -42,9 +43,12 @@ from eyechart.calibrate.world import (
     NEAREST_M,
     POWER,
     ROADS,
+    SPAN,
     make_world,
 )
+from eyechart.conditions import NUDGES, RANGED
 from eyechart.errors import SpecError
+from eyechart.frames import APART, EXCHANGE, LEAD
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.spaces.scene import FREE_GAP_M, STOP_GAP_M
 from eyechart.stats.agreement import rate
@@ -436,3 +440,47 @@ def test_the_command_exits_1_where_a_target_is_missed(
         cli.main()
     assert left.value.code == 1
     assert "missed: false image_invariant" in capsys.readouterr().out
+
+
+def test_control_pictures_of_the_whole_range_move_the_lead_and_one_vehicle_alone() -> None:
+    """At their kept distances, a factor apart, each eighth of the range with its share; a nudge is another file."""
+    world = make_world(SETTINGS["default"], np.random.default_rng(0))
+    told: list[tuple[float, float]] = []
+    for place, frame in enumerate(world.frames):
+        shown = {name: column[place] for name, column in world.shown.items()}
+        if shown["lead_near"] is None:
+            assert all(shown[name] is None for name in RANGED)
+            assert frame.placed == frozenset()
+            continue
+        seen = {name: shown[name].sight.reading for name in (*RANGED, "lead_near", "lead_far", "real")}
+        lead_m, exchange_m = (float(str(frame.truth[name])) for name in (LEAD, EXCHANGE))
+        told.append((lead_m, exchange_m))
+        assert seen["lead_drawn"].scene.gap_m == lead_m
+        assert replace(seen["lead_drawn"], scene=seen["real"].scene, others=seen["real"].others) == seen["real"]
+        assert (seen["lead_near"].scene.gap_m, seen["lead_far"].scene.gap_m) == tuple(
+            frame.truth[f"{name}_m"] for name in ("lead_near", "lead_far")
+        )
+        own, beside, apart = (set(seen[f"exchange_{name}"].others) for name in ("own", "beside", "apart"))
+        ((lead,), (far_lead,)) = own - apart, apart - own
+        ((neighbour,), (its_far,)) = beside - apart, apart - beside
+        assert (lead.ahead_m, lead.aside_m, far_lead.aside_m) == (exchange_m, 0.0, 0.0)
+        assert (math.hypot(*neighbour), neighbour.aside_m) == (pytest.approx(exchange_m), its_far.aside_m)
+        assert all(FAR_M[0] <= one.ahead_m <= FAR_M[1] for one in (far_lead, its_far))
+        for name, of in NUDGES.items():
+            assert seen[name] == seen[of]
+            assert shown[name].sight.file != shown[of].sight.file
+    spread = np.array(told)
+    assert np.abs(np.histogram(spread[:, 0], np.geomspace(*SPAN, 9))[0] - len(told) / 8).max() <= 1
+    assert (spread.max(axis=1) >= APART * spread.min(axis=1)).all()
+    assert {frame.strata["lanes"] for frame in world.frames} == {2, 3, 4}
+
+
+def test_a_setting_may_show_the_lead_as_near_as_can_be_shown() -> None:
+    """Nothing else is another."""
+    plain, lowest = (
+        make_world(replace(SETTINGS["default"], lowest=lowest), np.random.default_rng(0)) for lowest in (False, True)
+    )
+    near = [one.sight.reading.scene.gap_m for one in lowest.shown["lead_near"] if one is not None]
+    assert set(near) == {NEAREST_M}
+    for name in plain.shown.keys() - {"lead_near", "lead_near_nudged"}:
+        assert plain.shown[name] == lowest.shown[name]

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.conditions import CONTROLS, COUNTERFACTUALS
+from banks import STAGED
+from eyechart.conditions import COUNTERFACTUALS, NUDGES, RANGED, show
 from eyechart.errors import SourceError
-from eyechart.frames import DISTANCES, FrameBank, check
+from eyechart.frames import DISTANCES, LEAD, FrameBank, check
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.simulators.rover import Rover
 from eyechart.studies import battery
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
-DRAWN = (*COUNTERFACTUALS, *(name for name in CONTROLS if name != "nudged"))
+DRAWN = (*COUNTERFACTUALS, *(name for name in (*STAGED, *RANGED) if name not in {"nudged", *NUDGES}))
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,7 @@ def table(bank: FrameBank, path: Path, **cells: str) -> Path:
             "place": frame.scenario,
         }
         row |= {name: frame.counterfactuals.get(name, {}).get("main") for name in DRAWN}
+        row |= {name: frame.strata[name] for name in frame.strata}
         rows.append(row | {name: frame.truth.get(name) for name in DISTANCES})
     rows[0] |= cells
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -55,7 +57,9 @@ def test_photographs_with_controls_are_a_bank_that_can_show_depth(taken: FrameBa
         assert frame.counterfactuals.keys() == photo.counterfactuals.keys()
         for name in photo.counterfactuals:
             assert bank.image(frame, name) == taken.image(photo, name)
-        assert {name: frame.truth.get(name) for name in DISTANCES} == {name: photo.truth[name] for name in DISTANCES}
+        assert {name: frame.truth.get(name) for name in DISTANCES} == {
+            name: photo.truth.get(name) for name in DISTANCES
+        }
     assert bank.manifest.controls.seed is None
     lacking = sum("lead_absent" not in frame.counterfactuals for frame in taken)
     said = f"lead_absent: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
@@ -108,3 +112,42 @@ def test_a_bank_of_several_cameras_takes_no_such_columns(taken: FrameBank, tmp_p
     asked = replace(rigged, columns={**PLACES, "lane_own": "lane_own"})
     with pytest.raises(SourceError, match="there is no place 'lane_own'"):
         import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "more", asked)
+
+
+def test_columns_are_kept_as_strata_beside_the_ground_truth(taken: FrameBank, tmp_path: Path) -> None:
+    """What a claim may be asked by; the fingerprint is the same without, and a column that is none is named."""
+    asked = replace(WHOLE, strata=("lead_colour",))
+    bank = import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "bank", asked)
+    plain = import_table(taken.root, tmp_path / "t.csv", tmp_path / "plain", WHOLE)
+    assert check(bank.root) == []
+    assert bank.manifest.fingerprint == plain.manifest.fingerprint
+    assert plain.manifest.strata == {}
+    for frame, photo in zip(bank, taken, strict=True):
+        assert frame.strata == photo.strata == {"lead_colour": frame.truth["lead_colour"]}
+    for name, said in (("lead_color", "has no column 'lead_color'; did you mean"), ("lidar_m", "something else")):
+        with pytest.raises(SourceError, match=said):
+            import_table(taken.root, tmp_path / "t.csv", tmp_path / name, replace(WHOLE, strata=(name,)))
+        assert not (tmp_path / name).exists()
+
+
+def test_a_nudged_picture_may_be_given_and_must_be_one(taken: FrameBank, tmp_path: Path) -> None:
+    """It is shown as it is; another picture is a fault of its row."""
+    photos = tmp_path / "photos"
+    for frame in taken:
+        for name in (None, "lead_drawn"):
+            file = frame.file if name is None else frame.counterfactuals[name]["main"]
+            (photos / file).parent.mkdir(parents=True, exist_ok=True)
+            (photos / file).write_bytes(taken.read(file))
+    rows = [(one, f"{one.id}.png") for one in taken]
+    for frame, file in rows:
+        (photos / file).write_bytes(show("lead_drawn_nudged", frame, taken, 5).images["main"])
+    lines = ["file,lead_drawn,lead_drawn_nudged,lead_drawn_m"]
+    lines += [f"{one.file},{one.counterfactuals['lead_drawn']['main']},{file},{one.truth[LEAD]}" for one, file in rows]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    bank = import_table(photos, tmp_path / "t.csv", tmp_path / "bank", Choices())
+    assert check(bank.root) == []
+    first = bank.frames[0]
+    assert show("lead_drawn_nudged", first, bank, 9).images["main"] == (photos / rows[0][1]).read_bytes()
+    (photos / rows[3][1]).write_bytes(taken.image(taken.frames[3]))
+    with pytest.raises(SourceError, match="row 4: the lead_drawn_nudged is not its lead_drawn with one value"):
+        import_table(photos, tmp_path / "t.csv", tmp_path / "more", Choices())

@@ -180,16 +180,16 @@ CONDITIONS: dict[str, Condition] = {
             Condition(
                 f"{name}_nudged" if again else name,
                 f"same moment, {image}{', one value off by one' if again else ''}",
-                asks,
+                "does it repeat what it said?" if again else asks,
                 _nudged(f"{name}_nudged", name) if again else _drawn(name),
                 _DRAWN | _CONTROL,
             )
             for name, image, asks, both in (
-                ("lead_near", "lead vehicle near", "does it repeat what it said?", (True,)),
+                ("lead_near", "lead vehicle near", "does distance decide?", (True,)),
                 ("lead_drawn", "lead anywhere", "does its braking fall with distance?", (False, True)),
                 ("exchange_own", "lead anywhere, neighbour far", "does it matter who is near?", (False, True)),
                 ("exchange_beside", "neighbour anywhere, lead far", "does it matter who is near?", (False,)),
-                ("exchange_apart", "lead and neighbour far", "what of those is its braking?", (False,)),
+                ("exchange_apart", "lead and neighbour far", "how does it answer with nobody near?", (False,)),
             )
             for again in both
         ),

@@ -11,8 +11,9 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 from PIL import Image
 
+from banks import STAGED
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
-from eyechart.conditions import CONDITIONS, CONTROLS
+from eyechart.conditions import CONDITIONS
 from eyechart.frames import DISTANCES, Frame, FrameBank, check, decode, open_bank
 from eyechart.perception.renderer import Reading, read_picture
 from eyechart.simulators.highway import Highway
@@ -20,7 +21,7 @@ from eyechart.simulators.highway.counterfactuals import FAR_M, MIDS_M, NEAR_M, d
 from eyechart.simulators.highway.driving import open_drive
 from eyechart.simulators.highway.world import Camera, World
 
-DRAWN = tuple(name for name in CONTROLS if "counterfactual" in CONDITIONS[name].needs)
+DRAWN = tuple(name for name in STAGED if "counterfactual" in CONDITIONS[name].needs)
 HALF_CAR_PX, HALF_LANE_PX, LANE_PX = 2.5 * PX_PER_M + 2, 2 * PX_PER_M, 4 * PX_PER_M
 
 

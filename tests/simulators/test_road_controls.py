@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from banks import STAGED
 from eyechart.cameras import FORWARD, ROVER
-from eyechart.conditions import CONDITIONS, CONTROLS
+from eyechart.conditions import CONDITIONS
 from eyechart.frames import Frame, FrameBank, check, decode
 from eyechart.perception.forward import ForwardReading, read_forward
 from eyechart.simulators.drone import Drone
@@ -14,7 +15,7 @@ from eyechart.simulators.road.world import camera_of
 from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.world import start
 
-DRAWN = tuple(name for name in CONTROLS if "counterfactual" in CONDITIONS[name].needs)
+DRAWN = tuple(name for name in STAGED if "counterfactual" in CONDITIONS[name].needs)
 
 
 @pytest.fixture(scope="module", params=[Rover, Drone])

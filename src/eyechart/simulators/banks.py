@@ -130,19 +130,22 @@ class Preset:
 
     def staging(self, version: int) -> tuple[int, Callable[[str, int, int], Iterator[Moment]]]:
         """Return the moments of a version of the staging, and the version since which they are so."""
-        since = max((one for one in self.staged if one <= version), default=min(version, STAGING))
+        since = max((one for one in self.staged if one <= version), default=DOZENS)
         return since, self.staged.get(since, self.moments)
 
 
 DOZEN = 12
 """An episode is staged by so many moments at a time."""
 
-STAGING = 2
+DOZENS = 2
 """The version of the staging that a manifest tells. In the first, without a number, moments of an episode of more than
 `DOZEN` steps were other ones than those of a shorter one."""
 
 BOXED = 3
 """The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as can be shown."""
+
+STAGING = DOZENS
+"""The version that is made where nobody asks for another."""
 
 
 def by_dozens(stage: Callable[[str, int, int], Iterator[Moment]]) -> Callable[[str, int, int], Iterator[Moment]]:
@@ -236,7 +239,7 @@ class Built:
     seeds: tuple[int, ...]
     steps: int
     controls_seed: int = 0
-    staging: int = STAGING
+    staging: int = DOZENS
 
 
 def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple[Frame, Seen, Mapping[str, Seen]]]:

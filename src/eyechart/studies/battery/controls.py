@@ -512,8 +512,8 @@ class Controls:
         if not turns or not (boxed * answered).any():
             why = "no action turns" if not turns else "no answer where neither side is known to be clear"
             return cannot_say(why, method=what)
-        counts = ((turned * which, answered * which) for which in (boxed, beside))
-        found = half_exceeded(*counts, self.answers.episodes)
+        first, second = ([turned * which, answered * which] for which in (boxed, beside))
+        found = half_exceeded(first, second, self.answers.episodes)
         return BoxedTurns(
             found.value,
             found.n,

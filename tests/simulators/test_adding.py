@@ -1,0 +1,206 @@
+"""An older bank gets the pictures that it lacks, into a copy or into itself, and nothing of it is ever half-written."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import banks
+from eyechart.cli.app import app
+from eyechart.conditions import RANGED
+from eyechart.errors import BankError, SpecError
+from eyechart.frames import BankManifest, FrameBank, check, open_bank
+from eyechart.manifest import read_run
+from eyechart.records import build
+from eyechart.simulators import adding
+from eyechart.simulators.adding import add_missing
+from eyechart.simulators.banks import BOXED
+from eyechart.simulators.rover import Rover
+from eyechart.studies import battery
+
+Change = Callable[[dict[str, object]], object]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of today."""
+    return Rover().build(tmp_path_factory.mktemp("whole") / "bank", seeds=(3,), steps=4, controls_seed=11)
+
+
+@pytest.fixture
+def old(whole: FrameBank, tmp_path: Path) -> Path:
+    """Return the same bank as an older eyechart wrote it: without what is drawn over the whole range."""
+    root = tmp_path / "old"
+    shutil.copytree(whole.root, root)
+    raw = json.loads((root / "manifest.json").read_text())
+    del raw["span"], raw["strata"]
+    kept = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m")
+    for distances in raw["controls"]["distances"].values():
+        for name in distances.keys() - {*kept}:
+            del distances[name]
+    rows = [json.loads(line) for line in (root / "metadata.jsonl").read_text().splitlines()]
+    for row in rows:
+        for name in RANGED:
+            if (file := row.pop(f"{name}_file_name", None)) is not None:
+                raw["images"].pop(file)
+                (root / file).unlink()
+    (root / "manifest.json").write_text(json.dumps(raw))
+    (root / "metadata.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    assert check(root) == []
+    return root
+
+
+def contents(root: Path) -> dict[str, bytes]:
+    """Return every file of a folder."""
+    return {str(one.relative_to(root)): one.read_bytes() for one in sorted(root.rglob("*")) if one.is_file()}
+
+
+def as_whole(bank: FrameBank, whole: FrameBank) -> None:
+    """Fail unless a bank is the one that is built today, told otherwise."""
+    assert check(bank.root) == []
+    assert bank.frames == whole.frames
+    assert list(bank.manifest.images.items()) == list(whole.manifest.images.items())
+    assert bank.manifest.controls == whole.manifest.controls
+    assert (bank.manifest.span, bank.manifest.strata) == (whole.manifest.span, whole.manifest.strata)
+    assert bank.manifest.fingerprint == whole.manifest.fingerprint
+
+
+def test_a_copy_gets_what_is_missing_and_the_older_bank_stays(old: Path, whole: FrameBank, tmp_path: Path) -> None:
+    """It is the bank that is built today, to the bit."""
+    before = contents(old)
+    bank, count = add_missing(old, tmp_path / "new")
+    as_whole(bank, whole)
+    assert count == len(whole.manifest.images) - len(open_bank(old).manifest.images) > 0
+    assert contents(old) == before
+    with pytest.raises(BankError, match="exists already"):
+        add_missing(old, tmp_path / "new")
+
+
+def test_the_bank_itself_gets_what_is_missing_once(old: Path, whole: FrameBank) -> None:
+    """What it holds is not touched but for its manifest; a second time there is nothing to add."""
+    before = contents(old)
+    bank, count = add_missing(old)
+    as_whole(bank, whole)
+    assert count > 0
+    now = contents(old)
+    assert {name for name in before if now[name] != before[name]} == {"manifest.json"}
+    assert add_missing(old)[1] == 0
+    assert contents(old) == now
+    assert not [one for one in old.parent.iterdir() if one.name.endswith(".part")]
+
+
+@pytest.mark.parametrize("after", [0, 1, 7])
+def test_a_bank_in_which_it_was_cut_off_is_the_one_that_it_was(
+    old: Path, whole: FrameBank, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
+    """Whichever picture came last, or none; the next attempt finishes it."""
+    before, written = contents(old), 0
+
+    def cut(path: Path, content: bytes) -> None:
+        nonlocal written
+        if written == after:
+            raise KeyboardInterrupt
+        written += 1
+        path.write_bytes(content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(adding, "_write", cut)
+        with pytest.raises(KeyboardInterrupt):
+            add_missing(old)
+    assert contents(old).items() >= before.items()
+    assert check(old) == []
+    as_whole(add_missing(old)[0], whole)
+
+
+def test_what_is_cut_off_before_the_manifest_is_replaced_changes_nothing(
+    old: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a copy nothing is left."""
+
+    def cut(*_: object) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(adding, "_commit", cut)
+    for out in (None, tmp_path / "new"):
+        with pytest.raises(OSError, match="no space"):
+            add_missing(old, out)
+    assert check(old) == []
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_bank_that_is_drawn_otherwise_today_is_refused(old: Path, whole: FrameBank, tmp_path: Path) -> None:
+    """As one that no simulator made, one that is damaged, and one whose episodes were staged in another way."""
+    with pytest.raises(SpecError, match="not built by 'eyechart frames build'"):
+        add_missing(banks.build_bank(tmp_path / "boxes").root)
+    for words, change in (
+        ("otherwise than it is in the bank", lambda raw: raw["settings"].update(seeds=[4])),
+        ("staged its episodes of 13 steps in another way", lambda raw: raw["settings"].update(steps=13, staging=None)),
+    ):
+        other = tmp_path / words[:9]
+        shutil.copytree(old, other)
+        rewritten(other, change)
+        with pytest.raises(BankError, match=words):
+            add_missing(other)
+        assert check(other) == []
+    (old / whole.frames[0].file).write_bytes(b"x")
+    with pytest.raises(BankError, match="it is damaged"):
+        add_missing(old)
+
+
+def rewritten(root: Path, change: Change) -> None:
+    """Change what a bank says of itself, its declaration too; a setting that becomes None is left out."""
+    path = root / "manifest.json"
+    raw = json.loads(path.read_text())
+    change(raw)
+    raw["settings"] = {name: one for name, one in raw["settings"].items() if one is not None}
+    path.write_text(json.dumps(raw))
+    with pytest.raises(BankError, match="declares of itself"):
+        open_bank(root)
+    kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
+    path.write_text(json.dumps(raw | {"declaration": build(BankManifest, kept).declaration}))
+
+
+def test_a_bank_of_the_newer_staging_is_staged_as_it_was(tmp_path: Path) -> None:
+    """Its version stands in its manifest."""
+    bank = Rover().build(tmp_path / "bank", seeds=(3,), steps=4, staging=BOXED)
+    assert add_missing(bank.root)[1] == 0
+    assert open_bank(bank.root).manifest == bank.manifest
+
+
+def test_a_run_goes_on_with_what_came_to_its_bank(old: Path, tmp_path: Path) -> None:
+    """Its copy of the bank's text says so too; a bank that lost or changed a picture is another one."""
+    asked = ("real", "lead_near", "lead_drawn", "exchange_own_nudged")
+    battery.run(battery.plan(old, ["scripted:depth"], tmp_path / "run", conditions=asked[:2]))
+    lacking = open_bank(old).manifest
+    add_missing(old)
+    battery.run(battery.plan(old, ["scripted:depth"], tmp_path / "run", conditions=asked))
+    _, bank = read_run(tmp_path / "run")
+    assert bank.manifest.images.items() > lacking.images.items()
+    score = battery.score(tmp_path / "run", resamples=50)
+    told = score.models["scripted:depth"].answers.decisions
+    for name in asked:
+        drawn = name.removesuffix("_nudged")
+        there = sum(drawn == "real" or drawn in frame.counterfactuals for frame in bank)
+        assert sum(one is not None for one in told[name]) == there > 0
+
+
+def test_the_command_says_what_it_did(old: Path, tmp_path: Path) -> None:
+    """And what it wants, where it is given too little or too much."""
+
+    def said(*words: object) -> tuple[int, str]:
+        found = CliRunner().invoke(app, ["frames", "build", *map(str, words)])
+        return found.exit_code, f"{found.output}{found.exception or ''}"
+
+    code, text = said("--add-to", old, "--out", tmp_path / "new")
+    assert (code, "pictures added; 20 frames in" in text) == (0, True), text
+    assert said("--add-to", old)[0] == 0
+    code, text = said("--add-to", old)
+    assert (code, "lacks none of its control pictures" in text) == (0, True), text
+    for words in (("rover", "--add-to", old), (), ("rover",)):
+        code, text = said(*words)
+        assert code != 0
+        assert "--add-to" in text
