@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache
 
 import policies_by_hand
+from banks import STAGED
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
