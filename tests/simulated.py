@@ -114,6 +114,11 @@ def number(frame: Frame, column: str) -> float:
     return math.inf if value is None else float(str(value))
 
 
+def boxed(frame: Frame) -> bool:
+    """Return whether a frame says that neither side is clear."""
+    return not any(frame.truth.get(name, True) for name in ("left_clear", "right_clear"))
+
+
 def blind(condition: str) -> bool:
     """Return whether a condition shows no road."""
     return condition in {"blank", "noise", "text_only"}

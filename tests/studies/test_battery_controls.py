@@ -236,7 +236,7 @@ def turning(condition: str, frame: Frame, to_clear: bool = True, by_lane: bool =
         return "STOP"
     if by_lead(frame) != "STRAIGHT":
         return by_lead(frame)
-    if frame.truth.get("left_clear") is frame.truth.get("right_clear") is False:
+    if simulated.boxed(frame):
         return "STRAIGHT"
     left = frame.truth["ego_lane"] == 1 if by_lane else frame.truth["left_clear"] is True
     return "LEFT" if (left == to_clear) != (condition == "mirrored") else "RIGHT"

@@ -83,7 +83,7 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
     if set(STAGE) <= {*supplied, *asked}:
         if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
             wanted = STAGE
-    elif label == "depth_associated" and LARGE.holds(found):
+    elif label == "depth_associated" and MOVED.holds(found) and LARGE.holds(found):
         if EXCHANGED.holds(found):
             wanted = (*DOSE, NUDGED)
         elif set(EXCHANGE) <= set(supplied) and not set(EXCHANGE) <= set(asked):

@@ -66,7 +66,7 @@ def _said(reading: tuple[str, str, float]) -> str:
 
 MOVED = p_below("depth_interventional", ALPHA)
 UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
-"""What depth begins with: it brakes harder for the nearer lead, and is not known to follow the file."""
+"""It brakes harder for the nearer lead, and is not known to follow the file, which depth tests by itself."""
 
 LARGE = compared("depth_net", "low", ">=", MARGIN)
 EXCHANGED = compared("lane_net", "low", ">=", MARGIN)
