@@ -26,7 +26,7 @@ from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
-STAGED = (*OLDER, "lead_absent", "nudged")
+STAGED = (*OLDER, "lead_absent", "real_again", "nudged")
 """The controls of banks that hold none over the whole range."""
 ALONG = ("lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "lead_absent")
 """The pictures of banks that hold controls over the whole range."""

@@ -23,7 +23,7 @@ RANGED = (
 )
 OLDER = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
 """The controls of a bank of an older version, in place of those before."""
-ALWAYS = ("nudged", "lead_absent")
+ALWAYS = ("nudged", "lead_absent", "real_again")
 NEAR_M, FAR_M = 7.0, 55.0
 SPREAD_M = {
     "lead_mid_near_m": (9.1, 20.0),

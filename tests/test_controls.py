@@ -8,7 +8,7 @@ from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import ALPHA, MARGIN, controls_wanted
 
-ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "real_again", "nudged")
 EXCHANGE = ("lane_own", "lane_beside")
 NAMES = tuple(statistics_of(simulated.answers(lambda *_: "SLOW", simulated.frames(steps=1)), Resampling(resamples=9)))
 
@@ -89,8 +89,8 @@ def test_only_content_is_asked_the_nudge_alone() -> None:
 )
 def test_an_absence_and_what_is_open_are_asked_a_picture_without_the_lead(p: dict[str, float]) -> None:
     """Who brakes for any lead seems to look at nothing, or to notice pictures, where every picture has a lead."""
-    assert wanted(found(**p)) == ("lead_absent",)
-    assert wanted(found(**p), "lead_absent") == ()
+    assert wanted(found(**p)) == ("lead_absent", "real_again")
+    assert wanted(found(**p), "lead_absent", "real_again") == ()
 
 
 def test_who_follows_the_file_is_asked_no_picture_without_the_lead() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import by_hand as hand
 from drawn import HOLE, answered, by_hand, found_of, grades
-from eyechart.conditions import RANGED
+from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.errors import SpecError
 from eyechart.gate import hold
 from eyechart.stats.order import Density, Order, Rise
@@ -15,7 +15,7 @@ from eyechart.stats.paired import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.depth import NAMES
 from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
-from eyechart.verdicts.calibrated import ABSENT, DISTANCE
+from eyechart.verdicts.calibrated import DISTANCE
 from eyechart.verdicts.depth import (
     DOSE,
     EXCHANGE,
@@ -383,7 +383,7 @@ def test_the_answer_of_every_label_is_declared() -> None:
     assert answers["No"] == {"scene_cue", "presence_only", "refusal_effect", "image_invariant", "self_inconsistent"}
 
 
-SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT)
+SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT, AGAIN)
 
 
 def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
@@ -393,4 +393,4 @@ def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
     assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
     assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
     blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
-    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT,)
+    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT, AGAIN)

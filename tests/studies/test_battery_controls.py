@@ -230,6 +230,37 @@ def test_who_brakes_for_any_lead_notices_more_than_pictures() -> None:
     assert (ruling.label, ruling.decided_by) == ("content", "content_lead_absent")
 
 
+LATER = ("lead_absent", "real_again")
+
+
+def test_who_only_answers_otherwise_by_then_has_not_seen_that_the_lead_is_gone() -> None:
+    """Against a true picture of its own stage the change is none; with none there, an older run cannot tell."""
+
+    def waking(condition: str, frame: Frame, rng: object) -> str:
+        del frame, rng
+        return "STOP" if condition in LATER else "SLOW"
+
+    ruling, _, found = ruled(waking, controls=LATER)
+    assert ruling.label != "content"
+    assert found["content_lead_absent"].p == 1.0
+    assert "agreement with real_again, real over lead_absent" in found["content_lead_absent"].method
+    older_one, _, _ = ruled(waking, controls=LATER[:1])
+    assert (older_one.label, older_one.decided_by) == ("content", "content_lead_absent")
+
+
+def test_who_reacts_to_the_absence_alone_is_content_by_then_too() -> None:
+    """Also behind a coin in a fifth of the answers."""
+
+    def absent(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del frame
+        if rng.random() < 0.2:
+            return str(rng.choice(["STOP", "SLOW", "STRAIGHT"]))
+        return "STOP" if condition == "lead_absent" else "SLOW"
+
+    ruling, _, _ = ruled(absent, controls=LATER)
+    assert (ruling.label, ruling.decided_by) == ("content", "content_lead_absent")
+
+
 def turning(condition: str, frame: Frame, to_clear: bool = True, by_lane: bool = False) -> str:  # noqa: FBT001, FBT002
     """Brake by distance; on a free road turn to the clear side, the blocked one, or by the own lane."""
     if simulated.blind(condition):

@@ -38,6 +38,8 @@ REST = ("lead_mid_near", "lead_mid_far", "nudged")
 FRAMES, LEADS = 36, 30
 ABSENT = 25
 """Of so many frames ``lead_absent`` is asked: a twentieth of the calls of the first stage would be too few."""
+AGAIN = 20
+"""And of so many ``real_again``: a twentieth of all calls before it."""
 
 
 def _seen(query: Query) -> tuple[int | None, bool]:
@@ -200,7 +202,7 @@ def test_a_stage_that_is_not_finished_is_asked_and_not_judged(bank: FrameBank, t
     study.run(planned(bank, tmp_path / "run", READER), limits=Limits(calls=first + 20))
     found = asked(tmp_path / "run")[READER]
     assert (found.judged, found.open, found.ended) == ((), LANES, False)
-    assert set(found.most) == {*REST, "lead_absent"}
+    assert set(found.most) == {*REST, "lead_absent", "real_again"}
     score = study.score(tmp_path / "run", resamples=99)
     one = score.models[READER]
     assert (one.planned, one.answered) == (first + 2 * LEADS, first + 20)
@@ -227,7 +229,7 @@ def test_a_first_stage_that_is_not_finished_calls_for_nothing(bank: FrameBank, t
     found = asked(tmp_path / "run")
     assert found[READER].controls == ()
     more = planned(bank, tmp_path / "run", READER, BLIND).more_by_model()
-    assert more[READER] == 4 * LEADS + ABSENT + FRAMES
+    assert more[READER] == 4 * LEADS + ABSENT + AGAIN + FRAMES
 
 
 def test_all_asks_every_model_every_control_at_once_and_none_asks_none(bank: FrameBank, tmp_path: Path) -> None:

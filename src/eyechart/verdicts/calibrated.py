@@ -7,6 +7,7 @@ import math
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
+from eyechart.conditions import ABSENT, AGAIN
 from eyechart.stats.agreement import SwapRate, trials_needed
 from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
@@ -47,9 +48,6 @@ CONTENT = {
 }
 """The tests of content, and what each picture changes."""
 
-ABSENT = "lead_absent"
-"""The same moment without the lead: it tells who asks only whether there is one."""
-
 CHANGES = ("mirrored", "lead_near", "lead_far", ABSENT)
 """What an absence bounds besides, at `BOUND_ALPHA`: these change the picture and are no other frame."""
 
@@ -79,7 +77,7 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
     if label in {"content", "depth_associated"}:
         wanted = (NUDGED,)
     elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
-        wanted = (ABSENT,)
+        wanted = (ABSENT, AGAIN)
     if set(STAGE) <= {*supplied, *asked}:
         if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
             wanted = STAGE

@@ -160,7 +160,7 @@ class _Drawn:
     def _shown(self, *conditions: str) -> Flags:
         """Return which frames can be shown under all of some conditions."""
         shown = np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
-        for name in SAMPLED.keys() & set(conditions):
+        for name in {*SAMPLED} & {*conditions}:
             shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # which of them makes no difference here
         return shown
 

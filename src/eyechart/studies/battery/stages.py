@@ -4,11 +4,11 @@ First come the run's conditions; then, of each model, the controls that could ta
 stage once the one before is finished. See docs/decisions/0039-asked-in-stages.md.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS, asked_in_stages, available
+from eyechart.conditions import ABSENT, AGAIN, CONTROLS, asked_in_stages, available
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, in_order
@@ -67,6 +67,7 @@ def asked_of_model(
         return Asked(ended=True)
     given = list(replies)
     finished = {key for key, reply in given if reply.error not in UNFINISHED}
+    may = [name for name in may if name != AGAIN or not _is_older(plan, model, finished)]
     answers = read_answers(
         model,
         given,
@@ -84,6 +85,13 @@ def asked_of_model(
         if not wanted:
             return Asked(judged, ended=True)
     return Asked(judged, wanted, tuple(name for name in may if name not in judged + wanted))
+
+
+def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
+    """Return whether a model was asked as older versions did: pictures without the lead, and no true ones with them."""
+    asked = [*replace(plan, controls={model: (ABSENT, AGAIN)}).keys_of(model)]
+    absent, again = ([key in finished for key in asked if key.condition == name] for name in (ABSENT, AGAIN))
+    return all(absent) and not any(again)
 
 
 def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:
