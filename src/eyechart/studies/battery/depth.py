@@ -24,19 +24,17 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Symbols = NDArray[np.str_]
 
-TWICE: Mapping[str, tuple[str, str]] = {
+TWICE: dict[str, tuple[str, str]] = {
     "near": ("lead_near", "lead_near_nudged"),
     "drawn": ("lead_drawn", "lead_drawn_nudged"),
     "own": ("exchange_own", "exchange_own_nudged"),
     "real": ("real", "real_repeat"),
     "far": ("lead_far", "exchange_apart"),
-    "mid_near": ("lead_mid_near", "lead_mid_near"),
-    "mid_far": ("lead_mid_far", "lead_mid_far"),
 }
-"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead.
+"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
 
-Those of older banks, between near and far, are asked once; order compares none of them.
-"""
+ONCE: dict[str, tuple[str]] = {"mid_near": ("lead_mid_near",), "mid_far": ("lead_mid_far",)}
+"""The pictures of older banks between near and far, which order does not compare."""
 
 AT: Mapping[str, tuple[str, ...]] = {
     "near": ("lead_near_m", "lane_near_m"),
@@ -56,9 +54,7 @@ KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 """The pairs of pictures that order compares, by kind."""
 
-BETWEEN = ("mid_near", "mid_far")
-"""The pictures of older banks between near and far."""
-ALONG = ("drawn", "own", "real", *BETWEEN)
+ALONG = ("drawn", "own", "real", *ONCE)
 """The pictures along which a rise is looked for."""
 
 BESIDE = "exchange_beside"
@@ -127,8 +123,9 @@ class Moved:
         return self.levels.get(condition, np.full(len(self.episodes), np.nan))
 
     def twice(self, picture: str) -> Floats:
-        """Return both answers to a picture, shape (2, frames)."""
-        return np.array([self.level(name) for name in TWICE[picture]])
+        """Return both answers to a picture, shape (2, frames); the one that there is twice, where it is asked once."""
+        names = TWICE.get(picture) or ONCE[picture] * 2
+        return np.array([self.level(name) for name in names])
 
     def distance(self, picture: str) -> Floats:
         """Return how far away the lead is in a picture, NaN where nobody recorded it."""
@@ -292,7 +289,8 @@ class Moved:
                 kept &= self.strata[one.of] != one.name
         levels = {name: _only(level, kept) for name, level in self.levels.items()}
         for place in (self._names().index(one.name) for one in holes if one.of == "range"):
-            for picture, condition in (*((one, name) for one in ALONG for name in TWICE[one]), ("own", BESIDE)):
+            along = ((one, name) for one in ALONG for name in TWICE.get(one) or ONCE[one])
+            for picture, condition in (*along, ("own", BESIDE)):
                 if condition in levels:
                     levels[condition] = _only(levels[condition], ~self.third(picture, place))
         rest = replace(self, levels=levels)
