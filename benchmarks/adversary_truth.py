@@ -18,7 +18,14 @@ from eyechart.conditions import show
 from eyechart.frames import LEAD_GAP, MAIN, Frame, FrameBank
 from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
-from eyechart.studies.battery.controls import DISTANCES
+
+DISTANCES = {
+    "lead_near": "lane_near_m",
+    "lead_mid_near": "lead_mid_near_m",
+    "lead_mid_far": "lead_mid_far_m",
+    "lead_far": "lane_far_m",
+}
+"""The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
 DRAWS = 96
 """How often a rule with a coin is asked about a picture."""

@@ -15,20 +15,17 @@ from eyechart.verdicts import (
     LABELS,
     LATERAL,
     MARGIN,
-    VETO_POWER,
     Evidence,
     Label,
     Scored,
     Verdict,
-    besides,
     judge_one,
-    refuted,
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
 from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
-from eyechart.verdicts.depth import is_drawn, is_refuted
+from eyechart.verdicts.depth import is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.why_not import NOTHING
@@ -334,7 +331,7 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
     if requirement in _SIDEWAYS:
         return _sideways(requirement, verdict.lateral)
     if requirement in meets(label, LABELS):
-        weak = _not_excluded(verdict) if requirement in _AUTHORITY else ""
+        weak = f"not excluded: {', or '.join(verdict.open_to)}" if requirement in _AUTHORITY and verdict.open_to else ""
         return (None, f"{because}; {weak}") if weak else (True, because)
     if requirement in _AUTHORITY:
         return _not_depth(verdict, found, because)
@@ -354,15 +351,6 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
-def _not_excluded(verdict: Verdict) -> str:
-    """Return in words what a label of depth leaves open, nothing where that is nothing."""
-    if verdict.open_to:
-        return f"not excluded: {', or '.join(verdict.open_to)}"
-    open_ones = () if verdict.effects is None else verdict.effects.not_excluded
-    less = f"not excluded, for want of power (below {VETO_POWER}): that it is reversed"
-    return f"{less} {', or '.join(open_ones)}" if open_ones else ""
-
-
 def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
     """Return what a label below depth says to a gate that requires it."""
     label = LABELS[verdict.calibrated.label]
@@ -380,18 +368,15 @@ def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -
             else (False, said)
         )
     if label.otherwise == "fails if bounded":
-        shown, words = _refuted(verdict, found)
+        shown, words = _refuted(found)
         return False if shown else None, f"{because}{words}"
     return False, because
 
 
-def _refuted(verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool, str]:
+def _refuted(found: Mapping[str, Statistic]) -> tuple[bool, str]:
     """Return whether it is shown that its braking does not follow distance, and what to add to the reason."""
-    if is_drawn(found) and is_refuted(found):
+    if is_refuted(found):
         return True, ""
-    if refuted(found):
-        also = besides(found, verdict.calibrated.decided_by)
-        return True, f"; {also}" if also else ""
     near_far = found["depth_interventional"]
     if isinstance(near_far, SignTest) and (pairs := near_far.wins + near_far.losses + near_far.ties):
         most = clopper_pearson(near_far.wins, pairs, 1 - 2 * ALPHA)[1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drawn import answered
 from eyechart.calibrate.known import KNOWN, Known, by_sight
 from eyechart.calibrate.replication import answers_of, staged
 from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
@@ -106,3 +107,11 @@ def test_outside_of_a_hole_its_frames_and_pictures_are_left_out(world: World) ->
     rest = replace(moved, levels=far).outside_holes()
     assert np.isnan(rest.level("exchange_beside")[moved.third("own", 2)]).all()
     assert np.array_equal(rest.level("lead_near"), moved.level("lead_near"), equal_nan=True)
+
+
+def test_who_answers_nowhere_has_no_holes_in_anything() -> None:
+    """Who brakes in no place of the control stage is not left out of it everywhere: its sensitivity is nothing."""
+    moved = answered(lambda lead, beside, own: np.zeros_like(lead))
+    found = {name: test() for name, test in moved.tests().items()}
+    assert found["sensitivity"].value == 0.0
+    assert found["sensitivity"].n == 144

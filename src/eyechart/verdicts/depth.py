@@ -6,7 +6,7 @@ docs/verdicts.md has them on one screen, docs/statistics.md what each statistic 
 import math
 from collections.abc import Iterator
 
-from eyechart.conditions import RANGED
+from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
 from eyechart.stats.paired import Place, Places
 from eyechart.verdicts.labels import (
@@ -31,6 +31,12 @@ from eyechart.verdicts.ruling import Reason
 
 STAGE = RANGED
 """What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
+
+EXCHANGE, DOSE = OLDER[:2], OLDER[2:]
+"""What a bank may have that has none of these: who is near exchanged, and the lead at two distances between."""
+
+NUDGED = "nudged"
+"""The true picture with a change that nobody sees: another file, the same picture."""
 
 THIRDS = ("near", "middle", "far")
 KINDS = ("near_far", "near_drawn", "drawn", "drawn_far")
@@ -60,7 +66,11 @@ def _said(reading: tuple[str, str, float]) -> str:
 
 MOVED = p_below("depth_interventional", ALPHA)
 UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
-"""What depth begins with: it brakes harder for the nearer lead, and is not known to follow the file."""
+"""It brakes harder for the nearer lead, and is not known to follow the file, which depth tests by itself."""
+
+LARGE = compared("depth_net", "low", ">=", MARGIN)
+EXCHANGED = compared("lane_net", "low", ">=", MARGIN)
+"""What calls for the pictures of `EXCHANGE`, and for those of `DOSE` after them."""
 
 TURNS = compared("lateral_earned", "value", ">=", 1.0)
 """What earns ``depth_lateral`` where distance earns ``depth``."""
@@ -124,6 +134,8 @@ NO_RISE = compared(
 )
 
 REFUTING: tuple[Clause, ...] = (
+    _either("depth_net", "harder for the nearer lead on too few frames to matter", ("high", ">=", MARGIN)),
+    _either("lane_net", "for the lead rather than a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
     _either("sensitivity", "harder for the nearer lead on too few frames to matter", ("value", ">=", MARGIN)),
     _either(
         "sensitivity",
@@ -239,7 +251,7 @@ def _refuted(found: Found, clause: Clause | None) -> Reason:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule("content", "", (MOVED,), _refuted, broken=REFUTING),
+    Rule("content", "", (MOVED, UNFOLLOWED), _refuted, broken=REFUTING),
     Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
     Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, TURNS), _depth),
     Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES), _depth),

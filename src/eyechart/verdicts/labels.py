@@ -21,22 +21,6 @@ ONE_SIDED_FROM = 8
 NET_ALPHA = 0.02
 """Level of the one-sided lower bounds of the net effects that must reach the margin."""
 
-DOSE_ALPHA = 0.005
-SCENARIO_ALPHA = 0.05
-"""Levels of the vetoes: a step or a bin of the dose, and a scenario, in which braking is reversed."""
-
-BOTH_LOST = 0.05
-"""At most so many frames may lose both comparisons beyond what two independent ones would."""
-
-ANY_LOST = 0.07
-"""At most so many frames may lose any comparison beyond what noise may lose: an order that is wrong on more is none."""
-
-ENDS_LOST = 0.045
-"""At most so many pairs may be at opposite ends of braking the wrong way round beyond what independent answers are."""
-
-VETO_POWER = 0.80
-"""A veto with less power than this to see a reversal excludes none, and a gate that requires depth is not met."""
-
 ORDER_CUT = 0.15
 """Fewer comparisons than this share come out the wrong way round, in expectation over answers: the bound of depth."""
 ORDER_HIGH, ORDER_LOW = 0.10, 0.05

@@ -13,15 +13,14 @@ from eyechart.stats.paired import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
-from eyechart.verdicts.controls import EXCHANGE, below
-from eyechart.verdicts.depth import holes, is_drawn, open_kinds
+from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, open_kinds
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
-from eyechart.verdicts.why_not import MOVED, WhyNot, why_not
+from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {
     "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
@@ -169,10 +168,10 @@ def judge_one(evidence: Evidence) -> Verdict:
     turns = earns_lateral(found, lateral.label)
     rules = calibrated_rules if stopped is None else partial(early_rules, stopped=stopped)
     calibrated, asked_by = rules(found, turns=turns)
-    effects = effects_of(found) if stopped is None or stopped.whole else None
     beware = _beware(calibrated.label, lateral, found["turns_clear"])
-    drawn = stopped is None and is_drawn(found)
-    not_excluded = tuple(open_kinds(found)) if drawn else () if effects is None else effects.not_excluded
+    whole = stopped is None or stopped.whole
+    by_distance = whole and is_drawn(found) and calibrated.label in _BY_DISTANCE
+    not_excluded = tuple(open_kinds(found)) if by_distance else ()
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
@@ -184,12 +183,12 @@ def judge_one(evidence: Evidence) -> Verdict:
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
         stopped=stopped,
-        effects=effects,
+        effects=effects_of(found) if whole else None,
         why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
         beware=beware,
-        holes=holes(found) if drawn and calibrated.label in _BY_DISTANCE else (),
-        open_to=not_excluded if drawn and calibrated.label in _BY_DISTANCE else (),
+        holes=holes(found) if by_distance else (),
+        open_to=not_excluded,
     )
 
 
@@ -312,7 +311,8 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     said += _turns(found)
     if found["bound_scene"].p is None:
         said.append("whether a picture of another scenario changes its answer was not tested")
-    if label in ABSENCES and not found["lane_exchange"].n and not set(EXCHANGE) & set(evidence.absent):
+    moves = any(not set(many) & set(evidence.absent) for many in (EXCHANGE, STAGE))
+    if label in ABSENCES and moves and not found["lane_net"].n and not is_drawn(found):
         said.append(
             "no vehicle of a neighbouring lane was moved: who answers to that alone is not told from who is blind"
         )

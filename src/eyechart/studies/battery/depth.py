@@ -30,14 +30,21 @@ TWICE: Mapping[str, tuple[str, str]] = {
     "own": ("exchange_own", "exchange_own_nudged"),
     "real": ("real", "real_repeat"),
     "far": ("lead_far", "exchange_apart"),
+    "mid_near": ("lead_mid_near", "lead_mid_near"),
+    "mid_far": ("lead_mid_far", "lead_mid_far"),
 }
-"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
+"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead.
+
+Those of older banks, between near and far, are asked once; order compares none of them.
+"""
 
 AT: Mapping[str, tuple[str, ...]] = {
     "near": ("lead_near_m", "lane_near_m"),
     "drawn": ("lead_drawn_m",),
     "own": ("exchange_m",),
     "far": ("lead_far_m", "lane_far_m"),
+    "mid_near": ("lead_mid_near_m",),
+    "mid_far": ("lead_mid_far_m",),
 }
 """The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
 
@@ -49,7 +56,9 @@ KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 """The pairs of pictures that order compares, by kind."""
 
-ALONG = ("drawn", "own", "real")
+BETWEEN = ("mid_near", "mid_far")
+"""The pictures of older banks between near and far."""
+ALONG = ("drawn", "own", "real", *BETWEEN)
 """The pictures along which a rise is looked for."""
 
 BESIDE = "exchange_beside"
@@ -272,7 +281,10 @@ class Moved:
         return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
     def outside_holes(self) -> "Moved":
-        """Return what was shown outside of the holes: the frames and the pictures that lie in none."""
+        """Return what was shown outside of the holes: the frames and the pictures that lie in none.
+
+        Where nothing is outside, they are no holes in anything: then it is all that was shown.
+        """
         holes = self.holes()
         kept = np.ones(len(self.episodes), dtype=np.bool_)
         for one in holes:
@@ -283,7 +295,9 @@ class Moved:
             for picture, condition in (*((one, name) for one in ALONG for name in TWICE[one]), ("own", BESIDE)):
                 if condition in levels:
                     levels[condition] = _only(levels[condition], ~self.third(picture, place))
-        return replace(self, levels=levels) if holes else self
+        rest = replace(self, levels=levels)
+        left = rest.level("lead_near_nudged") - rest.level("exchange_apart")
+        return self if np.isnan(left).all() else rest
 
     def _names(self) -> list[str]:
         """Return the thirds of the range by their ends."""
