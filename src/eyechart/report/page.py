@@ -45,8 +45,8 @@ _MOST_NAMED = 4
 class Said:
     """What a page says first of somebody: the verdict in a word, what it means, and why it is no stronger one.
 
-    ``tone`` is one of ``GLYPHS``, ``answer`` what it comes to where the tone does not say it; ``place`` the id in the page where the rest stands; ``beware`` what must not be
-    overlooked beside the word.
+    ``tone`` is one of ``GLYPHS``, ``answer`` what it comes to where the tone does not say it; ``place`` the id in the
+    page where the rest stands; ``beware`` what must not be overlooked beside the word.
     """
 
     who: str
@@ -119,7 +119,8 @@ class Opening:
 def parted(said: Sequence[Said], answers: Mapping[str, str], what: str) -> str:
     """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
 
-    ``answers`` are by what the verdicts come to, in the order in which they are told, and may end with the preposition that a count needs: ``yes for``.
+    ``answers`` are by what the verdicts come to, in the order in which they are told, and may end with the preposition
+    that a count needs: ``yes for``.
     """
     if len(said) == 1:
         return f"{said[0].who}: {answers[said[0].comes_to].removesuffix(' for').removesuffix(' in')}."
