@@ -49,19 +49,23 @@ ADMISSION: dict[str, str] = {
 """What may be required of a run of scene estimates, which is asked for nothing of the above."""
 
 
-class Terms(TypedDict, total=False):
-    """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
+class FurtherTerms(TypedDict, total=False):
+    """What else a run is held to, and what may differ.
 
-    ``order`` is the share below which comparisons the wrong way round are to be bounded.
-
-    With ``allow_fingerprints`` one model may have answered under several configurations of its server; with
-    ``made_elsewhere`` answers count of which nobody but whoever made them knows what was asked.
+    ``order`` is the share below which comparisons the wrong way round are to be bounded. With ``allow_fingerprints``
+    one model may have answered under several configurations of its server; with ``made_elsewhere`` answers count of
+    which nobody but whoever made them knows what was asked.
     """
 
-    max_unparsed: float | None
     order: float | None
     allow_fingerprints: bool
     made_elsewhere: bool
+
+
+class Terms(FurtherTerms, total=False):
+    """On which terms a run is held: the highest rate of calls without a decision, and the further ones."""
+
+    max_unparsed: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,8 +68,7 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
     label, said = judged(asked(_reader_but(4), world))
     assert label == "partial_depth"
-    assert "where lanes is 4: 0 of" in said
-    assert "in `light`: 0 of" in said
+    assert "not in `light`, where lanes is 4: 0 of 35 each;" in said
 
 
 def test_levels_and_distances_stand_beside_each_frame(world: World) -> None:
