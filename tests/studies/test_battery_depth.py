@@ -110,7 +110,7 @@ def test_outside_of_a_hole_its_frames_and_pictures_are_left_out(world: World) ->
 
 def test_who_answers_nowhere_has_no_holes_in_anything() -> None:
     """Who brakes in no place of the control stage is not left out of it everywhere: its sensitivity is nothing."""
-    moved = answered(lambda lead, beside, own: np.zeros_like(lead))
+    moved = answered(lambda lead, *_: np.zeros_like(lead))
     found = {name: test() for name, test in moved.tests().items()}
     assert found["sensitivity"].value == 0.0
     assert found["sensitivity"].n == 144
