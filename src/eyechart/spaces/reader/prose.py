@@ -135,23 +135,10 @@ _JOINED = re.compile(
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
 _LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
-_SHORTENED = [
-    "approx",
-    "appr",
-    "ca",
-    "cf",
-    "vs",
-    "fig",
-    "figs",
-    "max",
-    "min",
-    "resp",
-    "incl",
-    "excl",
-    "eq",
-    "i.e",
-    "e.g",
-]
+_SHORTENED = (
+    *("approx", "appr", "ca", "cf", "vs", "fig", "figs", "max", "min", "resp", "incl", "excl", "eq"),
+    *("i.e", "e.g"),
+)
 _SENTENCE = re.compile(
     "".join(rf"(?<!\b{re.escape(word)})" for word in _SHORTENED)
     + r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]"
@@ -294,7 +281,8 @@ _TAKEN_BACK = re.compile(
 """What is said after a choice that nobody stands by any more."""
 _CORRECTED = re.compile(
     r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean"
-    r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
+    r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
+    r"|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
     r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
     r"|[-.;]\s*or\s+$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
 )
