@@ -9,7 +9,8 @@ from eyechart.stats.guarantees import share_bound
 from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import judge_camera, judge_state
-from eyechart.verdicts.channels import REQUIREMENTS, STATE_LABELS, judge_policy
+from eyechart.verdicts.channels import REQUIREMENTS, judge_policy
+from eyechart.verdicts.labels import STATE
 from eyechart.verdicts.uses import Asked
 from policies_by_hand import (
     A_LITTLE,
@@ -460,8 +461,8 @@ def test_several_cameras_are_ignored_one_at_a_time() -> None:
 
 def test_a_state_is_said_to_be_used_and_no_more() -> None:
     """Not that cameras have a part, nor that nothing else has one."""
-    assert STATE_LABELS["state_used"] == "Its state is used."
-    assert "alone" not in STATE_LABELS["state_shortcut"]
+    assert STATE["state_used"].says == "Its state is used."
+    assert "alone" not in STATE["state_shortcut"].says
     found = verdict(**GONE).state
     assert (found.label, "another instruction changes" in found.because) == ("state_shortcut", True)
     assert "instruction" not in verdict(**GONE, told=IGNORED).state.because

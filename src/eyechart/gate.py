@@ -23,7 +23,7 @@ from eyechart.verdicts import (
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
-from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
+from eyechart.verdicts.channels import AXES, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
 from eyechart.verdicts.depth import is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
@@ -49,19 +49,23 @@ ADMISSION: dict[str, str] = {
 """What may be required of a run of scene estimates, which is asked for nothing of the above."""
 
 
-class Terms(TypedDict, total=False):
-    """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
+class FurtherTerms(TypedDict, total=False):
+    """What else a run is held to, and what may differ.
 
-    ``order`` is the share below which comparisons the wrong way round are to be bounded.
-
-    With ``allow_fingerprints`` one model may have answered under several configurations of its server; with
-    ``made_elsewhere`` answers count of which nobody but whoever made them knows what was asked.
+    ``order`` is the share below which comparisons the wrong way round are to be bounded. With ``allow_fingerprints``
+    one model may have answered under several configurations of its server; with ``made_elsewhere`` answers count of
+    which nobody but whoever made them knows what was asked.
     """
 
-    max_unparsed: float | None
     order: float | None
     allow_fingerprints: bool
     made_elsewhere: bool
+
+
+class Terms(FurtherTerms, total=False):
+    """On which terms a run is held: the highest rate of calls without a decision, and the further ones."""
+
+    max_unparsed: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +145,9 @@ def hold_policies(
     guards: Mapping[str, Sequence[Guard]] | None = None,
     **terms: Unpack[Terms],
 ) -> Gate:
-    """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
+    """Hold every policy to labels of its axes, as ``camera:camera_content``, or to ``looks``, which is of its cameras.
+
+    ``open_calls`` are those not finished.
 
     A failed guard, an unfinished run and a label that cannot say cannot say, nor can one that may be the wanted one:
     a bank that moves no object says nothing of following it. ``guards`` are those of its calls. Raises SpecError for an
@@ -152,16 +158,16 @@ def hold_policies(
     for spec, verdict in verdicts.items():
         labels = {"camera": verdict.camera, "state": verdict.state, "instruction": verdict.instruction}
         for name in read_requirements(",".join(require), tuple(OF_POLICIES)):
-            axis, _, wanted = name.partition(":")
-            found = labels[axis]
+            axis, _, wanted = f"camera:{LOOKS}".partition(":") if name == LOOKS else name.partition(":")
+            found, known = labels[axis], AXES[axis]
             because = f"{found.label}: {found.because}"
             if found.responds is not None and found.why_not:
                 because = f"{because} {found.why_not[0].upper()}{found.why_not[1:]}."
-            holds: bool | None = wanted in MEETS.get(found.label, (found.label,))
+            holds: bool | None = wanted in meets(found.label, known)
             if verdict.guards or open_calls.get(spec):
                 holds = None
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
-            elif not holds and (found.label in OPEN or wanted == found.may_be):
+            elif not holds and (known[found.label].is_open or wanted == found.may_be):
                 holds = None
                 why = found.why_not if found.may_be else ""
                 because = f"{because} {why[0].upper()}{why[1:]}." if why else because

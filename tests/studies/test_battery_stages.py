@@ -3,7 +3,7 @@
 import itertools
 import shutil
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import banks
 import stand_ins
 from banks import STAGED
-from eyechart.calls import Query, Reply
+from eyechart.calls import CallKey, Query, Reply
 from eyechart.cli.app import app
 from eyechart.conditions import CONTROLS
 from eyechart.errors import LedgerError, SpecError
@@ -164,6 +164,23 @@ def test_a_stage_begins_when_the_one_before_is_finished_and_has_an_order_of_its_
     assert len([one for one, _ in itertools.groupby(sent[min(place["nudged"]) :])]) > LEADS
     make(bank, tmp_path / "again", READER)
     assert sorted(order(tmp_path / "again", READER)) == sorted(sent)
+
+
+def test_no_stage_reads_again_what_a_model_has_replied(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many stages there are, the ledger is read once, at the end of the first; what comes later is added."""
+    read, replies = Counter[str](), Ledger.replies
+
+    def counted(ledger: Ledger, model: str) -> Iterator[tuple[CallKey, Reply]]:
+        read[model] += 1
+        return replies(ledger, model)
+
+    chosen = planned(bank, tmp_path / "run", READER, BLIND)
+    monkeypatch.setattr(Ledger, "replies", counted)
+    study.run(chosen)
+    assert read[READER] == read[BLIND] > 0
+    assert asked(tmp_path / "run")[READER].judged == (*LANES, *REST)
 
 
 @pytest.fixture(scope="module")

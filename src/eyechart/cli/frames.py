@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json, Model
+from eyechart.cli.options import Json, Model, read_places
 from eyechart.cli.terminal import print_json, print_line, progress, say
 from eyechart.errors import SpecError, perhaps
 
@@ -154,7 +154,7 @@ def import_(
         near = None if threshold is None else 0.0
         near = None if threshold is None else finite_number("--threshold", threshold)
     choices = Choices(
-        columns=_places(map_ or []),
+        columns=read_places(map_ or []),
         mirror=axis,
         rig=None if rig is None else read_rig(rig, of_table=table is not None),
         space=space,
@@ -400,16 +400,6 @@ def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
         near = perhaps(mirror, ("vertical", "horizontal", "none"))
         wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
         return "none"
-
-
-def _places(words: list[str]) -> dict[str, str]:
-    places: dict[str, str] = {}
-    for word in words:
-        place, equals, column = word.partition("=")
-        if not equals or place in places:
-            raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
-        places[place] = column
-    return places
 
 
 def _seeds(text: str) -> tuple[int, ...]:

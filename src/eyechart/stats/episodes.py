@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +63,7 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
         ci = (value * (1 - differ), value + (1 - value) * differ)
         method += ", exact: no episode differs"
     else:
-        ci = _by_likelihood(k, n, n / n.sum() * effective, _cut(value, effective, level))
+        ci = _by_likelihood(tuple(k.tolist()), tuple(n.tolist()), effective, _cut(value, effective, level))
         ci = (min(ci[0], value), max(ci[1], value))
         method += " (beta-binomial likelihood, correlation integrated out)"
     return Statistic(value, total, ci, method=method, detail=detail, level=level)
@@ -75,8 +76,14 @@ def _cut(value: float, episodes: float, level: float) -> float:
     return float(special.stdtrit(freedom, (1 + level) / 2) ** 2)
 
 
-def _by_likelihood(k: Floats, n: Floats, weight: Floats, cut: float) -> tuple[float, float]:
-    """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest."""
+@lru_cache(maxsize=4096)
+def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effective: float, cut: float) -> Ends:
+    """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest.
+
+    The same counts come again: of several conditions, and of a run that is scored more than once.
+    """
+    k, n = np.array(hits_of), np.array(frames)
+    weight = n / n.sum() * effective
     beyond = -_rising(n, weight)(_CONCENTRATION) + _PRIOR
     hits, others = _rising(k, weight), _rising(n - k, weight)
 

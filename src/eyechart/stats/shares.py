@@ -15,7 +15,8 @@ class Share(Statistic):
     of which not one bit changes. ``scatter`` is by how much of the variation the answers scatter otherwise, with
     ``scatter_p``; ``carried`` names the numbers and steps of an answer that go with it although their mean does not;
     ``texts`` holds what was told most often, and in its place; ``still`` the numbers that never change; ``seeds`` how
-    many were asked. ``alike`` says that all answers are the same.
+    many were asked. ``bytes`` is the share that other bytes of the same pictures change, where that is something: then
+    the lower end is of what goes beyond it. ``alike`` says that all answers are the same.
     """
 
     episodes: int | None = None
@@ -27,6 +28,7 @@ class Share(Statistic):
     texts: Sequence[str] | None = None
     still: Sequence[str] | None = None
     seeds: int | None = None
+    bytes: float | None = None
     alike: bool = field(default=False, repr=False)
 
 

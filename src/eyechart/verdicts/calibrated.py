@@ -143,7 +143,7 @@ _ANSWERED = (
         "not_scorable",
         "unparsed_reference",
         (compared("unparsed_reference", "value", ">", UNPARSED_CUT),),
-        f"above {UNPARSED_CUT}",
+        f"more than {UNPARSED_CUT} of its replies to true pictures hold no decision",
     ),
 )
 _REST = (

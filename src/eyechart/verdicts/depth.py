@@ -4,7 +4,7 @@ docs/verdicts.md has them on one screen, docs/statistics.md what each statistic 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
@@ -56,12 +56,8 @@ _WORDS = {"<": "below", "<=": "of at most", ">=": "of at least"}
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
     """Return that one of some readings holds: where none does, it is refuted; what cannot be said refutes nothing."""
-    needs = " or ".join(map(_said, readings))
-    return Clause(name, tuple(Reading(*one) for one in readings), but, needs=needs, untested=True)
-
-
-def _said(reading: tuple[str, str, float]) -> str:
-    return "{} {} {}".format(*reading)
+    made = tuple(Reading(*one) for one in readings)
+    return Clause(name, made, but, needs=" or ".join(map(str, made)), untested=True)
 
 
 MOVED = p_below("depth_interventional", ALPHA)
@@ -145,14 +141,14 @@ REFUTING: tuple[Clause, ...] = (
     ),
     _either(
         "specificity",
-        "half as hard for a vehicle beside, or not for the lead once the lane beside is kept free",
+        "half as hard or more for a vehicle beside (or for neither, once the lane beside is free)",
         ("high", "<", 0.0),
         ("value", "<=", BESIDE_REFUTED),
     ),
     *(
         _either(
             f"specificity_{name}",
-            f"half as hard for a vehicle beside in the {name} third of the range",
+            f"half as hard or more for a vehicle beside in the {name} third of the range",
             ("high", "<", BESIDE_CUT),
             ("value", "<=", THIRD_REFUTED),
         )
@@ -178,7 +174,7 @@ REFUTING: tuple[Clause, ...] = (
     ),
     _either(
         "place_beside",
-        "half as hard for a vehicle beside {note}",
+        "half as hard or more for a vehicle beside {note}",
         ("value", "<=", ORDER_HIGH),
         ("low", "<=", ORDER_LOW),
     ),
@@ -237,8 +233,19 @@ def _depth(found: Found, clause: Clause | None) -> Reason:
 
 def _partial(found: Found, clause: Clause | None) -> Reason:
     del clause
-    where = ", nor ".join(map(str, holes(found)))
-    return Reason("brakes by distance, not {where}; elsewhere {bound}", {"where": where, "bound": bound(found)})
+    return Reason(
+        "brakes by distance, not {where}; elsewhere {bound}", {"where": named(holes(found)), "bound": bound(found)}
+    )
+
+
+def named(places: Sequence[Place]) -> str:
+    """Return places in words with their counts; those of one count together, for they are often the same frames."""
+    counts = dict.fromkeys((one.harder, one.frames) for one in places)
+    said = []
+    for harder, frames in counts:
+        where = [one.where for one in places if (one.harder, one.frames) == (harder, frames)]
+        said.append(f"{', '.join(where)}: {harder} of {frames}{' each' if len(where) > 1 else ''}")
+    return ", nor ".join(said)
 
 
 def _refuted(found: Found, clause: Clause | None) -> Reason:

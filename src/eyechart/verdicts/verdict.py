@@ -13,11 +13,12 @@ from eyechart.stats.paired import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
-from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, open_kinds
+from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, named, open_kinds
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
+from eyechart.verdicts.numbers import FIRST, Number, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
@@ -48,6 +49,7 @@ class Verdict(Written):
     say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label. ``beware``
     says that turns go to the blocked side where they do; ``trust`` holds it too. ``holes`` are the places in which its
     braking does not answer to the lead, with counts, and ``open_to`` what a label of depth does not exclude, in words.
+    ``numbers`` are those that depth rests on, of a run that was asked for the lead along its range.
     """
 
     written = (
@@ -73,6 +75,7 @@ class Verdict(Written):
     beware: str = ""
     holes: tuple[Place, ...] = ()
     open_to: tuple[str, ...] = ()
+    numbers: tuple[Number, ...] = ()
 
     @property
     def answer(self) -> str:
@@ -121,7 +124,24 @@ class Verdict(Written):
     @property
     def measures(self) -> dict[str, str]:
         """Return its effects in words, by what each is about; none where no pair was braked otherwise."""
+        if self.numbers:
+            return self._along_range()
         return self.effects.lines() if self.effects is not None and self.effects.varied else {}
+
+    def _along_range(self) -> dict[str, str]:
+        """Return in words where its braking does not answer, what is not excluded, and a number of each kind."""
+        said = {
+            "does not answer": named(self.holes),
+            "not excluded": "; ".join(self.open_to),
+            **{one.name: one.words for one in self.numbers if one.name in (*FIRST, self.calibrated.decided_by)},
+        }
+        return {name: words for name, words in said.items() if words}
+
+    @property
+    def sentence(self) -> str:
+        """Return the answer and why: what is said first."""
+        because = str(self.calibrated.reason)
+        return f"{self.answer}: {because}."
 
     def __repr__(self) -> str:
         labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
@@ -135,14 +155,21 @@ class Verdict(Written):
         notes = (note for note in self.notes if note not in without)
         measured = (f"{name}: {words}" for name, words in self.measures.items())
         kept = () if self.why_not is None else (str(self.why_not), self.why_not.settled_by)
-        lines = (*self.marks, self.calibrated.because, *measured, self.lateral.because, *kept, self.trust, *notes)
+        lines = (
+            *self.marks,
+            f"{self.answer}: {self.calibrated.because}",
+            *measured,
+            self.lateral.because,
+            *kept,
+            self.trust,
+            *notes,
+        )
         return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
         """Return a card of the evidence."""
         ruling = self.calibrated
         rows = {
-            "because": str(ruling.reason),
             "decided by": _numbers(ruling.decided_by, ruling.statistic),
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
             **self.measures,
@@ -152,7 +179,8 @@ class Verdict(Written):
             ),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        return card(self.model, self.headline, self.trust, rows, (*self.marks, *self.notes, self.scope))
+        said = f"{self.sentence} {self.trust}"
+        return card(self.model, self.headline, said, rows, (*self.marks, *self.notes, self.scope))
 
 
 def judge(score: Scored) -> dict[str, Verdict]:
@@ -189,6 +217,7 @@ def judge_one(evidence: Evidence) -> Verdict:
         beware=beware,
         holes=holes(found) if by_distance else (),
         open_to=not_excluded,
+        numbers=numbers_of(found) if whole and is_drawn(found) else (),
     )
 
 

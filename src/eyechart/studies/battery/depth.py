@@ -83,7 +83,25 @@ NAMES = (
 )
 """The statistics of depth."""
 
+CURVES: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "drawn": ("drawn", TWICE["drawn"]),
+    "own": ("own", TWICE["own"]),
+    "beside": ("own", (BESIDE,)),
+}
+"""The curves of braking along the distance: at whose distance, and under which conditions."""
+OF_WINDOW, MOST_WINDOWS = 16, 8
+"""A curve has a window for so many frames, and no more windows than that."""
+
 NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its range"
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A part of the range, in the bank's unit, and the mean braking level of the answers there, 1 for a full stop."""
+
+    near: float
+    far: float
+    level: Statistic
 
 
 @dataclass(frozen=True)
@@ -277,16 +295,50 @@ class Moved:
         worst = max(known, key=lambda one: one.beside_low or 0.0)
         return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
+    def curves(self) -> dict[str, tuple[Window, ...]]:
+        """Return the mean braking along the distance, by picture: the lead drawn, exchanged, and a vehicle beside.
+
+        Frames of places without an answer are left out, and are ``hole`` where there are any.
+        """
+        inside = ~self._outside(self.holes())
+        known = np.concatenate([self.distance(one) for one in ("drawn", "own")])
+        known = known[known > 0]
+        if not len(known):
+            return {}
+        count = int(np.clip(np.count_nonzero(~inside) // OF_WINDOW, 2, MOST_WINDOWS))
+        edges = np.geomspace(known.min(), known.max() * (1 + 1e-9), count + 1)
+        found = {name: self._along(at, names, edges, ~inside) for name, (at, names) in CURVES.items()}
+        return found | ({"hole": self._along("drawn", TWICE["drawn"], edges, inside)} if inside.any() else {})
+
+    def _along(self, at: str, names: tuple[str, ...], edges: Floats, which: Mask) -> tuple[Window, ...]:
+        """Return the windows between edges in which frames have an answer under these conditions."""
+        distance, levels = self.distance(at), np.array([_only(self.level(name), which) for name in names])
+        have, given = ~np.isnan(levels), np.nan_to_num(levels).sum(axis=0)
+        mean = np.where(have.any(axis=0), given / np.maximum(have.sum(axis=0), 1), np.nan)
+        found = []
+        for near, far in pairwise(edges):
+            inside = (distance >= near) & (distance < far)
+            one = mean_of_frames(_only(2 * mean - 1, inside), self.episodes, fewest=2)  # a level lies in [0, 1]
+            if one.value is not None:
+                ends = None if one.ci is None else ((one.ci[0] + 1) / 2, (one.ci[1] + 1) / 2)
+                found.append(Window(float(near), float(far), replace(one, value=(one.value + 1) / 2, ci=ends)))
+        return tuple(found)
+
+    def _outside(self, holes: tuple[Place, ...]) -> Mask:
+        """Return which frames lie in none of these places, but for parts of the range."""
+        kept = np.ones(len(self.episodes), dtype=np.bool_)
+        for one in holes:
+            if one.of != "range":
+                kept &= self.strata[one.of] != one.name
+        return kept
+
     def outside_holes(self) -> "Moved":
         """Return what was shown outside of the holes: the frames and the pictures that lie in none.
 
         Where nothing is outside, they are no holes in anything: then it is all that was shown.
         """
         holes = self.holes()
-        kept = np.ones(len(self.episodes), dtype=np.bool_)
-        for one in holes:
-            if one.of != "range":
-                kept &= self.strata[one.of] != one.name
+        kept = self._outside(holes)
         levels = {name: _only(level, kept) for name, level in self.levels.items()}
         for place in (self._names().index(one.name) for one in holes if one.of == "range"):
             along = ((one, name) for one in ALONG for name in TWICE.get(one) or ONCE[one])

@@ -111,12 +111,19 @@ def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict
 class InStages(Stages):
     """Asks each model of a run its controls, stage by stage.
 
-    ``plan`` is what is asked now, of a ``whole`` run.
+    ``plan`` is what is asked now, of a ``whole`` run. What a model replied is read from the ledger once: then what
+    comes is added.
     """
 
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._whole, self._ledger = plan, whole, ledger
         self._may, self._controls = supplied(manifest, whole), dict(plan.controls)
+        self._replies: dict[str, dict[CallKey, Reply]] = {}
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Keep what came back for the next stage."""
+        if key.model in self._replies:
+            self._replies[key.model][key] = reply
 
     def more(self, model: str) -> list[CallKey]:
         """Return the calls of a model's next stage, in a seeded random order; none before its last one is finished.
@@ -126,13 +133,16 @@ class InStages(Stages):
         if not self._may:
             return []
         before = self._controls.get(model, ())
-        replies = list(self._ledger.replies(model))
-        now = asked_of_model(self._whole, model, replies, self._may, before).controls
+        if model not in self._replies:
+            self._replies[model] = dict(self._ledger.replies(model))
+        replies = self._replies[model]
+        now = asked_of_model(self._whole, model, replies.items(), self._may, before).controls
         fresh = tuple(name for name in now if name not in before)
         if not fresh:
+            del self._replies[model]
             return []
         self._controls[model] = (*before, *fresh)
-        given = {key for key, reply in replies if reply.error not in UNFINISHED}
+        given = {key for key, reply in replies.items() if reply.error not in UNFINISHED}
         keys = replace(self._plan, controls={model: fresh}).keys_of(model)
         todo = (key for key in keys if key.condition in fresh and key not in given)
         return in_order(todo, key_seed("stage", self._plan.seed, model, *fresh))

@@ -380,6 +380,8 @@ class EarlyStop(Stages):
         """Add what came back to the evidence, and count every frame that it completes."""
         self._given[key.model][key.frame, key.condition] = self._space.read(reply)
         self.courses[key.model].advance(self._given[key.model])
+        if self._later is not None:
+            self._later.finished(key, reply)
 
     def progress(self, model: str) -> Progress:
         """Return how far a model is."""
