@@ -114,3 +114,11 @@ def test_who_answers_nowhere_has_no_holes_in_anything() -> None:
     found = {name: test() for name, test in moved.tests().items()}
     assert found["sensitivity"].value == 0.0
     assert found["sensitivity"].n == 144
+
+
+def test_true_pictures_alone_show_no_rise() -> None:
+    """What else goes with their distance was not drawn; with the lead drawn along the range they are beside it."""
+    moved = answered(lambda lead, *_: np.where(lead > 30, 1.0, 0.0))
+    assert moved.rise().p is not None
+    alone = replace(moved, levels={name: moved.levels[name] for name in ("real", "real_repeat", "lead_near")})
+    assert alone.rise().p is None

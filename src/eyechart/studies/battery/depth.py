@@ -207,9 +207,12 @@ class Moved:
         return np.asarray(self.distance(other) > APART * self.distance(one))
 
     def rise(self) -> Statistic:
-        """Return R: whether somewhere along the distance it brakes harder the farther."""
-        known = [name for name in ALONG if not np.isnan(self.distance(name)).all()]
-        if not known:
+        """Return R: whether somewhere along the distance it brakes harder the farther.
+
+        True pictures alone say nothing: what else goes with their distance was not drawn.
+        """
+        known = [name for name in ALONG if not np.isnan(self.twice(name) + self.distance(name)).all()]
+        if not {*known} - {"real"}:
             return cannot_say(NO_ANSWER)
         levels = np.array([np.where(np.isnan(both := self.twice(one)), both[::-1], both).mean(axis=0) for one in known])
         return greatest_rise([self.distance(name) for name in known], levels, seed=self.seed)
