@@ -1,4 +1,4 @@
-"""Every verdict says why it is no stronger one, how large its effects are, and what was not excluded."""
+"""Every verdict says why it is no stronger one, and what was not excluded."""
 
 import re
 from dataclasses import replace
@@ -383,18 +383,6 @@ def test_turns_where_no_side_is_clear_are_counted_and_said() -> None:
     note = f"it turns where no side is clear: {boxed.n} of {boxed.n} answers"
     assert note in judge_one(given).notes
     assert "no side is clear" not in verdict_on(graded).text()
-
-
-def test_effects_stand_in_text_card_and_json() -> None:
-    """The net effects of near over far, and of the exchange where a run has it."""
-    verdict = verdict_on(graded, controls=simulated.OLDER)
-    text, card, said = verdict.text(), verdict._repr_html_(), verdict.as_dict()["effects"]
-    assert "144 of 144 pairs harder, 0 less hard" in text
-    assert "144 of 144 pairs harder, 0 less hard" in card
-    assert [said["net"]["value"], said["exchange"]["value"]] == [1.0, 1.0]
-    assert verdict_on(graded).as_dict()["effects"]["exchange"] is None
-    assert verdict_on(graded, counterfactuals=False).as_dict()["effects"] is None
-    assert "effect:" not in verdict_on(constant).text()
 
 
 class Run:

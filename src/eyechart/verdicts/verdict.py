@@ -15,7 +15,6 @@ from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral
 from eyechart.verdicts.card import card
 from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, named, open_kinds
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
-from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.numbers import FIRST, Number, numbers_of
@@ -45,18 +44,17 @@ class Verdict(Written):
     ``stopped`` says where the run settled it early: it then rests on e-values, and the paper's label is
     ``not_judged``. ``failed`` are the guards that say that the run itself is not to be believed; they mark the verdict
     wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
-    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
-    say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label. ``beware``
-    says that turns go to the blocked side where they do; ``trust`` holds it too. ``holes`` are the places in which its
-    braking does not answer to the lead, with counts, and ``open_to`` what a label of depth does not exclude, in words.
-    ``numbers`` are those that depth rests on, of a run that was asked for the lead along its range.
+    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``why_not``
+    says what kept it from the nearest stronger label, ``beware`` that turns go to the blocked side where they do;
+    ``trust`` holds it too. ``holes`` are the places in which its braking does not answer to the lead, with counts, and
+    ``open_to`` what a label of depth does not exclude, in words. ``numbers`` are those that depth rests on, of a run that was asked for the lead along its range.
     """
 
     written = (
         "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence calibrated.because "
         "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
         "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
-        "stopped_early=stopped effects why_not"
+        "stopped_early=stopped why_not"
     )
 
     model: str
@@ -70,7 +68,6 @@ class Verdict(Written):
     stopped: Stopped | None = None
     failed: tuple[Guard, ...] = ()
     unfinished: tuple[int, int] | None = None
-    effects: Effects | None = None
     why_not: WhyNot | None = None
     beware: str = ""
     holes: tuple[Place, ...] = ()
@@ -123,13 +120,10 @@ class Verdict(Written):
 
     @property
     def measures(self) -> dict[str, str]:
-        """Return its effects in words, by what each is about; none where no pair was braked otherwise."""
-        if self.numbers:
-            return self._along_range()
-        return self.effects.lines() if self.effects is not None and self.effects.varied else {}
+        """Return in words where its braking does not answer, what is not excluded, and a number of each kind.
 
-    def _along_range(self) -> dict[str, str]:
-        """Return in words where its braking does not answer, what is not excluded, and a number of each kind."""
+        None of a run that was not asked for the lead along its range.
+        """
         said = {
             "does not answer": named(self.holes),
             "not excluded": "; ".join(self.open_to),
@@ -211,7 +205,6 @@ def judge_one(evidence: Evidence) -> Verdict:
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
         stopped=stopped,
-        effects=effects_of(found) if whole else None,
         why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
         beware=beware,
