@@ -42,7 +42,8 @@ def depth() -> Iterator[str]:
     for _, names in groupby(every, key=lambda name: every[name].startswith("the same") or name):
         first, *others = names
         asks = EACH[first.partition("_")[0]] if others else every[first]
-        yield f"| {', '.join(f'`{name}`' for name in (first, *others))} | {asks} | {needs_of(first)} | {refuted_by(first)} |"
+        named = ", ".join(f"`{name}`" for name in (first, *others))
+        yield f"| {named} | {asks} | {needs_of(first)} | {refuted_by(first)} |"
 
 
 MADE = {"labels": labels, "depth": depth, "lateral labels": lateral}
