@@ -14,7 +14,7 @@ from eyechart.looking.answer import EXIT_CODES, Look, Pictured, Step
 from eyechart.looking.models import ModelLook
 from eyechart.looking.pictures import Pictures
 from eyechart.looking.policies import PolicyLook, steps_of
-from eyechart.looking.wanted import Bill, Wanted, Watch
+from eyechart.looking.wanted import Bill, Wanted, Watch, folder_name
 from eyechart.models import ADAPTERS, POLICIES, open_model, open_policy
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "Step",
     "Wanted",
     "Watch",
+    "folder_name",
     "is_policy",
     "look",
     "spec_of",

@@ -63,7 +63,9 @@ class ModelLook:
             self.watch.say(f"it is shown its pictures, and is asked as {wanted.out / MODE} says")
             planned = self._plan(found, planned.manifest.limit)
             self._agree(planned, 0)
-        return self._answered(self._made(planned))
+        before = planned.counts()[1]
+        outcome = self._made(planned)
+        return self._answered(outcome, asked=planned.counts()[1] > before)
 
     @cached_property
     def _prices(self) -> Prices:
@@ -103,7 +105,7 @@ class ModelLook:
         left = 0 if settled else planned.left() + planned.more_by_model()[spec]
         mode, basis = assumed(planned.manifest.mode(spec))
         expected = estimate(mode, left + more, self._prices, concurrency=AT_ONCE, at_most=True)
-        usual = planned.typical().get("image_invariant") if more else None
+        usual = None if planned.counts()[1] else planned.typical().get("image_invariant")
         self.watch.agree(Bill(mode, expected, basis, usual))
 
     def _made(self, planned: Battery) -> Outcome:
@@ -124,7 +126,7 @@ class ModelLook:
         causes = (f"Likely cause: {said}.",) if said else ()
         return Look(wanted.spec, "Inconclusive", because, causes, "unseen", next=steps, calls=found.spent.calls)
 
-    def _answered(self, outcome: Outcome) -> Look:
+    def _answered(self, outcome: Outcome, *, asked: bool) -> Look:
         """Return the answer of the run, and write its page."""
         wanted = self.wanted
         scored = battery.score(wanted.run)
@@ -133,7 +135,7 @@ class ModelLook:
         whole = verdict.unfinished is None
         because = _because(verdict) if whole else f"The run is not finished: {stopped or verdict.progress}."
         pictures, among = _pictures(scored.models[wanted.spec].answers)
-        write_report(wanted, self.bank, self.watch)
+        write_report(wanted, self.bank, self.watch, asked=asked)
         return Look(
             wanted.spec,
             verdict.answer if whole else "Inconclusive",
