@@ -33,6 +33,10 @@ __all__ = [
 ]
 
 
+SUMMARY = "summary.md"
+"""The answer as tables in Markdown, in the look's folder."""
+
+
 def spec_of(given: str) -> str:
     """Return the SPEC of what was given: ``python:`` comes before the ``MODULE:FUNCTION`` of a module that is there."""
     first, colon, rest = given.partition(":")
@@ -68,4 +72,7 @@ def look(wanted: Wanted, watch: Watch) -> Look:
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)
     kind = PolicyLook if acts else ModelLook
-    return kind(wanted, bank, watch).look()
+    found = kind(wanted, bank, watch).look()
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    (wanted.out / SUMMARY).write_text(found.markdown(), encoding="utf-8")
+    return found

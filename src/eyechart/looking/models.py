@@ -13,7 +13,7 @@ from eyechart.costs import assumed, estimate
 from eyechart.limits import Outcome, Spent
 from eyechart.looking.answer import Look, Pictured, Step
 from eyechart.looking.pictures import BANK
-from eyechart.looking.reach import Reach, affordable, fewest
+from eyechart.looking.reach import affordable, fewest
 from eyechart.looking.sight import MODE, MOST_CALLS, Sights, Unseen
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
 from eyechart.loops import make_calls
@@ -90,11 +90,11 @@ class ModelLook:
             return self._plan(mode, read_manifest(wanted.run).limit)
         planned = self._plan(mode, None)
         bank = planned.plan.bank
-        found = fewest(bank)
+        most = len(bank)
         if wanted.budget is not None:
             room = wanted.budget - (MOST_CALLS if known is None else _asked_before(mode))
-            most = affordable(len(bank), partial(_most, planned), room)
-            found = found if found.frames <= most else Reach.of(bank, most)
+            most = affordable(most, partial(_most, planned), room)
+        found = fewest(bank, most)
         self.watch.say(*found.lines())
         return planned if found.frames == len(bank) else self._plan(mode, found.frames)
 
