@@ -29,7 +29,7 @@ from eyechart.studies.policy import Extent, PolicyScore
 from eyechart.studies.policy.planning import PolicyRun
 from eyechart.studies.policy.scoring import judge
 from eyechart.studies.policy.settling import settling
-from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.verdicts.channels import CAMERA_LABELS, MISFIT, PolicyVerdict
 
 _SELDOM = 1_000_000
 """Of an episode every so many frames are taken for a try: its first one."""
@@ -45,9 +45,9 @@ ANSWERS = {
 """What each label of the cameras answers to whether a policy looks; any other is inconclusive."""
 
 SHOWN = {
-    f"T.swapped@{CAMERAS}": "the pictures of another episode",
+    f"T.swapped@{CAMERAS}": "another episode's pictures",
     "T.blank": "grey pictures",
-    f"T.matched@{CAMERAS}": "those of another episode, the arm at a similar state",
+    f"T.matched@{CAMERAS}": "others at a similar state",
 }
 """The three pictures, by the statistic that says how much a motion changes with them."""
 
@@ -95,7 +95,7 @@ class PolicyLook:
             return amiss
         with self.watch.bar("calls", "calls") as move:
             outcome = make_calls(partial(policy.run, planned, limits=Limits(self.wanted.budget)), move)
-        return self._answered(planned, outcome)
+        return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
 
     @cached_property
     def _opened(self) -> Opened:
@@ -137,7 +137,7 @@ class PolicyLook:
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
-    def _answered(self, planned: PolicyRun, outcome: Outcome) -> Look:
+    def _answered(self, planned: PolicyRun, outcome: Outcome, *, asked: bool) -> Look:
         wanted, spec = self.wanted, self.wanted.spec
         scored = policy.score(wanted.run)
         verdict = judge(scored)[spec]
@@ -149,7 +149,7 @@ class PolicyLook:
         answer = (
             "Inconclusive" if verdict.guards or calls > finished else ANSWERS.get(verdict.camera.label, "Inconclusive")
         )
-        write_report(wanted, self.bank, self.watch)
+        write_report(wanted, self.bank, self.watch, asked=asked)
         return Look(
             spec,
             answer,
@@ -157,7 +157,7 @@ class PolicyLook:
             tuple(_holes(verdict)),
             verdict.camera.label,
             tuple(_pictures(scored, spec)),
-            f"in the mean of {len(planned.plan.frames)} frames",
+            f"a mean of {len(planned.plan.frames)} frames",
             tuple(_steps(self, scored, answer, left=calls > finished)),
             wanted.report,
             wanted.run,
@@ -176,7 +176,7 @@ def _because(verdict: PolicyVerdict) -> str:
     """Return what decided, or which guard failed; of what does something else than was logged, that it does."""
     if verdict.guards:
         return verdict.because
-    said = verdict.camera.because
+    said = f"{CAMERA_LABELS[verdict.camera.label]} {verdict.camera.because}"
     if verdict.misfit is not None and verdict.misfit >= MISFIT:
         said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
     return said
