@@ -28,14 +28,14 @@ AXES = (
 CLAUSES = tuple(dict.fromkeys(clause for axis in AXES for clause in axis.clauses))
 
 
-def _made(name: str, one: Statistic, numbers: Numbers) -> Statistic:
+def made(name: str, one: Statistic, numbers: Numbers) -> Statistic:
     """Return a statistic of its kind with further numbers; how many episodes respond is its value."""
     return replace(as_read(name, one), **{key: number for key, number in numbers.items() if key != "k"})  # type: ignore[arg-type]
 
 
 def said(axis: str, blocks: int) -> Iterator[str]:
     """Yield digests of what is said of random evidences of an axis."""
-    return digests(lambda rng: said_of(rng, axis, _made), RECORDED[axis], blocks)
+    return digests(lambda rng: said_of(rng, axis, made), RECORDED[axis], blocks)
 
 
 @pytest.mark.parametrize("axis", RECORDED)
