@@ -206,6 +206,38 @@ def test_a_channel_that_changes_not_one_bit_is_ignored_and_may_not_be_connected(
     assert found.state.label == "state_shortcut"
 
 
+@pytest.mark.parametrize(
+    ("changed", "label", "answer", "code"),
+    [
+        ({}, "object_grounded", "Yes", 0),
+        ({"follow": None}, "camera_content", "Yes", 0),
+        ({"matched": IGNORED}, "pose_only", "In part", 0),
+        ({"swap": IGNORED, "matched": IGNORED}, "camera_presence", "No", 1),
+        ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "ignores_camera", "No", 1),
+        ({"swap": NOT_ONE_BIT, "matched": NOT_ONE_BIT, "blank": NOT_ONE_BIT}, "ignores_camera", "No", 1),
+        ({"swap": OPEN}, "undecided", "Inconclusive", 2),
+        ({"motions": Statistic(0.5, 9)}, "undecided", "Inconclusive", 2),
+    ],
+)
+def test_whether_it_looks_is_answered_and_may_be_required(
+    changed: dict[str, Statistic | None], label: str, answer: str, code: int
+) -> None:
+    """By the label of all cameras; met by Yes and In part, and not said of an unfinished run."""
+    found = verdict(**changed)
+    said = found.as_dict()
+    assert (found.camera.label, said["answer"], said["holes"]) == (label, answer, [])
+    assert hold_policies({"m": found}, ["looks"], {}).exit_code == code
+    assert hold_policies({"m": found}, ["looks"], {"m": 3}).exit_code == 2
+
+
+def test_what_may_be_required_of_a_policy_is_read_from_the_rows() -> None:
+    """A stronger label meets a weaker one where its row says so, and looks by its answer."""
+    assert REQUIREMENTS["camera:camera_content"] == "the camera label is object_grounded or camera_content"
+    assert REQUIREMENTS["looks"] == "the camera label is object_grounded or camera_content or pose_only"
+    assert REQUIREMENTS["state:state_used"] == "the state label is state_used"
+    assert len(REQUIREMENTS) == 11
+
+
 def test_a_gate_cannot_say_whether_an_object_is_followed_that_nobody_moved() -> None:
     """Nor where too few episodes could tell; it fails where the object is followed less than would do."""
     asks = ["camera:object_grounded"]

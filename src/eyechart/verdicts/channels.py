@@ -310,7 +310,7 @@ def _guards() -> Iterator[Axis]:
         "and that another episode's change more is not shown ({way:T.swapped@cameras}): it answers by the bytes of its "
         "pictures, as a cache or a hash of them does, or with noise that hangs on them and hides what it sees"
     )
-    swap = "T.swapped@cameras"
+    swap, by_bytes = "T.swapped@cameras", "it answers by the bytes of its pictures more than by what they show"
     remembers = (
         compared("noise", "value", ">", LEAST_NOISE),
         compared("memory", "value", ">", REMEMBERED),
@@ -319,7 +319,7 @@ def _guards() -> Iterator[Axis]:
     kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
     yield _guard(
         Rule(label, "noise", (noisy,), say(noise)),
-        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), say(nudged)),
+        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), say(f"{nudged}: {by_bytes}")),
         *(
             Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(name))), say(f"{nudged}, {words}"))
             for name in (swap, "T.nudged")
