@@ -202,32 +202,38 @@ def sampled_frames(world: World, seed: int) -> dict[str, list[bool]]:
 def judge_simulated(bank: Bank, name: str, kind: str) -> Row:
     """Return what is said of a controller on a simulated world."""
     begun, world = time.process_time(), simulated_world(bank)
-    rng = random.Random(f"{bank.seed}/{name}")  # noqa: S311 - no secret
-    asking, may = Asking(opened(name, kind, bank.seed), world, rng), sampled_frames(world, bank.seed)
-    wanted = [one for one in world.shown if one not in CONTROLS]
-    supplied = asked_in_stages([one for one in CONTROLS if one in world.shown])
-    how, asked = Resampling(resamples=RESAMPLES, seed=bank.seed, intervals=False), list[str]()
+    found = judge_in_world(opened(name, kind, bank.seed), world, f"{bank.seed}/{name}", bank.seed)
+    row = replace(found, bank=bank.name, name=name, kind=kind)
+    return replace(row, seconds=round(time.process_time() - begun, 3))
+
+
+def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
+    """Return what is said of a new controller that is asked in stages, in an order and with coins of ``chance``."""
+    asking, may = Asking(one, world, random.Random(chance)), sampled_frames(world, seed)  # noqa: S311 - no secret
+    wanted = [name for name in world.shown if name not in CONTROLS]
+    supplied = asked_in_stages([name for name in CONTROLS if name in world.shown])
+    how, asked = Resampling(resamples=RESAMPLES, seed=seed, intervals=False), list[str]()
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        found = Found(Calibrated(asking.answers(name), how))
+        found = Found(Calibrated(asking.answers(chance), how))
         wanted = list(verdicts.controls_wanted(found, supplied=supplied, asked=asked))
-    answers = asking.answers(name)
+    answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
     lateral = verdicts.lateral_rules(statistics, answers.directions())
     ruling = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral.label))[0]
     places = getattr(ruling.statistic, "places", ()) if ruling.label == "partial_depth" else ()
     return Row(
-        bank=bank.name,
-        name=name,
-        kind=kind,
+        bank="",
+        name="",
+        kind="",
         frames=len(world.frames),
         label=ruling.label,
         lateral=lateral.label,
         decided_by=str(ruling.decided_by),
         holes=tuple(f"{one.of} {one.name}" for one in places),
         calls=asking.calls,
-        seconds=round(time.process_time() - begun, 3),
+        seconds=0.0,
     )
 
 
