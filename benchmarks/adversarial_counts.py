@@ -7,6 +7,8 @@ import ast
 import datetime as dt
 import hashlib
 import json
+import math
+import re
 import subprocess
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,6 +31,9 @@ ORDINARY = ("readers", "stranger readers")
 ALL_THREE = ("worst",)
 THREE = ("wide_reader", "wide_reader_t0")
 """Of the strangers' readers those that err in all three ways at once."""
+
+SPANS: Mapping[str, tuple[float, float]] = {"highway": (5.0, 60.0), "rover": (1.7, 27.0), "drone": (2.5, 27.0)}
+"""From the lowest distance that a world can show to far; the simulated ones are as the highway."""
 
 Truths = Mapping[tuple[str, str], Mapping[str, object]]
 
@@ -105,12 +110,22 @@ def wrong_holes(row: Row, truth: Mapping[str, object]) -> list[str]:
     """Return what is untrue in the places that a `partial_depth` names and leaves out."""
     places = truth["places"]
     assert isinstance(places, Mapping)
-    named = {one: places.get(one) for one in row.holes}
+    holes = tuple(_third(one, row.world) for one in row.holes)
+    named = {one: places.get(one) for one in holes}
     found = [f"names {one}" for one, says in named.items() if says == "depth"]
     if any(says != "depth" for says in named.values()):
         left = [one for one, says in places.items() if says == "no" and one not in named]
-        found += [f"leaves out {one}" for one in left if not _is_covered(one, truth, row.holes)]
+        found += [f"leaves out {one}" for one in left if not _is_covered(one, truth, holes)]
     return found
+
+
+def _third(hole: str, world: str) -> str:
+    """Return which third of the range a hole is that is named by its distances; any other as it is."""
+    if (found := re.fullmatch(r"range ([\d.]+) to ([\d.]+) m", hole)) is None:
+        return hole
+    low, high = SPANS.get(world, SPANS["highway"])
+    middle = math.sqrt(float(found[1]) * float(found[2]))
+    return f"third {('near', 'middle', 'far')[min(int(3 * math.log(middle / low, high / low)), 2)]}"
 
 
 def _is_covered(place: str, truth: Mapping[str, object], holes: Sequence[str]) -> bool:

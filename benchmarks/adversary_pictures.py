@@ -104,12 +104,14 @@ def spread(span: tuple[float, float], count: int) -> list[float]:
 
 
 def pictures_of(world: str, folder: Path) -> Pictures:
-    """Return the pictures of a world, made once and kept in a folder."""
+    """Return the pictures of a world; those that are rendered are made once and kept in a folder."""
+    if world == SIMULATED:
+        return simulated()
     file = folder / f"pictures-{world}.pickle"
     if file.is_file():
         kept: Pictures = pickle.loads(file.read_bytes())  # noqa: S301 - written below
         return kept
-    found = simulated() if world == SIMULATED else rendered(world)
+    found = rendered(world)
     file.write_bytes(pickle.dumps(found))
     return found
 

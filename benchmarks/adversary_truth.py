@@ -58,7 +58,9 @@ class Turns:
 
     @property
     def says(self) -> str:
-        """Return the truth of its turns."""
+        """Return the truth of its turns; nothing is asked of who hardly turns."""
+        if self.clear + self.blocked + (self.boxed or 0.0) < 0.02:
+            return "none"
         wrong = self.blocked / max(self.clear + self.blocked, 1e-9)
         if self.clear - self.blocked < 0.10 or wrong >= 0.2 or (self.boxed or 0) >= 0.2:
             return "no"

@@ -450,6 +450,10 @@ def _wandering(width: float, word: str, low: float, high: float) -> Look:
     return look
 
 
+def _crossed(one: Reading, _: random.Random) -> str:
+    return "STRAIGHT" if lead(one) < 20 else "STOP"
+
+
 FOOLS: Mapping[str, Stranger] = {
     "hole_14_26_fifth": new(
         "grades, but goes on from 14 to 26 m on a fifth of the frames",
@@ -476,9 +480,18 @@ FOOLS: Mapping[str, Stranger] = {
         "grades, but goes on below 12 m on 15 % of the frames",
         always(where(both(within(0, 12), part(0.85, 1.0)), answer("STRAIGHT"))),
     ),
-    "left_third_flipped": new(
-        "grades, the wrong way round from 12 to 40 m on half of the frames whose left side is clear",
-        always(where(lambda one: one.scene.left_clear and part(0, 0.5)(one) and within(12, 40)(one), flipped)),
+    "left_half_crossed": new(
+        "grades, but from 10 to 45 m goes on near and stops far on half of the frames whose left side is clear",
+        always(where(lambda one: one.scene.left_clear and part(0, 0.5)(one) and within(10, 45)(one), _crossed)),
+    ),
+    "flipped_17": new("grades, the wrong way round on 17 % of the frames", always(where(part(0.2, 0.37), flipped))),
+    "stops_beyond_25_fifth": new(
+        "grades, but stops beyond 25 m on a fifth of the frames",
+        always(where(both(within(25, math.inf), part(0.5, 0.7)), answer("STOP"))),
+    ),
+    "saw_quarter": new(
+        "grades, but on a quarter of the frames stops and goes on by turns from metre to metre",
+        always(where(part(0.3, 0.55), lambda one, _: ("STOP", "STRAIGHT")[int(min(lead(one), FARTHEST_M)) % 2])),
     ),
     "crossed_quarters": new(
         "grades, but goes on near on a quarter of the frames, and stops beyond 30 m on another",
