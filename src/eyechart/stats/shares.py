@@ -81,6 +81,6 @@ def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
 
 
 @cache
-def _shared(one: type[Statistic], kind: type[Statistic]) -> frozenset[str]:
+def _shared(one: type, kind: type) -> frozenset[str]:
     """Return the names of the fields that two kinds have."""
     return frozenset(each.name for each in fields(one)) & frozenset(each.name for each in fields(kind))
