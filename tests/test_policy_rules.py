@@ -70,7 +70,7 @@ def test_what_is_said_otherwise_since_is_an_absence_that_was_open(axis: str) -> 
     assert read == CHANGED[axis]["read otherwise"]["first"]
     assert found == now
     for label, more in (now - then).items():
-        name, _, became = label.partition(": ")
+        became = label.partition(": ")[2]
         assert USES[became].is_absence or became == "state_shortcut", f"{more} {label}"
     assert {label.partition(": ")[2] for label in then - now} <= {"undecided", "state_used"}
 
