@@ -82,3 +82,31 @@ def test_a_gate_fails_by_the_name_of_the_place(runs: dict[str, Path], say: Say) 
     assert say("gate", runs["blind"], "--require", "looks")[0] == 0
     with pytest.raises(AssertionError, match=r"depth: fails: partial_depth: brakes by\s+distance, not"):
         assert_grounded(runs["blind"], "depth", "looks")
+
+
+def test_a_page_says_the_answer_first_and_draws_braking_along_the_distance(
+    runs: dict[str, Path], say: Say, tmp_path: Path
+) -> None:
+    """Of one model in a sentence, beside its curves; of several how many, and a curve of the frames without braking."""
+    pages = {}
+    for run, folder in runs.items():
+        assert say("report", folder, "--out", tmp_path / f"{run}.html", "--tables", tmp_path / run)[0] == 0
+        pages[run] = (tmp_path / f"{run}.html").read_text(encoding="utf-8")
+    head = pages["plain"].partition('id="verdicts"')[0]
+    assert '<p class="sentence">Yes: it brakes harder where the lead is nearer, at most 3 of 100 comparisons' in head
+    assert '<title id="in-short-title">Braking by distance, python:holes:plain</title>' in head
+    drawn = head.partition('<desc id="in-short-desc">')[2].partition("</desc>")[0]
+    lead, beside = (drawn.partition(f"{what}: ")[2].partition(". ")[0] for what in ("drawn anew", "kept far"))
+    assert lead.startswith("5"), drawn
+    assert " 1.00, " in lead
+    assert lead.endswith("0.00")
+    assert "1.00" in beside
+    assert "a neighbour, the lead kept far: 5" in drawn
+    assert pages["plain"].count("✓</span>") >= 16
+    assert "Of 4 models: in part for 4 (" in pages["blind"]
+    assert "the lead in merge: " in pages["blind"]
+    rows = (tmp_path / "blind" / "depth.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 1 + 4 * 16
+    assert rows[0].startswith(
+        "model,number,outcome,value,interval low,interval high,n,p,depth needs,refuted where,asks"
+    )

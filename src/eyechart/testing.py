@@ -1,4 +1,4 @@
-"""What a test suite asks of a run: ``assert_grounded(run, "depth")``."""
+"""What a test suite asks of a run: ``assert_looks(run)``, ``assert_grounded(run, "depth")``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,13 +7,24 @@ from typing import Unpack
 
 from eyechart.errors import finite_number, printable, speaks_of_arguments, whole_number
 from eyechart.gate import Check, FurtherTerms, read_requirements
+from eyechart.looking import Look
 from eyechart.report.names import shorten
 from eyechart.studies import Reading, study_of
+from eyechart.verdicts.labels import LOOKS
 
 LINES, WIDTH = 24, 72
 """A failure fits on a screen of 24 lines of 80 signs, also behind the 8 signs that pytest puts before each line."""
 _EACH = 4
 """Lines of one check, where there are several."""
+
+
+class Terms(FurtherTerms, total=False):
+    """On which terms a run is held; see `assert_grounded`."""
+
+    max_unparsed: float | None
+    resamples: int
+    independent: bool
+    reread: bool
 
 
 @speaks_of_arguments
@@ -48,6 +59,21 @@ def assert_grounded(
     gate = study.gate(scored, wanted, max_unparsed=max_unparsed, **terms)
     if gate.exit_code:
         raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
+
+
+@speaks_of_arguments
+def assert_looks(run: Path | str | Look, **terms: Unpack[Terms]) -> None:
+    """Raise AssertionError unless every model, or policy, of a run looks: ``eyechart gate --require looks``.
+
+    ``run`` is a folder, or what `eyechart.look` came to. Of policies the cameras' content is required, as a gate does
+    that is told no more. ``terms`` are those of `assert_grounded`.
+    """
+    if isinstance(run, Look):
+        if run.run is None:
+            raise AssertionError("\n".join(run.lines()))
+        run = run.run
+    wanted = (LOOKS,) if LOOKS in study_of(Path(run), "gate").requirements else ()
+    assert_grounded(run, *wanted, **terms)
 
 
 def _on_a_screen(wrong: Sequence[Check], count: int, run: Path | str) -> str:

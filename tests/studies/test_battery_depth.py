@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -122,3 +123,29 @@ def test_true_pictures_alone_show_no_rise() -> None:
     assert moved.rise().p is not None
     alone = replace(moved, levels={name: moved.levels[name] for name in ("real", "real_repeat", "lead_near")})
     assert alone.rise().p is None
+
+
+def test_curves_fall_for_the_lead_alone(world: World) -> None:
+    """Of a reader, in windows that follow one another over the range; what lies in a hole has a curve of its own."""
+    curves = moved_of(asked(KNOWN["depth"], world)).curves()
+    assert list(curves) == ["drawn", "own", "beside"]
+    for name in ("drawn", "own"):
+        levels = [one.level.value for one in curves[name]]
+        assert levels == sorted(levels, reverse=True)
+        assert (levels[0], levels[-1]) == (1.0, 0.0)
+    assert {one.level.value for one in curves["beside"]} == {0.0}
+    for windows in curves.values():
+        assert all(one.far == other.near for one, other in pairwise(windows))
+        assert all(0 <= one.level.ci[0] <= one.level.value <= one.level.ci[1] <= 1 for one in windows if one.level.ci)
+    assert sum(one.level.n for one in curves["drawn"]) == np.count_nonzero(
+        ~np.isnan(moved_of(asked(KNOWN["depth"], world)).level("lead_drawn"))
+    )
+    blind = moved_of(asked(_reader_but(4), world)).curves()
+    assert {one.level.value for one in blind["hole"]} == {0.0}
+    assert blind["drawn"][0].level.value == 1.0
+
+
+def test_a_run_without_distances_has_no_curve(world: World) -> None:
+    """Nor has one that was not asked along the range."""
+    moved = moved_of(asked(KNOWN["depth"], world))
+    assert replace(moved, at={}).curves() == {}

@@ -1,6 +1,5 @@
 """``eyechart look``: one command and one line of answer, whatever is brought."""
 
-import re
 import sys
 from collections.abc import Mapping
 from functools import partial
@@ -16,8 +15,6 @@ from eyechart.errors import SpecError
 if TYPE_CHECKING:
     from eyechart.looking import Bill
     from eyechart.modes import RequestMode
-
-_NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
 
 
 def look(
@@ -50,17 +47,19 @@ def look(
     before, and asked where it costs. The same command goes on where it stopped, and asks nothing twice. Exit 0: Yes;
     1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look scripted:depth
     """
-    from eyechart.looking import Pictures, Wanted, Watch, spec_of
+    from eyechart.looking import Pictures, Wanted, Watch, folder_name, spec_of
     from eyechart.looking import look as looked
 
     if accept not in (None, "part"):
         raise SpecError(f"--accept takes part, not '{accept}'")
     pictures = Pictures(frames, photos, table, dataset, read_places(map_ or []), threshold, unit)
     asked = _asked(spec_of(spec), mode, base_url)
+    place = out or from_here(Path("looks") / folder_name(asked.spec))
+    from_here(Path(f"{as_typed(str(place))}-2"))  # what other words are tried in is said as it would be typed
     wanted = Wanted(
         asked,
         pictures,
-        out or from_here(Path("looks") / name_of(asked.spec)),
+        place,
         by_file=mode is not None,
         prompt=prompt,
         seed=seed,
@@ -97,11 +96,6 @@ def _options(given: Mapping[str, object]) -> tuple[str, ...]:
         found += [word for one in many for word in (f"--{name.strip('_').replace('_', '-')}", f"{one}")]
     found += ["--seed", str(given["seed"])] if given["seed"] else []
     return (*found, *(["--budget", str(given["budget"])] if given["budget"] else []))
-
-
-def name_of(spec: str) -> str:
-    """Return the folder's name for what is looked at."""
-    return _NO_NAME.sub("-", spec).strip("-.") or "look"
 
 
 def _agree(bill: "Bill", *, yes: bool) -> None:

@@ -14,7 +14,7 @@ from eyechart.looking.answer import EXIT_CODES, Look, Pictured, Step
 from eyechart.looking.models import ModelLook
 from eyechart.looking.pictures import Pictures
 from eyechart.looking.policies import PolicyLook, steps_of
-from eyechart.looking.wanted import Bill, Wanted, Watch
+from eyechart.looking.wanted import Bill, Wanted, Watch, folder_name
 from eyechart.models import ADAPTERS, POLICIES, open_model, open_policy
 
 __all__ = [
@@ -26,10 +26,15 @@ __all__ = [
     "Step",
     "Wanted",
     "Watch",
+    "folder_name",
     "is_policy",
     "look",
     "spec_of",
 ]
+
+
+SUMMARY = "summary.md"
+"""The answer as tables in Markdown, in the look's folder."""
 
 
 def spec_of(given: str) -> str:
@@ -67,4 +72,7 @@ def look(wanted: Wanted, watch: Watch) -> Look:
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)
     kind = PolicyLook if acts else ModelLook
-    return kind(wanted, bank, watch).look()
+    found = kind(wanted, bank, watch).look()
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    (wanted.out / SUMMARY).write_text(found.markdown(), encoding="utf-8")
+    return found

@@ -87,6 +87,19 @@ class Look(Written):
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
+    def markdown(self) -> str:
+        """Return two tables, as the page of a job shows them: the answer, and what came of the three pictures."""
+        said = " ".join([self.because, *self.holes])
+        rows: list[tuple[str, ...]] = [
+            ("looks?", "who", "because"),
+            ("---",) * 3,
+            (f"**{self.answer}**", f"`{self.spec}`", said),
+        ]
+        if self.pictures:
+            rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
+            rows += [(one.shows, one.words) for one in self.pictures]
+        return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
+
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
         """Yield the screen, a line of at most 80 columns each; ``shown`` returns a text as it is to be read."""
         yield from _wrapped(shown(f"{self.answer}. {self.because}"))

@@ -13,7 +13,7 @@ from eyechart.costs import assumed, estimate
 from eyechart.limits import Outcome, Spent
 from eyechart.looking.answer import Look, Pictured, Step
 from eyechart.looking.pictures import BANK
-from eyechart.looking.reach import Reach, affordable, fewest
+from eyechart.looking.reach import affordable, fewest
 from eyechart.looking.sight import MODE, MOST_CALLS, Sights, Unseen
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
 from eyechart.loops import make_calls
@@ -63,7 +63,9 @@ class ModelLook:
             self.watch.say(f"it is shown its pictures, and is asked as {wanted.out / MODE} says")
             planned = self._plan(found, planned.manifest.limit)
             self._agree(planned, 0)
-        return self._answered(self._made(planned))
+        before = planned.counts()[1]
+        outcome = self._made(planned)
+        return self._answered(outcome, asked=planned.counts()[1] > before)
 
     @cached_property
     def _prices(self) -> Prices:
@@ -88,11 +90,11 @@ class ModelLook:
             return self._plan(mode, read_manifest(wanted.run).limit)
         planned = self._plan(mode, None)
         bank = planned.plan.bank
-        found = fewest(bank)
+        most = len(bank)
         if wanted.budget is not None:
             room = wanted.budget - (MOST_CALLS if known is None else _asked_before(mode))
-            most = affordable(len(bank), partial(_most, planned), room)
-            found = found if found.frames <= most else Reach.of(bank, most)
+            most = affordable(most, partial(_most, planned), room)
+        found = fewest(bank, most)
         self.watch.say(*found.lines())
         return planned if found.frames == len(bank) else self._plan(mode, found.frames)
 
@@ -103,7 +105,7 @@ class ModelLook:
         left = 0 if settled else planned.left() + planned.more_by_model()[spec]
         mode, basis = assumed(planned.manifest.mode(spec))
         expected = estimate(mode, left + more, self._prices, concurrency=AT_ONCE, at_most=True)
-        usual = planned.typical().get("image_invariant") if more else None
+        usual = None if planned.counts()[1] else planned.typical().get("image_invariant")
         self.watch.agree(Bill(mode, expected, basis, usual))
 
     def _made(self, planned: Battery) -> Outcome:
@@ -124,7 +126,7 @@ class ModelLook:
         causes = (f"Likely cause: {said}.",) if said else ()
         return Look(wanted.spec, "Inconclusive", because, causes, "unseen", next=steps, calls=found.spent.calls)
 
-    def _answered(self, outcome: Outcome) -> Look:
+    def _answered(self, outcome: Outcome, *, asked: bool) -> Look:
         """Return the answer of the run, and write its page."""
         wanted = self.wanted
         scored = battery.score(wanted.run)
@@ -133,7 +135,7 @@ class ModelLook:
         whole = verdict.unfinished is None
         because = _because(verdict) if whole else f"The run is not finished: {stopped or verdict.progress}."
         pictures, among = _pictures(scored.models[wanted.spec].answers)
-        write_report(wanted, self.bank, self.watch)
+        write_report(wanted, self.bank, self.watch, asked=asked)
         return Look(
             wanted.spec,
             verdict.answer if whole else "Inconclusive",

@@ -30,24 +30,17 @@ from eyechart.studies.policy.planning import PolicyRun
 from eyechart.studies.policy.scoring import judge
 from eyechart.studies.policy.settling import settling
 from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.verdicts.labels import CAMERA
 
 _SELDOM = 1_000_000
 """Of an episode every so many frames are taken for a try: its first one."""
 MOTION_AXES = 2
 
-ANSWERS = {
-    "object_grounded": "Yes",
-    "camera_content": "Yes",
-    "pose_only": "In part",
-    "camera_presence": "No",
-    "ignores_camera": "No",
-}
-"""What each label of the cameras answers to whether a policy looks; any other is inconclusive."""
 
 SHOWN = {
-    f"T.swapped@{CAMERAS}": "the pictures of another episode",
+    f"T.swapped@{CAMERAS}": "another episode's pictures",
     "T.blank": "grey pictures",
-    f"T.matched@{CAMERAS}": "those of another episode, the arm at a similar state",
+    f"T.matched@{CAMERAS}": "others at a similar state",
 }
 """The three pictures, by the statistic that says how much a motion changes with them."""
 
@@ -95,7 +88,7 @@ class PolicyLook:
             return amiss
         with self.watch.bar("calls", "calls") as move:
             outcome = make_calls(partial(policy.run, planned, limits=Limits(self.wanted.budget)), move)
-        return self._answered(planned, outcome)
+        return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
 
     @cached_property
     def _opened(self) -> Opened:
@@ -137,7 +130,7 @@ class PolicyLook:
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
-    def _answered(self, planned: PolicyRun, outcome: Outcome) -> Look:
+    def _answered(self, planned: PolicyRun, outcome: Outcome, *, asked: bool) -> Look:
         wanted, spec = self.wanted, self.wanted.spec
         scored = policy.score(wanted.run)
         verdict = judge(scored)[spec]
@@ -146,10 +139,8 @@ class PolicyLook:
         because = _because(verdict)
         if calls > finished:
             because = f"The run is not finished: {stopped or f'{finished} of {calls} calls'}."
-        answer = (
-            "Inconclusive" if verdict.guards or calls > finished else ANSWERS.get(verdict.camera.label, "Inconclusive")
-        )
-        write_report(wanted, self.bank, self.watch)
+        answer = "Inconclusive" if verdict.guards or calls > finished else verdict.answer
+        write_report(wanted, self.bank, self.watch, asked=asked)
         return Look(
             spec,
             answer,
@@ -157,7 +148,7 @@ class PolicyLook:
             tuple(_holes(verdict)),
             verdict.camera.label,
             tuple(_pictures(scored, spec)),
-            f"in the mean of {len(planned.plan.frames)} frames",
+            f"a mean of {len(planned.plan.frames)} frames",
             tuple(_steps(self, scored, answer, left=calls > finished)),
             wanted.report,
             wanted.run,
@@ -176,7 +167,7 @@ def _because(verdict: PolicyVerdict) -> str:
     """Return what decided, or which guard failed; of what does something else than was logged, that it does."""
     if verdict.guards:
         return verdict.because
-    said = verdict.camera.because
+    said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
     if verdict.misfit is not None and verdict.misfit >= MISFIT:
         said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
     return said
@@ -184,7 +175,7 @@ def _because(verdict: PolicyVerdict) -> str:
 
 def _holes(verdict: PolicyVerdict) -> Iterator[str]:
     """Yield the cameras that could be another episode's where others decide."""
-    if not verdict.guards and ANSWERS.get(verdict.camera.label) in {"Yes", "In part"}:
+    if not verdict.guards and verdict.answer in {"Yes", "In part"}:
         ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
         yield from (f"Not by the {name} camera: that could be another episode's." for name in ignored)
 

@@ -48,14 +48,14 @@ class Reach:
                 yield f"out of reach: {name}: found {one:.2f} of the time on {self.frames} frames; more frames find it"
 
 
-def fewest(bank: FrameBank) -> Reach:
-    """Return the reach of the fewest frames on which every answer is in reach; of all frames where none is fewer."""
-    frames = min(SMALL, len(bank))
+def fewest(bank: FrameBank, most: int) -> Reach:
+    """Return the reach of the fewest frames on which every answer is in reach; of ``most`` where none is fewer."""
+    frames = min(SMALL, most)
     while True:
         found = Reach.of(bank, frames)
-        if found.is_whole or frames == len(bank):
+        if found.is_whole or frames == most:
             return found
-        frames = min(len(bank), round(frames * GROWTH))
+        frames = min(most, round(frames * GROWTH))
 
 
 def affordable(frames: int, most: Callable[[int], int], budget: int) -> int:

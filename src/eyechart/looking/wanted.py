@@ -1,5 +1,6 @@
 """What somebody wants looked at, who is told of it, and what it would cost before it is begun."""
 
+import re
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from eyechart.models.prices import OWN_MACHINE
 from eyechart.modes import RequestMode
 from eyechart.studies import Reading, study_of
 
+_NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
 UNASKED_CALLS = 100
 """So many calls whose price nobody knows are made without a question."""
 
@@ -54,6 +56,11 @@ class Wanted:
     def command(self, *more: str, out: Path | None = None) -> str:
         """Return the command that looks so again, with more options."""
         return shlex.join(["eyechart", "look", self.spec, *self.options, *more, "--out", str(out or self.out)])
+
+
+def folder_name(spec: str) -> str:
+    """Return the name of the folder of a look at a SPEC."""
+    return _NO_NAME.sub("-", spec).strip("-.") or "look"
 
 
 @dataclass(frozen=True)
@@ -99,12 +106,13 @@ class Watch:
     agree: Callable[[Bill], None]
 
 
-def write_report(wanted: Wanted, bank: Path, watch: Watch) -> None:
-    """Write the page of the run."""
+def write_report(wanted: Wanted, bank: Path, watch: Watch, *, asked: bool) -> None:
+    """Write the page of the run; one that is there stays where nothing was ``asked`` since."""
     from eyechart.report.page import write_page  # noqa: PLC0415 - it draws figures
 
-    study = study_of(wanted.run, "report")
-    with watch.bar("report", "steps") as move:
-        made = study.report([wanted.run], [bank], Reading(), lambda _: None)
+    if wanted.report.is_file() and not asked:
+        return
+    with watch.bar("report", "pages") as move:
+        made = study_of(wanted.run, "report").report([wanted.run], [bank], Reading(), lambda _: None)
         write_page(made.page, wanted.report)
         move(1, 1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import TypeVar
 
 from eyechart.stats.statistic import Statistic
@@ -76,5 +77,10 @@ Kind = TypeVar("Kind", bound=Statistic)
 
 def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
     """Return a statistic as one of another kind, with the fields that both have and further numbers."""
-    both = {each.name for each in fields(one)} & {each.name for each in fields(kind)}
-    return kind(**{name: getattr(one, name) for name in both} | numbers)
+    return kind(**{name: getattr(one, name) for name in _shared(type(one), kind)} | numbers)
+
+
+@cache
+def _shared(one: type, kind: type) -> frozenset[str]:
+    """Return the names of the fields that two kinds have."""
+    return frozenset(each.name for each in fields(one)) & frozenset(each.name for each in fields(kind))

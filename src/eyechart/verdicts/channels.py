@@ -228,8 +228,8 @@ HOLDS = "holds"
 def _reached(found: Judged, known: Known, reaching: Axis, *, unread: bool) -> Judged:
     """Return a label with the remark that the channel may not be connected, of one that changes not one bit.
 
-    Of an absence, which is true either way, it is said last; of an axis that is open for another reason, first; and
-    not of a channel that the policy declares to leave ``unread``.
+    It stands behind an absence, which is true either way, and before what else leaves an axis open; and is not made of
+    a channel that the policy declares to leave ``unread``.
     """
     ruling = reaching.evaluate(known)
     if not (USES[found.label].is_absence or found.label == "undecided") or ruling.label == HOLDS:
@@ -310,7 +310,7 @@ def _guards() -> Iterator[Axis]:
         "and that another episode's change more is not shown ({way:T.swapped@cameras}): it answers by the bytes of its "
         "pictures, as a cache or a hash of them does, or with noise that hangs on them and hides what it sees"
     )
-    swap = "T.swapped@cameras"
+    swap, by_bytes = "T.swapped@cameras", "it answers by the bytes of its pictures more than by what they show"
     remembers = (
         compared("noise", "value", ">", LEAST_NOISE),
         compared("memory", "value", ">", REMEMBERED),
@@ -319,7 +319,11 @@ def _guards() -> Iterator[Axis]:
     kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
     yield _guard(
         Rule(label, "noise", (noisy,), say(noise)),
-        Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(swap))), say(f"{nudged}, {words}")),
+        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), say(f"{nudged}: {by_bytes}")),
+        *(
+            Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(name))), say(f"{nudged}, {words}"))
+            for name in (swap, "T.nudged")
+        ),
         Rule(label, "memory", remembers, say(f"{kept}: it keeps something; empty it before every call (reset)")),
     )
 
@@ -457,7 +461,7 @@ REMARKS = (
     ),
     _remark(
         "one value of its pictures that is one level off changes {of_action:T.nudged}: its noise hangs on the bytes of "
-        "what it is given, so that of each share only what goes beyond that counts as a use, and all of it as no absence",
+        "what it is given, so that only what a share has beyond that counts as a use, and all of it against an absence",
         *use("T.nudged"),
     ),
     _remark("a table of another colour alone changes {of_action:T.recoloured}", *use("T.recoloured")),

@@ -47,8 +47,8 @@ class Verdict(Written):
     (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``why_not``
     says what kept it from the nearest stronger label, ``beware`` that turns go to the blocked side where they do;
     ``trust`` holds it too. ``holes`` are the places in which its braking does not answer to the lead, with counts, and
-    ``open_to`` what a label of depth does not exclude, in words. ``numbers`` are those that depth rests
-    on, of a run that was asked for the lead along its range.
+    ``open_to`` what a label of depth does not exclude, in words. ``numbers`` are those that depth rests on, of a run
+    that was asked for the lead along its range.
     """
 
     written = (

@@ -70,6 +70,20 @@ class Odds(Plain):
     left_out: tuple[str, ...] = LEFT_OUT
 
     @property
+    def by_label(self) -> dict[str, float | None]:
+        """Return how often each label is given that is drawn, of readers to those that read on all frames."""
+        found = {"image_invariant": self.image_invariant, "presence_only": self.presence_only}
+        return found | {"depth": self.depth.get("1"), "depth_associated": self.depth_associated.get("1")}
+
+    @property
+    def of_table(self) -> str:
+        """Return what stands below a table of labels."""
+        return (
+            "Reached: who deserves the label and never errs gets it; more frames are such as there are, in other "
+            f"episodes. Power: of who deserves it at a noise floor of {self.noise:g}."
+        )
+
+    @property
     def words(self) -> str:
         """Return the same in one line."""
 

@@ -55,7 +55,7 @@ def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
 def glance_table(everyone: Sequence[Judged]) -> Table:
     """Return one row a model: both verdicts, the lateral label, and the statistic that decided."""
     state = any(verdict.state for _, _, verdict in everyone)
-    named = columns("word", "answer", "verdict", "lateral", "paper's rules", "decided by")
+    named = columns("word", "verdict", "lateral", "paper's rules", "decided by")
     rows: list[tuple[Cell, ...]] = []
     for label, model, verdict in everyone:
         name = verdict.calibrated.decided_by
@@ -64,7 +64,7 @@ def glance_table(everyone: Sequence[Judged]) -> Table:
             by = f"{name.partition('.')[2]}, e {number(one.value, 0)} ({early.calls}/{early.planned})"
         else:
             by = f"{name}, p {p_value(one.p)}" if one.p is not None else f"{name} {number(one.value, 2)}"
-        words = (verdict.answer, _label(verdict), verdict.lateral.label, verdict.paper.label, by)
+        words = (_label(verdict), verdict.lateral.label, verdict.paper.label, by)
         rows.append((label, *words, *([verdict.state] if state else [])))
     unfinished = [Column("unfinished")] if state else []
     return Table("glance", "", (Column("model"), *named, *unfinished), tuple(rows))
@@ -270,7 +270,7 @@ def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> It
     yield glance_table(judged(score, verdicts))
     yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
-        yield f"{label}: {LABELS[label].says}"
+        yield f"{LABELS[label].answer}, {label}: {LABELS[label].says}"
     for spec, one in verdicts.items():
         if more := one.trust.removeprefix(LABELS[one.calibrated.label].says).strip():
             yield f"{spec}: {more}"

@@ -61,7 +61,7 @@ from eyechart.stats.total_effect import (
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
 from eyechart.verdicts.channels import CONSTANT
-from eyechart.verdicts.uses import IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
+from eyechart.verdicts.uses import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -247,7 +247,7 @@ class Effects:
         effect, real, other = given
         found = total_effect(effect, self._variation(), sampled=self._drawn)
         p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
-        return self._net(self._counted(replace(found, p=p), condition), effect, frames)
+        return self._net(self._counted(replace(found, p=p), condition), effect, frames, condition)
 
     def _counted(self, found: Statistic, *conditions: str) -> Share:
         """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
@@ -287,10 +287,10 @@ class Effects:
     @cached_property
     def _by_bytes(self) -> Floats | None:
         """Return the answers to pictures with one value one level off, of whom this changes something; else None."""
-        pairs = self.pairs("nudged")
-        if isinstance(pairs, str) or not self._whole_variation > 0:
+        found = self.total("nudged")
+        if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
             return None
-        return self._motions.of("nudged") if pairs[0].values.mean() >= LEAST_NOISE * self._whole_variation else None
+        return self._motions.of("nudged")
 
     @cached_property
     def _sees_grey(self) -> bool:
@@ -306,11 +306,11 @@ class Effects:
         found = share_beyond(apart, alone, self._variation())
         return found.ci is not None and found.ci[0] > USED
 
-    def _net(self, found: Statistic, effect: Pairs, frames: Places) -> Share:
+    def _net(self, found: Statistic, effect: Pairs, frames: Places, condition: str) -> Share:
         """Return a share whose lower end is of what goes beyond what other bytes of the same pictures change.
 
         The upper end stays: noise that hangs on the bytes neither shows a use nor an absence. Where no picture is told
-        from grey but by its bytes there is no use at all.
+        from grey but by its bytes none is used.
         """
         share = found if isinstance(found, Share) else of_kind(Share, found)
         if self._by_bytes is None or share.ci is None:
@@ -321,7 +321,8 @@ class Effects:
             return replace(share, ci=(min(0.0, share.ci[0]), share.ci[1]))
         alone = Pairs(half_squares(self._real[:, places], self._by_bytes[:, places]), own, own)
         beyond = share_beyond(effect, alone, self._variation())
-        low = beyond.ci[0] if beyond.ci is not None and self._sees_grey else 0.0
+        sees = self._sees_grey or condition.partition(OVER)[2] in {STATE, INSTRUCTION}
+        low = beyond.ci[0] if beyond.ci is not None and sees else 0.0
         bytes_ = float(alone.values.mean()) / self._whole_variation
         return replace(share, ci=(min(low, share.ci[0]), share.ci[1]), bytes=bytes_)
 
@@ -355,7 +356,7 @@ class Effects:
         )
         carried = self._carried(frames, changed, pairs[0]) if (found.value or 0.0) < IGNORED else {}
         found = replace(found, carried=carried or None)
-        return found if condition == "nudged" else self._net(found, pairs[0], frames)
+        return found if condition == "nudged" else self._net(found, pairs[0], frames, condition)
 
     def _texts(self, condition: str, frames: Places) -> list[str]:
         """Return what a policy was told most often, and in its place most often, under another instruction."""
@@ -478,7 +479,7 @@ class Effects:
         found = total_effect(effect, self._variation(), sampled=self._drawn)
         p = relabelling_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
         found = self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
-        return self._net(found, effect, frames)
+        return self._net(found, effect, frames, f"swapped@{channel}")
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
         """Return how far what was moved is followed; of two objects, how much farther the first than the second."""

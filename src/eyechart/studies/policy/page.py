@@ -21,6 +21,7 @@ from eyechart.studies.policy.tables import (
     steps_table,
     verdict_table,
 )
+from eyechart.verdicts.axes import Judged
 from eyechart.verdicts.channels import MISFIT, PolicyVerdict
 from eyechart.verdicts.labels import CAMERA, GUARDS, INSTRUCTION, STATE, USES
 
@@ -179,10 +180,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
     found = [GUARDS[name].advice for name in one.guards]
-    for name, each in axes.items():
-        unconnected = each.may_be_unconnected and USES[each.label].is_absence
-        advice = ASK_ROAD.format(IN_WORDS[CHANNEL_OF[name]]) if unconnected else USES[each.label].advice
-        found += [advice] if advice else []
+    found += filter(None, (_of_label(name, each) for name, each in axes.items()))
     still_open = [name for name, each in axes.items() if each.label == "undecided"]
     found += dict.fromkeys(settling(score, one.model, CHANNEL_OF[name]) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
@@ -194,6 +192,13 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
         if judged.label == "undecided" != one.camera.label:
             found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
     return found or [FINE if one.misfit is None or one.misfit < MISFIT else UNFIT]
+
+
+def _of_label(axis: str, one: Judged) -> str:
+    """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
+    label = USES[one.label]
+    unconnected = one.may_be_unconnected and label.is_absence
+    return ASK_ROAD.format(IN_WORDS[CHANNEL_OF[axis]]) if unconnected else label.advice
 
 
 FINE = (
