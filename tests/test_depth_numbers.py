@@ -10,7 +10,7 @@ from eyechart.stats.order import Density, Order, Rise
 from eyechart.stats.paired import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.verdicts import Verdict, judge_one
-from eyechart.verdicts.calibrated import DEPTH
+from eyechart.verdicts.calibrated import DISTANCE
 from eyechart.verdicts.depth import named
 from eyechart.verdicts.numbers import ASKS, BESIDE, needs_of, numbers_of, refuted_by
 
@@ -58,7 +58,7 @@ CASES: tuple[tuple[str, Statistic, str], ...] = (
 def test_a_number_says_what_came_of_it_on_both_sides_of_its_threshold(name: str, one: Statistic, expected: str) -> None:
     """And the ruling says the same: depth where it holds, never where it fails or is not shown."""
     assert outcome(name, one) == expected
-    label = DEPTH.evaluate(by_hand(**{name: one})).label
+    label = DISTANCE.evaluate(by_hand(**{name: one})).label
     if expected == "fails":
         assert label in {"content", "undecided"}
     elif not name.startswith("order_"):  # a kind of pairs is named, and the label stays

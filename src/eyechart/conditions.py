@@ -71,6 +71,12 @@ def _real(frame: Frame, source: Source, _: int) -> Stimulus:
     return _shown(frame, source.images(frame))
 
 
+def _again(frame: Frame, source: Source, _: int) -> Stimulus:
+    if ABSENT not in frame.counterfactuals:
+        raise BankError(f"frame '{frame.id}' has no picture {ABSENT}, with which {AGAIN} is asked")
+    return _shown(frame, source.images(frame))
+
+
 def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
     shapes = source.shapes(frame).items()
     return _shown(frame, {name: _grey(shape) for name, shape in shapes})
@@ -175,7 +181,7 @@ CONDITIONS: dict[str, Condition] = {
                 ("lead_absent", "no lead vehicle", "does any lead decide, however far?"),
             )
         ),
-        Condition("real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _real, _CONTROL),
+        Condition("real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _again, _CONTROL),
         Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL),
         *(
             Condition(

@@ -14,7 +14,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import LABELS, LATERAL, PAPER_LABELS
-from eyechart.verdicts.calibrated import DEPTH, DISTANCE, LATERAL_AXIS
+from eyechart.verdicts.calibrated import DISTANCE, LATERAL_AXIS
 from eyechart.verdicts.paper import PAPER
 
 ROOT = Path(__file__).parents[2]
@@ -82,5 +82,5 @@ def in_the_order_tried() -> tuple[str, ...]:
 
 def test_the_lists_of_labels_hold_every_label_that_a_rule_can_give() -> None:
     """The labels of the rows, and none that no row gives."""
-    given = {rule.label for axis in (DISTANCE, DEPTH, LATERAL_AXIS, PAPER) for rule in axis.rules}
+    given = {rule.label for axis in (DISTANCE, LATERAL_AXIS, PAPER) for rule in axis.rules}
     assert given == {*LABELS, *PAPER_LABELS, *LATERAL}

@@ -18,7 +18,7 @@ from eyechart.manifest import read_run
 from eyechart.records import build
 from eyechart.simulators import adding
 from eyechart.simulators.adding import add_missing
-from eyechart.simulators.banks import BOXED
+from eyechart.simulators.banks import BOXED, DOZENS
 from eyechart.simulators.rover import Rover
 from eyechart.studies import battery
 
@@ -27,8 +27,9 @@ Change = Callable[[dict[str, object]], object]
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of today."""
-    return Rover().build(tmp_path_factory.mktemp("whole") / "bank", seeds=(3,), steps=4, controls_seed=11)
+    """Return a bank of today, in the staging of before."""
+    out = tmp_path_factory.mktemp("whole") / "bank"
+    return Rover().build(out, seeds=(3,), steps=4, controls_seed=11, staging=DOZENS)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank, check, decode, open_bank, shared
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
+from eyechart.simulators.banks import STAGING
 
 pytestmark = pytest.mark.slow
 
@@ -95,7 +96,7 @@ def test_a_longer_bank_begins_with_the_shorter_one(name: str, preset: str, tmp_p
         assert f"{len(one)} are the same moments" in checked.output
         assert checked.exit_code == 0
         assert len({tuple(sorted(frame.truth.items())) for frame in other}) == len(other)
-    assert banks[1].manifest.settings["staging"] == 2
+    assert banks[1].manifest.settings["staging"] == whole.staging(STAGING)[0]
 
 
 def test_its_gap_is_a_number_or_no_lead_and_lies_on_both_sides_of_near(bank: FrameBank) -> None:

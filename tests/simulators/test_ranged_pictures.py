@@ -261,7 +261,7 @@ def test_another_seed_draws_other_distances_and_the_same_draws_them_again() -> N
         BankManifest("boxes", "tiny", "boxes", DRIVING, None, span=(0.0, 3.0))
 
 
-def test_a_sixth_of_the_moments_has_no_clear_side_(bank: FrameBank) -> None:
+def test_a_sixth_of_the_moments_has_no_clear_side(bank: FrameBank) -> None:
     """And the lead is near at the lowest distance that can be shown; LEFT and RIGHT are asked for alike."""
     assert check(bank.root) == []
     assert bank.manifest.settings["staging"] == BOXED

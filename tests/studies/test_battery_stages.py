@@ -380,3 +380,24 @@ def test_a_run_on_a_bundle_of_models_that_were_asked_differently_is_shown_whole(
     assert checked.exit_code == 0, checked.output
     for guards in study.score(tmp_path / "run", resamples=99).guards.values():
         assert next(one for one in guards if one.name == "outcomes").holds
+
+
+def test_what_an_older_version_asked_of_the_absent_lead_is_finished(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It asked no true picture beside it; where some of its calls are still to be made, today's stage is asked."""
+
+    def absent(_: object, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
+        return tuple(name for name in ("lead_absent", "real_again") if name in supplied and name not in asked)
+
+    monkeypatch.setattr(stages, "controls_wanted", absent)
+    made = make(bank, tmp_path / "run", BLIND)
+    may = stages.supplied(made.manifest, made.plan)
+    with Ledger(tmp_path / "run" / LEDGER) as ledger:
+        replies = list(ledger.replies(BLIND))
+    older = [one for one in replies if one[0].condition != "real_again"]
+    for given, judged in ((replies, ("lead_absent", "real_again")), (older, ("lead_absent",))):
+        found = stages.asked_of_model(made.plan, BLIND, given, may)
+        assert (found.judged, found.open, found.ended) == (judged, (), True)
+    cut = [one for one in older if one[0].condition != "lead_absent"] + older[-1:]
+    assert stages.asked_of_model(made.plan, BLIND, cut, may).open == ("lead_absent", "real_again")

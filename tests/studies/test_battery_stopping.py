@@ -48,7 +48,8 @@ def settle(rule: simulated.Rule, conditions: tuple[str, ...] = ALL, *, seed: int
 def depth(condition: str, frame: Frame, rng: object) -> str:
     """Brake by distance."""
     del rng
-    return "STOP" if simulated.blind(condition) or simulated.gap(frame) < 20 else "STRAIGHT"
+    gap = simulated.gap(frame)
+    return "STOP" if simulated.blind(condition) or gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
 
 def presence(condition: str, frame: Frame, rng: object) -> str:
@@ -107,7 +108,7 @@ def test_turns_are_settled_too() -> None:
 
     def turning(condition: str, frame: Frame, rng: object) -> str:
         seen = depth(condition, frame, rng)
-        if seen == "STOP":
+        if seen != "STRAIGHT":
             return seen
         side = "LEFT" if float(str(frame.truth["phase"])) < 0.5 else "RIGHT"
         return DRIVING.reflect(side) if condition == "mirrored" else side
@@ -324,8 +325,17 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     """Then the lateral axis is not tested, as without stopping, and costs no call."""
     space = Discrete("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
     asked = replace(layout(), space=space)
-    near = ("lead_near", "lane_own")
-    calls = {(frame, name): Decision("HALT" if name in near else "GO") for frame in asked.order for name in ALL}
+
+    def answer(frame: Frame, name: str) -> str:
+        shown = name.removesuffix("_nudged")
+        metres = {
+            "lead_near": 0.0,
+            "lead_drawn": frame.truth["lead_drawn_m"],
+            "exchange_own": frame.truth["exchange_m"],
+        }
+        return "HALT" if float(str(metres.get(shown, 99))) < 40 else "GO"
+
+    calls = {(frame.id, name): Decision(answer(frame, name)) for frame in FRAMES for name in ALL}
     course = Course(asked)
     course.advance(calls)
     stopped = course.stopped(len(course.counted))

@@ -18,6 +18,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.depth import AT, TWICE
 from eyechart.studies.battery.evidence import Claim, Row, claims
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import LABELS, LATERAL, ONE_SIDED_FROM, PREFIX, Stopped, calibrated_rules
@@ -432,14 +433,23 @@ def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision
     other = Decision(brake)
     answers: dict[str, dict[str, Decision[str]]] = {
         "not_scorable": dict.fromkeys(("real", "real_repeat"), lost),
-        "depth": {"lead_near": other, "lane_own": other, "blank": other},
+        "depth": dict.fromkeys((*TWICE["near"], "blank"), other),
         "depth_associated": {"lead_near": other, "blank": other},
         "presence_only": {"blank": other},
         "refusal_effect": {"blank": lost},
         "image_invariant": {},
     }
-    return {
+    found = {
         (frame, name): answers[label].get(name, Decision(go))
         for frame, names in layout.asked.items()
         for name in (*names, *layout.controls.get(frame, ()))
     }
+    return found | (dict.fromkeys(_nearer(layout.frames) & found.keys(), other) if label == "depth" else {})
+
+
+def _nearer(frames: Sequence[Frame]) -> set[tuple[str, str]]:
+    """Return, by frame and condition, the pictures along the range that show the lead, but for the farthest."""
+    columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
+    told = {(frame.id, name): frame.truth.get(column) for frame in frames for name, column in columns.items()}
+    known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}
+    return {key for key, one in known.items() if one < 0.7 * max(known.values())}
