@@ -58,14 +58,19 @@ class Number:
     outcome: Outcome
 
     @property
+    def threshold(self) -> str:
+        """Return what it needs, or where it fails, what refutes it."""
+        return f"refuted: {self.refuted_by}" if self.outcome == "fails" else self.needs
+
+    @property
     def words(self) -> str:
         """Return its value, interval, n, p and outcome in words."""
         one = self.statistic
         if one.value is None and one.p is None:
             return f"{self.outcome} ({one.note})"
         interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        needs = self.needs if self.outcome != "fails" else f"refuted: {self.refuted_by}"
-        return f"{number(one)}{interval}, n = {one.n}{and_p(one)}: {SIGNS[self.outcome]} {self.outcome} ({needs})"
+        came = f"{SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
+        return f"{number(one)}{interval}, n = {one.n}{and_p(one)}: {came}"
 
 
 def numbers_of(found: Found) -> tuple[Number, ...]:

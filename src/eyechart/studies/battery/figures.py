@@ -368,7 +368,7 @@ def _curve(axes: Axes, windows: Sequence[Window], colour: str, mark: str, stroke
     middle = [float(np.sqrt(one.near * one.far)) for one in windows]
     axes.plot(
         middle,
-        [np.nan if one.level.value is None else one.level.value for one in windows],
+        [one.level.value or 0.0 for one in windows],
         color=colour,
         marker=mark,
         markersize=4.5,

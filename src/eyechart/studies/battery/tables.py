@@ -99,13 +99,13 @@ def depth_table(everyone: Sequence[Judged]) -> Table:
         (
             *(label, one.name, Mark(one.outcome, TONES.get(one.outcome, "open"), SIGNS[one.outcome])),
             *(one.statistic.value, ends(one.statistic), one.statistic.n, one.statistic.p),
-            *(one.needs, one.refuted_by, one.asks),
+            *(one.threshold, one.asks),
         )
         for label, _, verdict in everyone
         for one in verdict.numbers
     )
     named = (*columns("word", "model", "number", "outcome"), *(one for one in STATISTIC if one.name != "level"))
-    texts = columns("text", "depth needs", "refuted where", "asks")
+    texts = columns("text", "depth needs", "asks")
     caption = "What depth rests on; intervals are of 90%, over whole episodes"
     return Table("depth", caption, (*named, *texts), rows)
 
