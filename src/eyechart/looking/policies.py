@@ -63,7 +63,7 @@ def steps_of(wanted: Wanted) -> int:
         return before
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        import_lerobot(wanted.pictures.dataset, bank, Choices(every=_SELDOM), ahead=Ahead(1))
+        import_lerobot(wanted.pictures.dataset, bank, Choices(every=_SELDOM), ahead=Ahead(1, "delta"))
         held = wanted.held or open_policy(wanted.spec)
         make_calls(partial(policy.run, policy.plan(bank, [held], run, extent=Extent(1), conditions=("real",))), None)
         with Ledger(run / LEDGER) as ledger:
