@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from data_sets import arm, lerobot
+from data_sets import arm, lerobot, reach
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.models
 def test_a_policy_is_asked_with_as_many_steps_as_it_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And once more nothing is asked, nor is it tried again."""
     monkeypatch.chdir(tmp_path)
-    arm(tmp_path / "set", inside=False)
+    reach(tmp_path / "set", {}, changes=True)
     words = ["look", "brakers:four_steps", "--dataset", "set"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code in {0, 1, 2}, done.output
@@ -27,6 +27,17 @@ def test_a_policy_is_asked_with_as_many_steps_as_it_answers(tmp_path: Path, monk
     again = CliRunner().invoke(app, words)
     assert again.stdout == done.stdout
     assert "at most 0 calls" in again.stderr
+
+
+def test_a_kind_of_motions_that_is_not_told_leads_to_the_long_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The import says which option it needs, and the look where that is given."""
+    monkeypatch.chdir(tmp_path)
+    arm(tmp_path / "set", inside=False)
+    done = CliRunner().invoke(app, ["look", "brakers:four_steps", "--dataset", "set"])
+    assert "say it with --kind delta" in str(done.exception)
+    assert "make the bank with 'eyechart frames import'" in str(done.exception)
 
 
 def test_a_model_is_asked_about_the_camera_of_a_data_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
