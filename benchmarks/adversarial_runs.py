@@ -1,189 +1,414 @@
-"""Adversaries through the real run: fresh banks, every adversary asked in stages, and which untrue claims they got.
+"""Adversaries and readers on fresh banks: which claims each gets, beside what it does in truth.
 
     make long-adversaries
-    python benchmarks/adversarial_runs.py --banks highway=10,rover=5,drone=5
+    python benchmarks/adversarial_runs.py --worlds simulated-72=10,simulated-288=10,highway=10,rover=5,drone=5
 
-Every run is kept on disk, so an interrupted measurement goes on. Writes ``benchmarks/results/adversaries.json``; exit 1
-where a claim is untrue more often than is promised, or a reader of distance is told so too seldom.
+On a bank of a simulator a real run asks: pictures, ledger, stages, score and verdict. What a picture shows is read from
+its pixels once for all. In a simulated world the same stages ask about its readings. A controller's row is kept as soon
+as it is there, with a digest of the code that judges, so that an interrupted measurement goes on, and only what another
+code judged is made anew. Truth is measured by moving one thing, see `adversary_truth`.
+
+Writes ``benchmarks/results/adversaries.json``; exit 1 where a claim is untrue more often than is promised, or a reader
+of distance is told so too seldom.
 """
 
 import argparse
 import datetime as dt
 import json
-import os
-import subprocess
+import random
+import shutil
 import sys
-from collections import Counter, defaultdict
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
+import numpy as np
+
 import adversary_door
-import eyechart
-from adversary_truth import Pictures, Truth, find_truth
-from eyechart.calibrate.adversaries import Adversary
-from eyechart.calibrate.tally import AGAINST, RIGHT
-from eyechart.frames import open_bank
-from eyechart.models.scripted import CONTROLLERS
+from adversarial_counts import Row, said_of, write
+from adversary_pictures import SIMULATED, Pictures, pictures_of
+from adversary_truth import find_truth
+from eyechart import verdicts
+from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
+from eyechart.calibrate.early import sampled
+from eyechart.calibrate.newcomers import NEWCOMERS, paint
+from eyechart.calibrate.strangers import ENDS, LANES, NOISE, PLACES, READERS, STAGES, TURNS
+from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
+from eyechart.calls import Query, Reply
+from eyechart.conditions import CONTROLS, asked_in_stages
+from eyechart.frames import LEAD_GAP
+from eyechart.models import Opened
+from eyechart.models.scripted import CONTROLLERS, Answer
+from eyechart.modes import RequestMode
+from eyechart.simulators import open_bank_simulator
+from eyechart.simulators.banks import BOXED, STAGING
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
+from eyechart.studies import battery
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+from stranger_door import COLD, open_stranger
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "adversaries.json"
-EYECHART = Path(sys.executable).with_name("eyechart")
+WORLDS = "simulated-72=10,simulated-288=10,simulated-144=10,highway=10,rover=5,drone=5"
 FIRST_SEED = 7000
 """Banks of other seeds than any that a rule was chosen on."""
+LIMIT = 144
+"""Frames of a bank of a simulator that are asked about."""
+RESAMPLES = 999
+TOGETHER = 30
+"""So many controllers are asked in one run."""
+
+KNOWN = "known"
+SHIPPED = ("shipped", "files", KNOWN)
+WARM_AND_COLD = ("readers", "worst", "stranger readers")
+KINDS: Mapping[str, Sequence[str]] = {
+    **{kind: tuple(names) for kind, names in NEWCOMERS.items()},
+    "stranger noise": tuple(NOISE),
+    "stranger lanes": tuple(LANES),
+    "stranger stages": tuple(STAGES),
+    "stranger turns": tuple(TURNS),
+    "stranger ends": tuple(ENDS),
+    "stranger places": tuple(PLACES),
+    "stranger readers": tuple(READERS),
+    "shipped": tuple(ADVERSARIES),
+    "files": (*adversary_door.FILES, *adversary_door.PIXELS, *adversary_door.SIZES),
+    KNOWN: tuple(CONTROLLERS),
+}
+"""Who is tried, by kind: newcomers, strangers, those that calibrate has, those of real files, the known answers."""
+
+GROUPS: Mapping[str, Sequence[str]] = {
+    "new": tuple(NEWCOMERS),
+    "strangers": tuple(kind for kind in KINDS if kind.startswith("stranger ")),
+    "shipped": SHIPPED,
+}
+"""Kinds that are tried together."""
 
 NOT_FORWARD = frozenset({"stops_at_flipped", "second_nearest", "rearmost", "own_lane", "brightness", "blue_share"})
 """What makes no sense of a picture seen forward, or was written for the pixels of the other."""
 
-
-def say(*words: str, seed: int = 0, bank: Path | None = None) -> str:
-    """Run a command of eyechart; returns what it printed."""
-    found = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
-    env = {**os.environ, "PYTHONPATH": found, "EYECHART_ADVERSARY_SEED": str(seed)}
-    if bank is not None:
-        env["EYECHART_ADVERSARY_BANK"] = str(bank)
-    done = subprocess.run([EYECHART, *words], env=env, check=False, capture_output=True, text=True)
-    if done.returncode != 0:
-        raise SystemExit(f"eyechart {' '.join(words[:4])} … exits {done.returncode}: {done.stderr[-2000:]}")
-    return done.stdout
-
-
-def verdicts_on(simulator: str, number: int, folder: Path, steps: int) -> dict[str, dict[str, object]]:
-    """Return the verdicts of every adversary and known controller on one fresh bank."""
-    seed = FIRST_SEED + 10 * number
-    bank, run = folder / f"{simulator}-{number}", folder / f"run-{simulator}-{number}"
-    kept = folder / f"verdicts-{simulator}-{number}.json"
-    if not kept.is_file():
-        if not bank.exists():
-            seeds = f"{seed},{seed + 1},{seed + 2}"
-            say("frames", "build", simulator, "--seeds", seeds, "--steps", str(steps), "--out", str(bank))
-        named = [name for name in adversary_door.NAMES if simulator == "highway" or name not in NOT_FORWARD]
-        specs = [f"python:adversary_door:{name}" for name in named] + [f"scripted:{name}" for name in CONTROLLERS]
-        models = [word for spec in specs for word in ("--model", spec)]
-        say("run", "battery", "--frames", str(bank), "--out", str(run), *models, "--no-probe", seed=seed, bank=bank)
-        kept.write_text(say("verdict", str(run), "--json", bank=bank), encoding="utf-8")
-    return dict(json.loads(kept.read_text())["models"])
-
-
-def main() -> int:
-    """Run what is not run yet, count, and write the result."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--banks", default="highway=10,rover=5,drone=5", help="how many fresh banks of each simulator")
-    options.add_argument("--steps", type=int, default=12, help="frames an episode")
-    options.add_argument("--out", type=Path, default=ROOT / "build" / "adversaries", help="folder of banks and runs")
-    options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
-    given = options.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    said: dict[str, list[Said]] = {}
-    for asked in given.banks.split(","):
-        simulator, _, count = asked.partition("=")
-        said[simulator] = []
-        for number in range(int(count)):
-            verdicts = verdicts_on(simulator, number, given.out.resolve(), given.steps)
-            truths = truths_on(simulator, number, given.out.resolve(), list(verdicts))
-            for spec, one in verdicts.items():
-                said[simulator].append(Said(spec, str(one["calibrated"]), str(one["lateral"]), truths.get(spec)))
-            print(f"{simulator} {number + 1} of {count}", file=sys.stderr)
-    return write(said, given.result)
+Look = Callable[[bytes | None], str]
 
 
 @dataclass(frozen=True)
-class Said:
-    """What one run said of one controller, and what that does on the bank; None for the known answers."""
+class Bank:
+    """A bank to be made: a simulator with a number, or a simulated world of so many frames."""
 
-    spec: str
-    calibrated: str
-    lateral: str
-    truth: Truth | None
+    world: str
+    number: int
 
     @property
     def name(self) -> str:
-        """Return the controller's name."""
-        return self.spec.rpartition(":")[2]
+        """Return its name."""
+        return f"{self.world}-{self.number}"
 
     @property
-    def deserves(self) -> Adversary:
-        """Return what an adversary deserves on this bank."""
-        assert self.truth is not None
-        return self.truth.of(adversary_door.adversary(self.name), self.calibrated)
+    def is_simulated(self) -> bool:
+        """Return whether no picture of it is drawn."""
+        return self.world.startswith(SIMULATED)
 
     @property
-    def is_depth(self) -> bool:
-        """Return whether authority was said."""
-        return self.calibrated in {"depth", "depth_lateral"}
+    def seed(self) -> int:
+        """Return the seed of its first episodes, and of those who are asked about it."""
+        return FIRST_SEED + 10 * self.number
 
 
-def truths_on(simulator: str, number: int, folder: Path, specs: list[str]) -> dict[str, Truth]:
-    """Return what each adversary does on the pictures of a bank."""
-    kept = folder / f"truths-{simulator}-{number}.json"
-    names = [spec.rpartition(":")[2] for spec in specs if spec.startswith("python:")]
-    if not kept.is_file():
-        bank = folder / f"{simulator}-{number}"
-        adversary_door.turn_to(bank)
-        pictures = Pictures(open_bank(bank))
-        kept.write_text(json.dumps({name: asdict(find_truth(name, pictures)) for name in names}), encoding="utf-8")
-    found = json.loads(kept.read_text())
-    return {spec: Truth(**found[spec.rpartition(":")[2]]) for spec in specs if spec.startswith("python:")}
+def names_of(kind: str, bank: Bank) -> list[str]:
+    """Return who of a kind is tried on a bank; readers at both temperatures."""
+    if kind == "files" and bank.is_simulated:
+        return []
+    names = [one for one in KINDS[kind] if bank.world == "highway" or bank.is_simulated or one not in NOT_FORWARD]
+    return [name + cold for name in names for cold in (("", COLD) if kind in WARM_AND_COLD else ("",))]
 
 
-def write(said: dict[str, list[Said]], result: Path) -> int:
-    """Write and print what was called untruly, by simulator; returns the exit code.
+def opened(name: str, kind: str, seed: int) -> Adversary:
+    """Return a new controller, that remembers nothing."""
+    if kind == KNOWN:
+        return Adversary(CONTROLLERS[name].says, CONTROLLERS[name].decide)
+    return adversary_door.adversary(name) if kind in SHIPPED else open_stranger(name, seed)
 
-    What the file says of simulators that were not run now stays, with the commit at which they were.
-    """
-    command = ["git", "rev-parse", "HEAD"]
-    made = {
-        "eyechart": eyechart.__version__,
-        "date": dt.datetime.now(dt.UTC).date().isoformat(),
-        "commit": subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout.strip(),
+
+# simulated worlds
+
+
+def setting_of(frames: int) -> Setting:
+    """Return the setting of a simulated world of so many frames, its near lead where the banks' staging has it."""
+    made = Setting("frames_72", "8 episodes of 9 frames", episodes=2, frames=9)
+    found = {72: made, 144: SETTINGS["default"], 288: SETTINGS["frames_288"]}[frames]
+    return replace(found, lowest=STAGING >= BOXED)
+
+
+@cache
+def simulated_world(bank: Bank) -> World:
+    """Return a simulated world, whose frames bear the colour of their lead."""
+    world = make_world(setting_of(int(bank.world.rpartition("-")[2])), np.random.default_rng(bank.seed))
+    frames = []
+    for frame, one in zip(world.frames, world.shown["real"], strict=True):
+        reading = one.sight.reading if one else None
+        colour = paint(reading) if reading else None
+        frames.append(replace(frame, strata={**frame.strata, "lead_colour": colour}))
+    return replace(world, frames=tuple(frames))
+
+
+@cache
+def read(answer: Answer) -> Decision[str]:
+    """Return what a run reads of an answer."""
+    return DRIVING.read(answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop"))
+
+
+class Asking:
+    """A controller that is asked about a simulated world in stages, each in a random order, as a run asks."""
+
+    def __init__(self, one: Adversary, world: World, rng: random.Random) -> None:
+        self.one, self.world, self.rng, self.calls = one, world, rng, 0
+        self.given: dict[str, list[Decision[str] | None]] = {}
+
+    def ask(self, names: Iterable[str], may: Mapping[str, Sequence[bool]]) -> None:
+        """Ask about what some conditions show, of the frames of which that ``may`` be."""
+        keys = [
+            (name, number)
+            for name in names
+            for number, shown in enumerate(self.world.shown[name])
+            if shown is not None and may.get(name, (True,) * (number + 1))[number]
+        ]
+        self.rng.shuffle(keys)
+        for name, number in keys:
+            shown = self.world.shown[name][number]
+            assert shown is not None
+            column = self.given.setdefault(name, [None] * len(self.world.frames))
+            column[number] = read(self.one.decide(shown.sight, self.rng))
+        self.calls += len(keys)
+
+    def answers(self, name: str) -> Answers:
+        """Return its answers so far."""
+        decisions = {condition: tuple(column) for condition, column in self.given.items()}
+        return Answers(name, self.world.frames, DRIVING, LEAD_GAP, decisions)
+
+
+def sampled_frames(world: World, seed: int) -> dict[str, list[bool]]:
+    """Return of which frames the sampled controls may be asked."""
+    whole = {
+        name: tuple(None if one is None else read("SLOW") for one in column) for name, column in world.shown.items()
     }
-    found = json.loads(result.read_text(encoding="utf-8")) if result.is_file() else {}
-    misses = [one for one in found.get("misses", ()) if one.partition(":")[0] not in said]
-    for simulator, every in said.items():
-        mine, missed = _judge(every)
-        found[simulator] = made | {"banks": max(Counter(one.spec for one in every).values(), default=0)} | mine
-        misses += [f"{simulator}: {one}" for one in missed]
-    found["misses"] = misses
-    result.parent.mkdir(exist_ok=True)
-    result.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print("\n".join(misses) or "no claim is untrue more often than is promised")
-    return int(bool(misses))
+    few = sampled(Answers("", world.frames, DRIVING, LEAD_GAP, whole), seed).decisions
+    return {name: [one is not None for one in few[name]] for name in few if few[name] != whole[name]}
 
 
-def _judge(every: list[Said]) -> tuple[dict[str, object], list[str]]:
-    """Return what is written of one simulator, and what fell short of what is promised."""
-    tried, known = ([one for one in every if (one.truth is None) is which] for which in (False, True))
-    untrue: dict[str, dict[str, str]] = {}
-    misses = []
-    for claim, wanted in AGAINST.items():
-        wronged = [one for one in tried if one.deserves.may_be_wronged(claim)]
-        runs = Counter(one.name for one in wronged)
-        each = Counter(one.name for one in wronged if claim in one.deserves.is_false(one.calibrated, one.lateral))
-        untrue[claim] = {
-            "all": f"{each.total()} of {runs.total()}",
-            **{name: f"{count} of {runs[name]}" for name, count in each.items()},
-        }
-        misses += [f"{name} gets {claim} {count} times" for name, count in each.items() if count > 1]
-        if each.total() > max(1, wanted * runs.total()):
-            misses.append(f"{claim} untrue {each.total()} of {runs.total()}, wanted {wanted}")
-    readers = [one for one in tried if one.deserves.follows]
-    lost = Counter(one.name for one in readers if not one.is_depth)
-    hits = sum(one.calibrated == CONTROLLERS[one.name].declared.calibrated for one in known)
-    for what, right, of in (
-        ("readers of distance told so", len(readers) - lost.total(), len(readers)),
-        ("known answers right", hits, len(known)),
-    ):
-        if of and right / of < RIGHT:
-            misses.append(f"{what} {right} of {of}, wanted {RIGHT}")
-    called: dict[str, Counter[str]] = defaultdict(Counter)
-    for one in (*tried, *known):
-        called[one.name][f"{one.calibrated}/{one.lateral}"] += 1
-    return {
-        "adversaries": len({one.name for one in tried}),
-        "untrue": untrue,
-        "readers of distance": {"all": f"{len(readers) - lost.total()} of {len(readers)}", "lost": dict(lost)},
-        "known answers": f"{hits} of {len(known)}",
-        "called": {name: dict(counts) for name, counts in called.items()},
-    }, misses
+def judge_simulated(bank: Bank, name: str, kind: str) -> Row:
+    """Return what is said of a controller on a simulated world."""
+    begun, world = time.process_time(), simulated_world(bank)
+    found = judge_in_world(opened(name, kind, bank.seed), world, f"{bank.seed}/{name}", bank.seed)
+    row = replace(found, bank=bank.name, name=name, kind=kind)
+    return replace(row, seconds=round(time.process_time() - begun, 3))
+
+
+def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
+    """Return what is said of a new controller that is asked in stages, in an order and with coins of ``chance``."""
+    asking, may = Asking(one, world, random.Random(chance)), sampled_frames(world, seed)  # noqa: S311 - no secret
+    wanted = [name for name in world.shown if name not in CONTROLS]
+    supplied = asked_in_stages([name for name in CONTROLS if name in world.shown])
+    how, asked = Resampling(resamples=RESAMPLES, seed=seed, intervals=False), list[str]()
+    while wanted:
+        asking.ask(wanted, may)
+        asked += wanted
+        found = Found(Calibrated(asking.answers(chance), how))
+        wanted = list(verdicts.controls_wanted(found, supplied=supplied, asked=asked))
+    answers = asking.answers(chance)
+    statistics = statistics_of(answers, how)
+    lateral = verdicts.lateral_rules(statistics, answers.directions())
+    ruling = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral.label))[0]
+    places = getattr(ruling.statistic, "places", ()) if ruling.label == "partial_depth" else ()
+    return Row(
+        bank="",
+        name="",
+        kind="",
+        frames=len(world.frames),
+        label=ruling.label,
+        lateral=lateral.label,
+        decided_by=str(ruling.decided_by),
+        holes=tuple(f"{one.of} {one.name}" for one in places),
+        calls=asking.calls,
+        seconds=0.0,
+    )
+
+
+# banks of a simulator
+
+
+@dataclass
+class Door:
+    """A controller behind the door of a model; what it sees of a file was read once for all."""
+
+    one: Adversary
+    rng: random.Random
+    look: Look | None = None
+    version: str = "1"
+
+    def __post_init__(self) -> None:
+        """Begin without a fact."""
+        self.facts: dict[str, str] = {}
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer from the query's picture."""
+        said = self.look(query.image) if self.look else self.one.decide(adversary_door.see_frame(query.image), self.rng)
+        return said if isinstance(said, Reply) else Reply(text=said, finish_reason="stop")
+
+    async def close(self) -> None:
+        """Hold nothing, so let go of nothing."""
+
+
+def door_of(name: str, kind: str, seed: int) -> Opened:
+    """Return a controller as a model that is open already."""
+    pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
+    rng = random.Random(f"{seed}/{name}")  # noqa: S311 - no secret
+    look = partial(adversary_door.look, name) if pixels else None
+    return Opened(RequestMode(f"python:{name}"), Door(opened(name, kind, seed), rng, look))
+
+
+def judge_rendered(bank: Bank, named: Sequence[tuple[str, str]], folder: Path) -> Iterator[Row]:
+    """Yield what a real run says of some controllers, (name, kind) each, on a bank of a simulator."""
+    begun = time.process_time()
+    root, run = folder / f"{bank.name}-staging-{STAGING}", folder / f"run-{bank.name}"
+    seen = root.with_suffix(".sights")
+    if not root.exists():
+        seeds = (bank.seed, bank.seed + 1, bank.seed + 2)
+        open_bank_simulator(bank.world).build(root, seeds=seeds, steps=12)
+    adversary_door.turn_to(root)
+    adversary_door.recall(seen)
+    shutil.rmtree(run, ignore_errors=True)
+    models = [door_of(name, kind, bank.seed) for name, kind in named]
+    planned = battery.plan(root, models, run, seed=bank.seed, extent=battery.Extent(LIMIT, controls=None))
+    battery.run(planned)
+    adversary_door.keep(seen)
+    score = battery.score(run, resamples=RESAMPLES)
+    found = verdicts.judge(score)
+    seconds = (time.process_time() - begun) / len(named)
+    for name, kind in named:
+        one, model = found[f"python:{name}"], score.models[f"python:{name}"]
+        yield Row(
+            bank=bank.name,
+            name=name,
+            kind=kind,
+            frames=len(model.answers.frames),
+            label=one.calibrated.label,
+            lateral=one.lateral.label,
+            decided_by=str(one.calibrated.decided_by),
+            holes=tuple(f"{place.of} {place.name}" for place in one.holes),
+            calls=model.answered,
+            seconds=round(seconds, 3),
+        )
+    shutil.rmtree(run)
+
+
+# rows
+
+
+def measured(name: str, kind: str, pictures: Pictures) -> dict[str, object]:
+    """Return the truth of a controller in a world; of one that knows files what it declares."""
+    if name in adversary_door.FILES:
+        one = adversary_door.adversary(name)
+        says = {True: "depth", False: "no", None: "none"}
+        return {"says": says[one.follows], "turns": "no", "places": {}}
+    pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
+    look = name if pixels else ""
+    if look and not pictures.looked[0]:
+        look = next(iter(adversary_door.SIZES))
+    found = find_truth(partial(opened, name, kind, 1), pictures, look)
+    if name.endswith(COLD):  # what repeats counts in all; of the few pictures of a place it says what befell those
+        warm = find_truth(partial(opened, name.removesuffix(COLD), kind, 1), pictures)
+        found = replace(found, places=warm.places)
+    return found.plain()
+
+
+def main() -> int:
+    """Make the rows that are missing, count them, and write the result."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--worlds", default=WORLDS, help="how many fresh banks of each world")
+    options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first")
+    options.add_argument("--out", type=Path, default=ROOT / "build" / "adversaries", help="folder of banks and rows")
+    options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
+    given = options.parse_args()
+    folder = given.out.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    asked = [(world, int(count)) for world, _, count in (one.partition("=") for one in given.worlds.split(","))]
+    kept = Kept(folder)
+    for group in given.groups.split(","):
+        for world, count in asked:
+            for number in range(count):
+                make_rows(Bank(world, number), GROUPS[group], kept)
+                print(f"{group}: {world} {number + 1} of {count}", file=sys.stderr, flush=True)
+            write(kept.rows(), kept.truths, given.result)
+    return write(kept.rows(), kept.truths, given.result)
+
+
+class Kept:
+    """Rows and truths that are there, in two files to which each is appended as it comes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.code = folder, said_of(ROOT)
+        self._rows, self._truths = folder / "rows.jsonl", folder / "truths.jsonl"
+        found = [Row(**{**one, "holes": tuple(one["holes"])}) for one in map(json.loads, _lines(self._rows))]
+        self._found = {(one.bank, one.name): one for one in found}
+        of_truth = [one for one in map(json.loads, _lines(self._truths)) if one["code"] == self.code.truth]
+        self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth}
+
+    def has(self, bank: Bank, name: str) -> bool:
+        """Return whether there is a row of today's code."""
+        one = self._found.get((bank.name, name))
+        return one is not None and one.code == self.code.rules
+
+    def add(self, row: Row) -> None:
+        """Keep a row."""
+        made = replace(row, code=self.code.rules, date=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"))
+        self._found[made.bank, made.name] = made
+        _append(self._rows, asdict(made))
+
+    def require_truth(self, world: str, name: str, kind: str) -> None:
+        """Measure what a controller does in a world, where that is not known."""
+        if (world, name) not in self.truths:
+            found = measured(name, kind, _pictures(world, self.folder))
+            row = {"world": world, "name": name, "kind": kind, "code": self.code.truth, **found}
+            self.truths[world, name] = row
+            _append(self._truths, row)
+
+    def rows(self) -> list[Row]:
+        """Return all rows of today's code."""
+        return [one for one in self._found.values() if one.code == self.code.rules]
+
+
+@cache
+def _pictures(world: str, folder: Path) -> Pictures:
+    return pictures_of(world, folder)
+
+
+def _lines(file: Path) -> list[str]:
+    return file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+
+
+def _append(file: Path, row: Mapping[str, object]) -> None:
+    with file.open("a", encoding="utf-8") as opened_file:
+        opened_file.write(json.dumps(row) + "\n")
+
+
+def make_rows(bank: Bank, kinds: Sequence[str], kept: Kept) -> None:
+    """Make those rows of some kinds on a bank that are missing."""
+    named = [(name, kind) for kind in kinds for name in names_of(kind, bank)]
+    todo = [(name, kind) for name, kind in named if not kept.has(bank, name)]
+    for name, kind in named:
+        if kind != KNOWN:
+            kept.require_truth(SIMULATED if bank.is_simulated else bank.world, name, kind)
+    if bank.is_simulated:
+        for name, kind in todo:
+            kept.add(judge_simulated(bank, name, kind))
+        return
+    for first in range(0, len(todo), TOGETHER):
+        for row in judge_rendered(bank, todo[first : first + TOGETHER], kept.folder):
+            kept.add(row)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,10 @@ their coins, which fall in the order of the calls.
 
 import hashlib
 import os
+import pickle
 import random
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from eyechart.calibrate.adversaries import ADVERSARIES, REVERSED, Adversary, Rul
 from eyechart.calls import Reply
 from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
-from eyechart.models.scripted import Answer, Sight, see
+from eyechart.models.scripted import Answer, Reading, Sight, see
+from eyechart.spaces.scene import Other, Scene
 
 Ask = Callable[[str, bytes | None], Awaitable[str | Reply]]
 SHADES = ("STOP", "SLOW", "STRAIGHT")
@@ -44,29 +46,78 @@ def _key(pixels: np.ndarray) -> bytes:
     return hashlib.sha256(pixels[1:-1].tobytes()).digest()
 
 
+@dataclass(frozen=True, slots=True)
+class Painted:
+    """A reading with the number of its frame, and the lead's colour, which a bank or a world tells and no reader."""
+
+    scene: Scene
+    ego_colour: str
+    stripe_phase: float | None
+    place: int
+    lanes: int
+    lane_from_left: int
+    others: tuple[Other, ...]
+    flipped: bool | None
+    lead_colour: str
+
+    @classmethod
+    def of(cls, one: Reading, number: float | None, colour: str) -> "Painted":
+        """Return a reading of a frame of this number; without one it keeps the phase of its marks."""
+        kept = {name: getattr(one, name) for name in cls.__slots__ if name != "lead_colour"}
+        return cls(**kept | {"stripe_phase": one.stripe_phase if number is None else number}, lead_colour=colour)
+
+
 def see_frame(image: bytes | None) -> Sight:
     """Read a picture; the number of its frame stands for what tells one frame's road from another's.
 
     So a rule that is wrong on some of the frames is wrong on all pictures of these, in every world: where stripes are
-    seen forward, what hides them moves their phase by a little, and another phase is another frame to such a rule.
+    seen forward, what hides them moves their phase by a little, and another phase is another frame to such a rule. Each
+    bank has numbers of its own. A picture is read once.
     """
-    sight = see(image)
-    if sight.reading is None or image is None:
-        return sight
-    return _numbered(sight, image)
+    if image is None:
+        return Sight("no_picture", None)
+    digest = hashlib.sha256(image).digest()
+    if digest not in _NUMBERED:
+        _NUMBERED[digest] = _numbered(see(image), image)
+    return _NUMBERED[digest]
 
 
 def _numbered(sight: Sight, image: bytes) -> Sight:
-    if sight.file not in _NUMBERED:
-        number = frame_numbers().get(_key(decode(image, "the picture")))
-        assert sight.reading is not None
-        phase = sight.reading.stripe_phase if number is None else float(number)
-        _NUMBERED[sight.file] = replace(sight, reading=replace(sight.reading, stripe_phase=phase))
-    return _NUMBERED[sight.file]
+    if sight.reading is None:
+        return sight
+    number = frame_numbers().get(_key(decode(image, "the picture")))
+    first, colours = _bank_numbers()
+    phase, colour = (None, "") if number is None else (first + number, colours[number])
+    return replace(sight, reading=Painted.of(sight.reading, phase, colour))
+
+
+@cache
+def _bank_numbers() -> tuple[float, tuple[str, ...]]:
+    """Return the number of the bank's first frame, and the colours of its leads by frame."""
+    bank = open_bank(Path(os.environ["EYECHART_ADVERSARY_BANK"]))
+    first = 1000.0 * (1 + int(bank.manifest.fingerprint[:4], 16))
+    return first, tuple(str(frame.strata.get("lead_colour") or "") for frame in bank)
 
 
 _NUMBERED: dict[bytes, Sight] = {}
 """What was made of each file, by its digest."""
+_LOOKED: dict[bytes, dict[str, str]] = {}
+"""What the rules of the pixels answer to each file, by its digest."""
+
+
+def recall(file: Path) -> None:
+    """Know what was made of files before, as far as `keep` wrote it down."""
+    if file.is_file():
+        numbered, looked = pickle.loads(file.read_bytes())  # noqa: S301 - written by `keep`
+        _NUMBERED.update(numbered)
+        _LOOKED.update(looked)
+
+
+def keep(file: Path) -> None:
+    """Write down what was made of files, so that no other process decodes them."""
+    part = file.with_suffix(".part")
+    part.write_bytes(pickle.dumps((_NUMBERED, _LOOKED)))
+    part.replace(file)
 
 
 def turn_to(bank: Path) -> None:
@@ -75,7 +126,9 @@ def turn_to(bank: Path) -> None:
     frame_numbers.cache_clear()
     known_files.cache_clear()
     true_files.cache_clear()
+    _bank_numbers.cache_clear()
     _NUMBERED.clear()
+    _LOOKED.clear()
 
 
 @cache
@@ -173,10 +226,13 @@ async def _ask(rule: Rule, rng: random.Random, _: str, image: bytes | None) -> s
 
 
 def look(name: str, image: bytes | None) -> str:
-    """Return what a rule of the pixels alone, or of the size of a file, answers."""
+    """Return what a rule of the pixels alone, or of the size of a file, answers; a picture is decoded once."""
     if image is None:
         return "STOP"
-    return SIZES[name](image) if name in SIZES else PIXELS[name](decode(image, "the picture"))
+    digest = hashlib.sha256(image).digest()
+    if digest not in _LOOKED:
+        _LOOKED[digest] = looks(image)
+    return _LOOKED[digest][name]
 
 
 def looks(image: bytes | None) -> dict[str, str]:

@@ -1,159 +1,265 @@
-"""What an adversary does on the pictures of a bank: its true effects, wrong orders and changes, by asking it at length.
+"""What a controller does in truth: one thing is moved, in expectation per picture, and nothing is declared.
 
-The distances of its rule are the highway's. In another world, or where the bank shows few leads at some distance, the
-same rule may do less, or nothing at all. So what a verdict may say of it is taken from the bank that the verdict is of.
+``depth``: a lead near brakes harder than one far by .25 and more, of pairs of pictures of a frame whose distances are a
+factor of 1.5 apart less than .08 are the wrong way round, the mean curve rises by less than .15 of its span, less than
+.10 of the frames have a quarter of their pairs wrong, and a neighbour does at most half of what a lead does, or .1.
+``no``: below .10; .15 and more; .25 and more; .15 and more; .8 and more of a lead that does .2, or .2 where the lead
+does nothing. Between them nothing is asked. A third of the range that does nothing is ``no`` where a farther one does
+something: else the road is taken for free there. Turns have cuts of their own, see `Turns`.
 """
 
 import random
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from adversary_door import adversary, looks, see_frame
+from adversary_pictures import Floats, Ints, Pictures
 from eyechart.calibrate.adversaries import Adversary
-from eyechart.conditions import show
-from eyechart.frames import LEAD_GAP, MAIN, Frame, FrameBank
+from eyechart.calls import Reply
 from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
-from eyechart.studies.battery.controls import DISTANCES
 
-DRAWS = 96
-"""How often a rule with a coin is asked about a picture."""
-CLEARLY = 0.4
-"""Levels of braking by which the farther of two is braked for harder on the average, where the order is wrong."""
-SMALL, LARGE = 0.10, 0.30
-"""Below the one an effect, a share of frames or of changes is none to speak of; from the other on it is one."""
-DRAWN = (*DISTANCES, "lane_own", "lane_beside", "recoloured")
-ROADS = ("real", "shuffled", "cross_scenario", "mirrored", "nudged", *DRAWN)
-NO_ROADS = ("blank", "noise", "text_only")
-APART = 1.1
-"""Distances of a ratio below this are about the same."""
+DRAWS, CURVE_DRAWS = 48, 16
+"""How often a picture is asked about where chance or memory has a say, and one of the curve."""
+WARM = 3000
+"""Calls before the first that counts."""
+FEWEST, FEWEST_CURVES = 4, 20
+"""Frames below which a place has no truth, and below which a mean curve is not one: errors of few pictures raise it."""
+APART = 1.5
+THIRDS: Mapping[str, tuple[int, int, tuple[int, ...]]] = {
+    "near": (0, 6, (0,)),
+    "middle": (6, 11, (1, 2)),
+    "far": (11, 17, (3,)),
+}
+"""Which of the 17 distances, and which places of the exchange, are of each third of the range."""
+FAR = 15
+"""The first of the distances that count as far."""
+ACTIONS = {name: number for number, name in enumerate(DRIVING.actions)}
+LEVELS = np.array([*((DRIVING.project(name, "brake") or 0.0) / 2 for name in DRIVING.actions), 0.0])
+"""How hard each answer brakes, of 1; no answer does not."""
 
-Levels = NDArray[np.float64]
+Open = Callable[[], Adversary]
+Look = Callable[[int], str | None]
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Of pictures with one clear side the shares turned to it and to the other, of boxed ones the most in a third.
+
+    ``turns_clear``: a net share of .25 turned to the clear side, at most .08 of the turns to the other, at most .10 of
+    a third's boxed pictures turned. ``no``: below .10; .2 and more; .2 and more.
+    """
+
+    clear: float
+    blocked: float
+    boxed: float | None
+
+    @property
+    def says(self) -> str:
+        """Return the truth of its turns; nothing is asked of who hardly turns."""
+        if self.clear + self.blocked + (self.boxed or 0.0) < 0.02:
+            return "none"
+        wrong = self.blocked / max(self.clear + self.blocked, 1e-9)
+        if self.clear - self.blocked < 0.10 or wrong >= 0.2 or (self.boxed or 0) >= 0.2:
+            return "no"
+        good = self.clear - self.blocked >= 0.25 and wrong <= 0.08 and (self.boxed or 0) <= 0.10
+        return "turns_clear" if good else "none"
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is true on some frames: net effect, wrong pairs and frames with many, rise, effects of lead and other."""
+
+    net: float
+    wrong: float
+    frames: float
+    rise: float
+    ratios: tuple[tuple[float, float], ...]
+
+    @property
+    def says(self) -> str:
+        """Return depth, no, or none where nothing is asked."""
+        no = self.net < 0.10 or self.wrong >= 0.15 or self.rise >= 0.25 or self.frames >= 0.15
+        if no or any(_is_others(*one) for one in self.ratios):
+            return "no"
+        good = self.net >= 0.25 and self.wrong < 0.08 and self.rise < 0.15 and self.frames < 0.10
+        return "depth" if good and all(other <= max(lead / 2, 0.1) for lead, other in self.ratios) else "none"
+
+
+def _is_others(lead: float, other: float) -> bool:
+    return other >= 0.8 * lead if lead >= 0.2 else other >= 0.2
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Effects are wins less losses as a share of pairs; ``wrong`` is the share of frames whose order is wrong anywhere.
+    """What is true of all frames, of each place and third of the range, and of its turns.
 
-    ``changed`` is the share of answers that change with the picture of a road, beyond what its coin changes, in the
-    condition with the most; ``reacts`` the same with no road to be seen. None where the bank shows no such pair.
+    ``inside`` names the places in which most frames of a place are.
     """
 
-    near_far: float | None
-    own_beside: float | None
-    wrong: float | None
-    changed: float
-    reacts: float
-
-    def of(self, declared: Adversary, label: str) -> Adversary:
-        """Return what is declared, with what it does here in the place of what it does in general, to judge a label.
-
-        Who is called ``presence_only`` may answer otherwise where there is no road to see. No more is required of a
-        verdict than is declared.
-        """
-        most = self.changed if label == "presence_only" else max(self.changed, self.reacts)
-        follows = None if self.follows and not declared.follows else self.follows
-        return replace(declared, follows=follows, looks=True if most >= SMALL else None if most > 0 else False)
+    whole: Part
+    places: Mapping[str, str]
+    turns: Turns
+    inside: Mapping[str, tuple[str, ...]]
 
     @property
-    def follows(self) -> bool | None:
-        """Return whether its braking follows the distance of the lead; None between the two."""
-        if self.near_far is None or self.own_beside is None or self.wrong is None:
-            return None
-        least = min(self.near_far, self.own_beside)
-        if least < SMALL or self.wrong >= SMALL:
-            return False
-        return True if least >= LARGE else None
+    def says(self) -> str:
+        """Return the truth of its braking; where nothing moves it by the lead it is no."""
+        if max((lead for lead, _ in self.whole.ratios), default=0.0) < 0.15 and self.whole.net < 0.15:
+            return "no"
+        return self.whole.says
+
+    def plain(self) -> dict[str, object]:
+        """Return it as plain values."""
+        said = {"says": self.says, "turns": self.turns.says, "places": self.places, "inside": self.inside}
+        return said | asdict(self.whole) | asdict(self.turns)
 
 
-class Pictures:
-    """What a bank shows under each condition, made and read once for all adversaries; no sight where it lacks one."""
-
-    def __init__(self, bank: FrameBank) -> None:
-        frames = list(bank)
-        self.shown = {name: [_shown(name, frame, bank) for frame in frames] for name in (*ROADS, *NO_ROADS)}
-        self.distances = {
-            name: np.array([_number(frame.truth.get(column)) for frame in frames])
-            for name, column in {"real": LEAD_GAP.column, **DISTANCES}.items()
-        }
-
-
-def _shown(condition: str, frame: Frame, bank: FrameBank) -> tuple[Mapping[str, str], Sight | None]:
-    """Return what the rules of the pixels answer to a picture, for which it is decoded once, and what is seen in it."""
-    if condition in DRAWN and condition not in frame.counterfactuals:
-        return {}, None
-    image = show(condition, frame, bank, 0).images.get(MAIN)
-    return looks(image), see_frame(image)
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else np.nan
-
-
-def _answers(name: str, pictures: Pictures, condition: str, draws: int) -> NDArray[np.str_]:
-    """Return an adversary's answers (draws, frames), empty where there is no picture or no action in the answer."""
-    rng = random.Random(f"{name}/{condition}")  # noqa: S311 - no secret
-    return np.array([[_answer(name, *shown, rng) for _ in range(draws)] for shown in pictures.shown[condition]]).T
-
-
-def _answer(name: str, looked: Mapping[str, str], sight: Sight | None, rng: random.Random) -> str:
-    if sight is None:
-        return ""
-    if name in looked:
-        return looked[name]
-    answer = adversary(name).decide(sight, rng)
-    return answer if isinstance(answer, str) else ""
-
-
-def _levels(answers: NDArray[np.str_]) -> Levels:
-    known = {"": np.nan} | {action: DRIVING.project(action, "brake") for action in DRIVING.actions}
-    return np.vectorize(lambda one: 0.0 if known[one] is None else known[one], otypes=[float])(answers)
-
-
-def find_truth(name: str, pictures: Pictures) -> Truth:
-    """Return what an adversary does on these pictures."""
-    tried = _answers(name, pictures, "real", 4)
-    draws = DRAWS if (tried != tried[0]).any() else 1
-    answers = {condition: _answers(name, pictures, condition, draws) for condition in pictures.shown}
-    levels = {condition: _levels(one) for condition, one in answers.items()}
+def find_truth(open_one: Open, pictures: Pictures, look: str = "") -> Truth:
+    """Return what a controller does, a new one of which is opened; ``look`` names a rule of the pixels instead."""
+    answered = np.array([[ACTIONS[one[look]] for one in pictures.looked]]) if look else _asked(open_one(), pictures)
+    levels = np.nanmean(np.where(answered < -1, np.nan, LEVELS[answered]), axis=0)
     return Truth(
-        near_far=_net(levels["lead_near"], levels["lead_far"]),
-        own_beside=_net(levels["lane_own"], levels["lane_beside"]),
-        wrong=_wrong(levels, pictures.distances),
-        changed=max(_changed(answers, condition) for condition in ROADS[1:]),
-        reacts=max(_changed(answers, condition) for condition in NO_ROADS),
+        whole=_part(levels, pictures, np.arange(len(pictures.places))),
+        places=_places(levels, pictures),
+        turns=_turns(answered, pictures),
+        inside=_inside(pictures),
     )
 
 
-def _net(nearer: Levels, farther: Levels) -> float | None:
-    apart = np.sign(nearer - farther)
-    return float(np.nanmean(apart)) if (~np.isnan(apart)).any() else None
+def _asked(one: Adversary, pictures: Pictures) -> Ints:
+    """Return the numbers of a controller's answers, shape (passes, pictures), -1 for none and -2 where not asked.
+
+    Pictures come in a random order, each with other bytes; one that answers alike three times over is asked no more.
+    """
+    rng, sights = random.Random(5), pictures.sights  # noqa: S311 - no secret
+    few = np.setdiff1d(np.arange(len(sights)), pictures.curve.ravel()).tolist()
+    for number in range(WARM):
+        _answer(one, sights[rng.randrange(len(sights))], number, rng)
+    found: list[NDArray[np.int64]] = []
+    for turn in range(DRAWS):
+        order = list(range(len(sights))) if turn < CURVE_DRAWS else list(few)
+        rng.shuffle(order)
+        column = np.full(len(sights), -2)
+        for number in order:
+            column[number] = _answer(one, sights[number], turn, rng)
+        found.append(column)
+        if turn == 2 and (np.array(found) == found[0]).all():
+            break
+    return np.array(found)
 
 
-def _wrong(levels: Mapping[str, Levels], distances: Mapping[str, Levels]) -> float | None:
-    """Return the share of frames on which the farther of two pictures is clearly braked for harder."""
-    means = {name: one.mean(axis=0) for name, one in levels.items()}
-    pairs = (*pairwise(DISTANCES), ("lead_near", "lead_far"), ("lane_own", "lane_beside"))
-    reverse = [means[farther] - means[nearer] for nearer, farther in pairs]
-    for name in DISTANCES:
-        apart = np.log(distances[name] / distances["real"])
-        reverse.append(np.where(np.abs(apart) > np.log(APART), np.sign(apart) * (means[name] - means["real"]), np.nan))
-    table = np.array(reverse)
-    tested = ~np.isnan(table).all(axis=0)
-    return float((np.nan_to_num(table[:, tested], nan=-1.0) > CLEARLY).any(axis=0).mean()) if tested.any() else None
+def _answer(one: Adversary, sight: Sight, turn: int, rng: random.Random) -> int:
+    said = one.decide(Sight(sight.kind, sight.reading, b"%d/%d" % (id(sight), turn)), rng)
+    return ACTIONS.get(said.text if isinstance(said, Reply) else said, -1)
 
 
-def _changed(answers: Mapping[str, NDArray[np.str_]], condition: str) -> float:
-    """Return how much more often an answer differs from that to the true picture than two of those do."""
-    real, other = answers["real"], answers[condition]
-    have = (other != "").all(axis=0)
-    if not have.any():
+def _pairs(levels: Floats, at: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Ints]:
+    """Return which pairs of each frame's pictures are the wrong way round, which are told apart, and the nearer."""
+    near, far = np.array([(a, b) for a in range(len(at)) for b in range(len(at)) if at[b] > APART * at[a]]).T
+    apart = levels[:, near] - levels[:, far]
+    return apart < -0.2, np.abs(apart) > 0.2, near
+
+
+def _share(part: NDArray[np.bool_], of: NDArray[np.bool_]) -> float:
+    return float(part.sum() / max(of.sum(), 1))
+
+
+def _part(levels: Floats, pictures: Pictures, frames: Ints) -> Part:
+    """Return what is true on some frames."""
+    grid = levels[pictures.grid[frames]]
+    wrong, told, _ = _pairs(grid, np.geomspace(1, 11.27, grid.shape[1]))
+    of_frame = wrong.sum(axis=1) / np.maximum(told.sum(axis=1), 1)
+    return Part(
+        net=float(grid[:, 2:4].mean() - grid[:, FAR:].mean()),
+        wrong=_share(wrong, told),
+        frames=float((of_frame >= 0.25).mean()),
+        rise=_rise(levels, pictures, frames),
+        ratios=_ratios(levels, pictures, frames),
+    )
+
+
+def _rise(levels: Floats, pictures: Pictures, frames: Ints) -> float:
+    """Return the greatest rise of the mean curve over its span, three distances averaged."""
+    rows = pictures.curve[np.isin(pictures.of_curve, frames)]
+    if len(rows) < FEWEST_CURVES:
         return 0.0
-    apart = float((real != other)[:, have].mean())
-    coin = float((real != np.roll(real, 1, axis=0))[:, have].mean()) if len(real) > 1 else 0.0
-    chance = 2.5 * np.sqrt(0.25 / real[:, have].size) if len(real) > 1 else 0.0
-    return max(0.0, float(apart - coin - chance))
+    curve = np.nanmean(np.where(rows < 0, np.nan, levels[rows]), axis=0)
+    smooth = np.convolve(curve[~np.isnan(curve)], np.ones(3) / 3, "valid")
+    risen = smooth - np.minimum.accumulate(smooth)
+    return float(risen.max() / max(float(np.ptp(smooth)), 0.05))
+
+
+def _ratios(levels: Floats, pictures: Pictures, frames: Ints) -> tuple[tuple[float, float], ...]:
+    """Return the effects of a lead and of a neighbour at the places of the exchange where enough frames show it."""
+    found = []
+    for rows in pictures.exchange[:, frames]:
+        whole = rows[(rows >= 0).all(axis=1)]
+        if len(whole) >= FEWEST:
+            own, other, apart = levels[whole].mean(axis=0)
+            found.append((float(own - apart), float(other - apart)))
+        else:
+            found.append((0.0, 0.0))
+    return tuple(found)
+
+
+def _frames(pictures: Pictures) -> dict[str, Ints]:
+    """Return the frames of each scenario and stratum that has enough, by what and which."""
+    every = dict.fromkeys(f"{of} {name}" for place in pictures.places for of, name in place.items())
+    said = [{f"{of} {name}" for of, name in place.items()} for place in pictures.places]
+    found = {name: np.array([number for number, mine in enumerate(said) if name in mine]) for name in every}
+    return {name: frames for name, frames in found.items() if len(frames) >= FEWEST}
+
+
+def _inside(pictures: Pictures) -> dict[str, tuple[str, ...]]:
+    frames = _frames(pictures)
+    return {
+        name: tuple(other for other in frames if other != name and np.isin(mine, frames[other]).mean() >= 0.8)
+        for name, mine in frames.items()
+    }
+
+
+def _places(levels: Floats, pictures: Pictures) -> dict[str, str]:
+    """Return the truth of each scenario, stratum and third, by what and which."""
+    found = {name: _part(levels, pictures, frames).says for name, frames in _frames(pictures).items()}
+    return found | {f"third {name}": says for name, says in _thirds(levels, pictures).items()}
+
+
+def _thirds(levels: Floats, pictures: Pictures) -> dict[str, str]:
+    grid, every = levels[pictures.grid], np.arange(len(pictures.places))
+    wrong, told, nearer = _pairs(grid, np.geomspace(1, 11.27, grid.shape[1]))
+    ratios, far, found = _ratios(levels, pictures, every), float(grid[:, FAR:].mean()), dict[str, str]()
+    net = {name: float(grid[:, first:last].mean()) - far for name, (first, last, _) in THIRDS.items()}
+    for name, (first, last, places) in THIRDS.items():
+        own = (nearer >= first) & (nearer < last)
+        share, mine = _share(wrong[:, own], told[:, own]), [ratios[one] for one in places]
+        beyond = any(net[other] >= 0.10 for other, (begins, _, _) in THIRDS.items() if begins > first)
+        if share >= 0.15 or any(_is_others(*one) for one in mine) or (net[name] < 0.10 and beyond):
+            found[name] = "no"
+        else:
+            good = net[name] >= 0.25 and share < 0.08 and all(other <= max(lead / 2, 0.1) for lead, other in mine)
+            found[name] = "depth" if good else "none"
+    return found
+
+
+def _turns(answered: Ints, pictures: Pictures) -> Turns:
+    """Return how it turns, over all pictures of the range."""
+    grid, left, right = pictures.grid, ACTIONS["LEFT"], ACTIONS["RIGHT"]
+    scenes = [pictures.sights[number].reading for number in grid.ravel()]
+    sides = np.array([(one.scene.left_clear, one.scene.right_clear) for one in scenes if one]).reshape(*grid.shape, 2)
+    lefts, rights = ((answered == side).mean(axis=0)[grid] for side in (left, right))
+    one_left, one_right = sides[..., 0] & ~sides[..., 1], ~sides[..., 0] & sides[..., 1]
+    one = max(int((one_left | one_right).sum()), 1)
+    boxed = ~sides.any(axis=-1)
+    turned = [
+        float((lefts + rights)[:, first:last][boxed[:, first:last]].mean())
+        for first, last, _ in THIRDS.values()
+        if boxed[:, first:last].sum() >= FEWEST
+    ]
+    return Turns(
+        clear=float((lefts[one_left].sum() + rights[one_right].sum()) / one),
+        blocked=float((rights[one_left].sum() + lefts[one_right].sum()) / one),
+        boxed=max(turned, default=None),
+    )

@@ -297,6 +297,7 @@ def plan(
     Of a bank that says what a motion is, what it can decide about a policy.
     Example: eyechart plan bank --model scripted:depth
     """
+    from eyechart.cli.terminal import print_each
     from eyechart.frames import open_bank
     from eyechart.models import open_model
     from eyechart.studies.battery.power import power_of
@@ -312,6 +313,7 @@ def plan(
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
+    print_each([found.table()], 160)
     for line in found.lines(specs):
         print_line(line)
 

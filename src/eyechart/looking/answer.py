@@ -90,7 +90,11 @@ class Look(Written):
     def markdown(self) -> str:
         """Return two tables, as the page of a job shows them: the answer, and what came of the three pictures."""
         said = " ".join([self.because, *self.holes])
-        rows = [("looks?", "who", "because"), ("---",) * 3, (f"**{self.answer}**", f"`{self.spec}`", said)]
+        rows: list[tuple[str, ...]] = [
+            ("looks?", "who", "because"),
+            ("---",) * 3,
+            (f"**{self.answer}**", f"`{self.spec}`", said),
+        ]
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
             rows += [(one.shows, one.words) for one in self.pictures]

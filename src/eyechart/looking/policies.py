@@ -29,20 +29,13 @@ from eyechart.studies.policy import Extent, PolicyScore
 from eyechart.studies.policy.planning import PolicyRun
 from eyechart.studies.policy.scoring import judge
 from eyechart.studies.policy.settling import settling
-from eyechart.verdicts.channels import CAMERA_LABELS, MISFIT, PolicyVerdict
+from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.verdicts.labels import CAMERA
 
 _SELDOM = 1_000_000
 """Of an episode every so many frames are taken for a try: its first one."""
 MOTION_AXES = 2
 
-ANSWERS = {
-    "object_grounded": "Yes",
-    "camera_content": "Yes",
-    "pose_only": "In part",
-    "camera_presence": "No",
-    "ignores_camera": "No",
-}
-"""What each label of the cameras answers to whether a policy looks; any other is inconclusive."""
 
 SHOWN = {
     f"T.swapped@{CAMERAS}": "another episode's pictures",
@@ -146,9 +139,7 @@ class PolicyLook:
         because = _because(verdict)
         if calls > finished:
             because = f"The run is not finished: {stopped or f'{finished} of {calls} calls'}."
-        answer = (
-            "Inconclusive" if verdict.guards or calls > finished else ANSWERS.get(verdict.camera.label, "Inconclusive")
-        )
+        answer = "Inconclusive" if verdict.guards or calls > finished else verdict.answer
         write_report(wanted, self.bank, self.watch, asked=asked)
         return Look(
             spec,
@@ -176,7 +167,7 @@ def _because(verdict: PolicyVerdict) -> str:
     """Return what decided, or which guard failed; of what does something else than was logged, that it does."""
     if verdict.guards:
         return verdict.because
-    said = f"{CAMERA_LABELS[verdict.camera.label]} {verdict.camera.because}"
+    said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
     if verdict.misfit is not None and verdict.misfit >= MISFIT:
         said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
     return said
@@ -184,7 +175,7 @@ def _because(verdict: PolicyVerdict) -> str:
 
 def _holes(verdict: PolicyVerdict) -> Iterator[str]:
     """Yield the cameras that could be another episode's where others decide."""
-    if not verdict.guards and ANSWERS.get(verdict.camera.label) in {"Yes", "In part"}:
+    if not verdict.guards and verdict.answer in {"Yes", "In part"}:
         ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
         yield from (f"Not by the {name} camera: that could be another episode's." for name in ignored)
 
