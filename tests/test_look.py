@@ -23,8 +23,9 @@ from eyechart.manifest import LEDGER, read_manifest
 from eyechart.modes import read_mode
 from eyechart.simulators import open_bank_simulator
 from eyechart.testing import assert_looks
+from faults import Loopback
 from known import Demo
-from seeing import served
+from seeing import Endpoint, OllamaEndpoint, served
 from stand_ins import rows_in
 
 ANSWERS = ("Yes.", "In part.", "No.", "Inconclusive.")
@@ -142,6 +143,19 @@ def test_drawn_pictures_are_asked_once_and_the_mode_is_kept(small: Path, here: P
         assert len(ledger.finished()) + (mode.measured.calls or 0) == before
 
 
+def test_a_model_of_ollama_is_looked_at_over_its_own_api(small: Path, here: Path) -> None:
+    """One that sees is asked as its mode says; one without its vision part is inconclusive, with the cause."""
+    stand_in = OllamaEndpoint()
+    with Loopback(stand_in.app()) as at:
+        words = ("ollama:llava", "--base-url", f"http://127.0.0.1:{at.port}", "--frames", small)
+        assert "no cost" in look(*words).stderr
+        assert read_manifest(here / "looks/ollama-llava/run").mode("ollama:llava").measured is not None
+        stand_in.endpoint, stand_in.capabilities = Endpoint(sees=False), ["completion"]
+        said = flat(screen(*words, "--out", "blind", code=2))
+    assert said.startswith("Inconclusive. Nothing was asked about the frames")
+    assert "its capabilities are completion" in said
+
+
 def test_photographs_and_a_table_are_enough(here: Path) -> None:
     """Sixty without the other pictures: it uses the picture, and distance is said to be not tested."""
     table = photographs.rows(drives=6, ticks=10, places=("yard", "hall", "lane"))
@@ -225,7 +239,7 @@ def test_a_policy_on_the_tabletop_looks(here: Path) -> None:
     assert said.startswith("Yes. ")
     assert "another episode's pictures changes" in said
     assert "of its motion [" in said
-    assert "eyechart gate looks/trained-sees/run" in said
+    assert "eyechart gate looks/trained-sees/run --require looks" in said
     nothing = flat(screen("faulty_arms:with_batch", "--frames", bank.root, code=2))
     assert "It does not answer as a policy on this bank" in nothing
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from eyechart.errors import SpecError, finite_number, raising
+from eyechart.errors import SourceError, SpecError, finite_number, raising
 from eyechart.importing.bank import Choices, import_table
 from eyechart.importing.lerobot import Ahead, import_lerobot, read_dataset
 from eyechart.loops import Progress
@@ -24,6 +24,9 @@ SEEDS = (0, 1, 2)
 
 TAKEN = 300
 """About so many frames are taken of a data set: every Nth, so that all of its episodes are among them."""
+
+
+_LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ class Pictures:
             frames = sum(read_dataset(self.dataset, None, every=True).episodes.lengths.values())
             ahead, every = None if steps is None else Ahead(steps), max(1, frames // TAKEN)
             own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
-            import_lerobot(self.dataset, place, own, ahead=ahead, progress=move)
+            with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
+                import_lerobot(self.dataset, place, own, ahead=ahead, progress=move)
         elif steps is None:
             open_bank_simulator(WORLD).build(place, seeds=SEEDS, steps=STEPS, progress=move)
         else:

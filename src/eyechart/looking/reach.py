@@ -7,6 +7,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.run import spread
 from eyechart.studies.battery.odds import NOISE, odds_of
+from eyechart.studies.battery.reach import reach_of
 
 POWER = 0.80
 SMALL = 216
@@ -15,44 +16,60 @@ GROWTH = 1.5
 LEAST = 8
 """With fewer frames nothing is told from chance."""
 _DRAWS = 200
+STANDS_FOR: Mapping[str, tuple[str, ...]] = {
+    "Yes": ("depth",),
+    "In part": ("content", "depth_associated", "partial_depth"),
+    "No": ("image_invariant",),
+}
+"""The labels by which it is known whether a bank can give an answer; one of them is enough."""
 
 
 @dataclass(frozen=True)
-class Reach:
-    """How often each answer is found on so many frames of a bank; None where the bank has not what it needs."""
+class Sized:
+    """How often each answer is found on so many frames of a bank, and of each that cannot be given what is missing.
+
+    The power is that of the label that stands for the answer, None where nobody knows it.
+    """
 
     frames: int
-    found: Mapping[str, float | None]
+    power: Mapping[str, float | None]
+    lacking: Mapping[str, str]
 
     @classmethod
-    def of(cls, bank: FrameBank, frames: int) -> "Reach":
-        """Return the reach of so many frames of a bank, of models that disagree with themselves as is planned for."""
-        odds = odds_of(replace(bank, frames=spread(bank.frames, frames)), draws=_DRAWS)
-        return cls(frames, {"Yes": odds.depth["1"], "No": odds.image_invariant})
+    def of(cls, bank: FrameBank, frames: int) -> "Sized":
+        """Return this of so many frames of a bank, of models that disagree with themselves as is planned for."""
+        some = replace(bank, frames=spread(bank.frames, frames))
+        odds = odds_of(some, draws=_DRAWS)
+        lacking, reached = {}, reach_of(some)
+        for name, labels in STANDS_FOR.items():
+            each = [one for one in reached if one.label in labels]
+            if not any(one.reached for one in each):
+                more = f"; {each[0].words}" if each[0].more is not None else ""
+                lacking[name] = f"{each[0].lacks}{more}"
+        return cls(frames, {"Yes": odds.depth["1"], "In part": None, "No": odds.image_invariant}, lacking)
 
     @property
     def is_whole(self) -> bool:
         """Return whether every answer that the bank can give at all is found often enough."""
-        return all(one is None or one >= POWER for one in self.found.values())
+        return all(one is None or one >= POWER for name, one in self.power.items() if name not in self.lacking)
 
     def lines(self) -> Iterator[str]:
         """Yield which answers are in reach, and which are not and why."""
-        held = [f"{name} ({one:.2f})" for name, one in self.found.items() if one is not None and one >= POWER]
+        able = {name: one for name, one in self.power.items() if name not in self.lacking}
+        rare = {name: one for name, one in able.items() if one is not None and one < POWER}
+        held = [name if one is None else f"{name} ({one:.2f})" for name, one in able.items() if name not in rare]
         if held:
             yield f"in reach on {self.frames} frames, with its power at a noise floor of {NOISE:g}: {', '.join(held)}"
-        for name, one in self.found.items():
-            if one is None:
-                lacks = "the bank has no pictures of one moment with what is ahead near and far" * (name == "Yes")
-                yield f"out of reach: {name}: {lacks or 'the bank has nothing to exchange a frame for'}"
-            elif one < POWER:
-                yield f"out of reach: {name}: found {one:.2f} of the time on {self.frames} frames; more frames find it"
+        yield from (f"out of reach: {name}: {why}" for name, why in self.lacking.items())
+        for name, one in rare.items():
+            yield f"out of reach: {name}: found {one:.2f} of the time on {self.frames} frames; more frames find it"
 
 
-def fewest(bank: FrameBank, most: int) -> Reach:
+def fewest(bank: FrameBank, most: int) -> Sized:
     """Return the reach of the fewest frames on which every answer is in reach; of ``most`` where none is fewer."""
     frames = min(SMALL, most)
     while True:
-        found = Reach.of(bank, frames)
+        found = Sized.of(bank, frames)
         if found.is_whole or frames == most:
             return found
         frames = min(most, round(frames * GROWTH))

@@ -1,0 +1,49 @@
+"""A look at a LeRobotDataset: a policy's steps are found out by asking it, and a model sees its one camera."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from data_sets import arm, lerobot, reach
+from eyechart.cli.app import app
+from eyechart.frames import open_bank
+
+pytestmark = pytest.mark.models
+
+
+def test_a_policy_is_asked_with_as_many_steps_as_it_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And once more nothing is asked, nor is it tried again."""
+    monkeypatch.chdir(tmp_path)
+    reach(tmp_path / "set", {}, changes=True)
+    words = ["look", "brakers:four_steps", "--dataset", "set"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code in {0, 1, 2}, done.output
+    assert done.stdout.startswith(("Yes. ", "In part. ", "No. ", "Inconclusive. "))
+    assert "another episode's pictures" in done.stdout
+    bank = open_bank(tmp_path / "looks/python-brakers-four_steps/bank")
+    assert bank.manifest.motion is not None
+    assert bank.manifest.motion.shape == (4, 2)
+    again = CliRunner().invoke(app, words)
+    assert again.stdout == done.stdout
+    assert "at most 0 calls" in again.stderr
+
+
+def test_a_kind_of_motions_that_is_not_told_leads_to_the_long_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The import says which option it needs, and the look where that is given."""
+    monkeypatch.chdir(tmp_path)
+    arm(tmp_path / "set", inside=False)
+    done = CliRunner().invoke(app, ["look", "brakers:four_steps", "--dataset", "set"])
+    assert "say it with --kind delta" in str(done.exception)
+    assert "make the bank with 'eyechart frames import'" in str(done.exception)
+
+
+def test_a_model_is_asked_about_the_camera_of_a_data_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A SPEC of a served model or a scripted one is a controller, with or without a data set."""
+    monkeypatch.chdir(tmp_path)
+    lerobot(tmp_path / "set")
+    done = CliRunner().invoke(app, ["look", "scripted:constant", "--dataset", "set"])
+    assert done.stdout.startswith("No. Its decisions do not come from the camera"), done.output
+    assert len(open_bank(tmp_path / "looks/scripted-constant/bank")) == 80
