@@ -61,7 +61,7 @@ from eyechart.stats.total_effect import (
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
 from eyechart.verdicts.channels import CONSTANT
-from eyechart.verdicts.uses import IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
+from eyechart.verdicts.uses import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -287,10 +287,10 @@ class Effects:
     @cached_property
     def _by_bytes(self) -> Floats | None:
         """Return the answers to pictures with one value one level off, of whom this changes something; else None."""
-        pairs = self.pairs("nudged")
-        if isinstance(pairs, str) or not self._whole_variation > 0:
+        found = self.total("nudged")
+        if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
             return None
-        return self._motions.of("nudged") if pairs[0].values.mean() >= LEAST_NOISE * self._whole_variation else None
+        return self._motions.of("nudged")
 
     @cached_property
     def _sees_grey(self) -> bool:
