@@ -237,15 +237,16 @@ def test_who_remembers_or_answers_by_bytes_is_inconsistent(
 
 
 def test_places_are_said_of_the_state_as_they_are(tmp_path: Path) -> None:
-    """One that never gets its state does not use it, and one that goes along with it does not ignore it."""
+    """One that never gets its state ignores it, declared or not, and one that goes along with it does not."""
     bank = arm_bank(tmp_path / "arm", episodes=12, kind="absolute")
     names = ("places", "unplugged", "carried")
     free, declared, along = (judged(bank, tmp_path / name, name).state for name in names)
-    assert free.label == along.label == "undecided"
+    assert (free.label, along.label) == ("ignores_state", "undecided")
     assert (declared.label, declared.by) == ("ignores_state", "reads@state")
     assert declared.responds is not None
     assert declared.responds.value == 0
     assert "changes not one bit" in free.because
+    assert "changes not one bit" not in declared.because
     assert "places that go along with it" in along.because
 
 

@@ -193,10 +193,10 @@ def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(ban
         ("other_key_declared", {"instruction"}),
     ],
 )
-def test_a_channel_that_does_not_arrive_is_not_said_to_be_ignored(
+def test_a_channel_that_does_not_arrive_is_said_to_be_so_before_what_was_not_asked(
     bank: FrameBank, tmp_path: Path, name: str, unreached: set[str]
 ) -> None:
-    """That not a bit changes is no work of a network; the axes of what is dropped are open, and say why."""
+    """That not a bit changes is said first, where the axis is open because the run left controls out."""
     spec, out = f"python:faulty_arms:{name}", tmp_path / "run"
     policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES, extent=Extent(answers=2)))
     verdict = judge(policy.score(out))[spec]

@@ -186,12 +186,12 @@ def test_a_chart_does_not_say_what_its_label_does_not() -> None:
 
 def test_the_page_says_in_a_sentence_who_looks() -> None:
     """In the order in which policies stand, each by its name where they are few."""
-    few = [("a", "sees"), ("b", "deaf"), ("c", "sees"), ("d", "none")]
+    few = [("a", "Yes"), ("b", "deaf"), ("c", "Yes"), ("d", "none")]
     assert (
         in_a_sentence(few) == "Of 4 policies, 2 look (a, c), 1 looks but does not listen (b) and 1 gets no verdict (d)."
     )
-    assert in_a_sentence([*few, ("e", "blind")]).endswith("1 gets no verdict and 1 does not look.")
-    assert in_a_sentence([("a", "blind"), ("b", "blind")]) == "Of 2 policies, 2 do not look (a, b)."
+    assert in_a_sentence([*few, ("e", "No")]).endswith("1 gets no verdict and 1 does not look.")
+    assert in_a_sentence([("a", "No"), ("b", "No")]) == "Of 2 policies, 2 do not look (a, b)."
 
 
 @pytest.fixture(scope="module")

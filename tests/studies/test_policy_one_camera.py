@@ -24,6 +24,7 @@ def test_the_camera_has_its_label_and_its_share(tmp_path: Path) -> None:
     policy.run(planned)
     found = json.loads(CliRunner().invoke(app, ["verdict", str(tmp_path / "run"), "--json"]).stdout)["policies"][spec]
     assert list(found)[:7] == ["camera", "cameras", "state", "instruction", "guards", "because", "channels"]
+    assert list(found)[7:9] == ["answer", "holes"]
     assert found["cameras"] == {"front": found["camera"]}
     assert set(found["channels"]) == {"cameras", "camera:front", "state", "instruction"}
     assert found["channels"]["camera:front"] == found["channels"]["cameras"]

@@ -141,8 +141,6 @@ class PolicyVerdict:
         ``holes`` are the places where what the answer says does not hold; of a policy none is looked for.
         """
         return {
-            "answer": self.answer,
-            "holes": [],
             "camera": self.camera.label,
             "cameras": {name: one.label for name, one in self.cameras.items()},
             "state": self.state.label,
@@ -150,6 +148,8 @@ class PolicyVerdict:
             "guards": list(self.guards),
             "because": self.because,
             "channels": {name: picked(one, "T=value ci n") for name, one in self.channels.items()},
+            "answer": self.answer,
+            "holes": [],
             "axes": plain(self.axes),
             **picked(self, "scope remarks"),
         }
