@@ -335,8 +335,8 @@ def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike:
                 words = (
                     f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
                 )
-                than = f"where the probe's picture added {found.image_tokens}"
-                return Guard("picture", False, f"pictures were dropped on the way: {words}, {than}")
+                words = f"{words}, where the probe's picture added {found.image_tokens}"
+                return Guard("picture", False, f"pictures were dropped on the way: {words}")
     if found is not None and found.sees_image is not None and not unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"

@@ -38,6 +38,8 @@ def test_a_limit_a_minute_passes_however_it_speaks_of_billing(body: object) -> N
         ("Please try again in 7m12s.", 432.0),
         ("Please try again in 260ms.", 0.26),
         ("wait for 2 min", 120.0),
+        ("Please try again in 24 hours.", 86400.0),
+        ("Please retry in 30 milliseconds", 0.03),
         ("Please try again in 1h2m3s", 3723.0),
         ("Please try again in 5m", 300.0),
     ],

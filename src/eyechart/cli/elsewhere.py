@@ -72,7 +72,7 @@ def import_(
 ) -> None:
     """Make a battery's run of answers to 'eyechart frames export' that were made elsewhere.
 
-    A table's columns are call, frame, condition and repeat as they were exported, text, and, where they are known,
+    A table's columns are call and repeat as they were exported, text, and, where they are known,
     finish_reason, error, served, prompt_tokens, completion_tokens, seconds and cost_usd. A log of Inspect AI is that
     of the task eyechart/battery. Options are those of the export. All faults are named at once, and then nothing is
     written. Answers that come later go into the same run by the same command. Exit 1: calls are without an answer.

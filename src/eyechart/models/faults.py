@@ -184,7 +184,7 @@ _AGAIN = frozenset(
 _WAIT = pattern(
     r"\b(?:retry(?:ing)?|try(?:ing)? again|wait)(?: \w+){0,3}? (?:in|after|for|at least) (?:about )?"
     r"(?:(\d{1,4})h)?(?:(\d{1,4})m(?!s))?"
-    r"(?:(\d{1,9}(?:\.\d{1,9})?) ?(ms|millisecond|s\b|sec|min)?)?",
+    r"(?:(\d{1,9}(?:\.\d{1,9})?) ?(ms|millisecond|s\b|sec|min|hour|day)?)?",
     re.IGNORECASE,
 )
 """How words say after which time to ask again: "Please retry in 45.8s", "try again in 7m12s"."""
@@ -264,8 +264,10 @@ def _said_s(text: str) -> float | None:
     if wait is None or not any(wait.groups()[:3]):
         return None
     hours, minutes, rest, unit = wait.groups()
-    scale = {"m": 0.001, "s": 1.0}.get((unit or "s")[0].lower(), 1.0) if (unit or "").lower() != "min" else 60.0
-    return 3600 * float(hours or 0) + 60 * float(minutes or 0) + scale * float(rest or 0)
+    return 3600 * float(hours or 0) + 60 * float(minutes or 0) + _SCALES[(unit or "s").lower()] * float(rest or 0)
+
+
+_SCALES = {"ms": 0.001, "millisecond": 0.001, "s": 1.0, "sec": 1.0, "min": 60.0, "hour": 3600.0, "day": 86400.0}
 
 
 def _seconds(value: object, parts: int) -> float | None:
