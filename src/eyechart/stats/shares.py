@@ -75,7 +75,8 @@ Kind = TypeVar("Kind", bound=Statistic)
 
 def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
     """Return a statistic as one of another kind, with the fields that both have and further numbers."""
-    return kind(**{name: getattr(one, name) for name in _shared(type(one), kind)} | numbers)
+    both = _shared(type(one), kind)  # type: ignore[arg-type]  # a class is hashable
+    return kind(**{name: getattr(one, name) for name in both} | numbers)
 
 
 @cache
