@@ -13,10 +13,9 @@ BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "adversarial_runs.py"
 
 
 def test_no_adversary_earns_what_it_does_not_deserve(tmp_path: Path) -> None:
-    """On 72 frames; readers of distance are told so, and the known answers are right."""
+    """On 144 frames; readers of distance are told so, and the known answers are right."""
     result = tmp_path / "adversaries.json"
-    bank = ["--banks", "highway=1", "--steps", "6"]
-    command = [sys.executable, BENCHMARK, *bank, "--out", tmp_path / "runs", "--result", result]
+    command = [sys.executable, BENCHMARK, "--banks", "highway=1", "--out", tmp_path / "runs", "--result", result]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert result.is_file(), done.stderr
     found = json.loads(result.read_text(encoding="utf-8"))["highway"]
