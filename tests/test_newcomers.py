@@ -41,7 +41,7 @@ def benchmarks() -> ModuleType:
 @pytest.fixture(scope="module")
 def truths(benchmarks: ModuleType) -> Truths:
     """Return the truth of every newcomer in the simulated world, of readers at both temperatures."""
-    pictures = benchmarks.simulated()
+    pictures = importlib.import_module("adversary_pictures").simulated()
     return {
         (name, temperature): benchmarks.find_truth(partial(one.open, temperature, 3), pictures).plain()
         for kind, ones in NEWCOMERS.items()
