@@ -377,8 +377,9 @@ class Kept:
             _append(self._truths, row)
 
     def rows(self) -> list[Row]:
-        """Return all rows of today's code."""
-        return [one for one in self._found.values() if one.code == self.code.rules]
+        """Return all rows of today's code and of who is tried today."""
+        tried = {name + cold for names in KINDS.values() for name in names for cold in ("", COLD)}
+        return [one for one in self._found.values() if one.code == self.code.rules and one.name in tried]
 
 
 @cache
