@@ -33,6 +33,13 @@ RESULT = Path(__file__).parent / "results" / "power.json"
 FRAMES, NOISES, WITHIN = (36, 72, 144, 288), (0.05, 0.11, 0.22), 0.05
 DRAWN = tuple(name for name in OF_BANKS if "counterfactual" in CONDITIONS[name].needs)
 ABSENCES = ("image_invariant", "presence_only")
+PLACED = {
+    **dict.fromkeys(("lead_near", "lead_near_nudged"), "lead_near_m"),
+    **dict.fromkeys(("lead_far", "exchange_apart", "exchange_beside"), "lead_far_m"),
+    **dict.fromkeys(("lead_drawn", "lead_drawn_nudged"), "lead_drawn_m"),
+    **dict.fromkeys(("exchange_own", "exchange_own_nudged"), "exchange_m"),
+}
+"""Where the lead is in each picture that depth compares, by the column that says so."""
 KINDS = (*ABSENCES, *(f"{label}@{share:g}" for share in READS for label in ("depth", "depth_associated")))
 BATCH = 50
 
@@ -56,12 +63,9 @@ def bank_of(frames: int) -> FrameBank:
     rng, made = np.random.default_rng(1), []
     for number in range(frames):
         scenario, episode = number % 4, number % 12
-        truth = {
-            "lane_near_m": float(rng.uniform(7, 9)),
-            "lane_far_m": float(rng.uniform(50, 60)),
-            "lead_mid_near_m": float(np.exp(rng.uniform(np.log(9.1), np.log(20)))),
-            "lead_mid_far_m": float(np.exp(rng.uniform(np.log(20), np.log(49)))),
-        }
+        near, far, lead, exchange = ((5.0, 5.0), (50.0, 60.0), (5.0, 60.0), (5.6, 49.0))
+        ends = {"lead_near_m": near, "lead_far_m": far, "lead_drawn_m": lead, "exchange_m": exchange}
+        truth = {name: float(np.exp(rng.uniform(*np.log(of)))) for name, of in ends.items()}
         drawn = {name: {MAIN: "-"} for name in DRAWN}
         place = f"s{scenario}", f"e{episode}", number // 12
         made.append(Frame(f"f{number}", *place, alone("vertical"), {MAIN: "-"}, truth, drawn))
@@ -71,19 +75,24 @@ def bank_of(frames: int) -> FrameBank:
 def meant(cell: Cell, frames: int, rng: np.random.Generator) -> dict[str, list[str]]:
     """Return what a model means to answer, by condition; a noisy one slips from it."""
     label, _, share = cell.kind.partition("@")
-    names = (*BATTERY, *COUNTERFACTUALS, "nudged", "lead_absent")
+    names = (*BATTERY, *COUNTERFACTUALS, "nudged", "lead_absent", "real_again")
     if label in ABSENCES:
         other = "STOP" if label == "presence_only" else "SLOW"
         columns = {name: ["SLOW"] * frames for name in names}
         return columns | dict.fromkeys(("blank", "noise", "text_only"), [other] * frames)
     reads = set(rng.permutation(frames)[: round(float(share) * frames)].tolist())
-    shown = {"lead_near": "STOP", "lead_far": "STRAIGHT"}
-    if label == "depth":
-        shown |= {"lane_own": "STOP", "lane_beside": "STRAIGHT", "lead_mid_near": "SLOW", "lead_mid_far": "SLOW"}
-    columns = {name: ["SLOW"] * frames for name in (*names, *shown) if label == "depth" or name != "nudged"}
-    for name, answer in shown.items():
-        columns[name] = [answer if place in reads else "SLOW" for place in range(frames)]
+    columns = {name: ["SLOW"] * frames for name in names if label == "depth" or name != "nudged"}
+    for name, at in PLACED.items():
+        if label == "depth" or name in {"lead_near", "lead_far"}:
+            truths = [frame.truth[at] for frame in bank_of(frames)]
+            columns[name] = [_braked(one) if place in reads else "SLOW" for place, one in enumerate(truths)]
     return columns
+
+
+def _braked(metres: object) -> str:
+    """Brake hardest in the nearest third of the range, and go on in the farthest."""
+    first, last = np.geomspace(5, 60, 4)[1:3]
+    return "STOP" if float(str(metres)) < first else "SLOW" if float(str(metres)) < last else "STRAIGHT"
 
 
 def labels(cell: Cell, first: int, draws: int) -> int:

@@ -26,10 +26,13 @@ from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
-STAGED = (*OLDER, "lead_absent", "nudged")
+STAGED = (*OLDER, "lead_absent", "real_again", "nudged")
 """The controls of banks that hold none over the whole range."""
+ALONG = ("lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "lead_absent")
+"""The pictures of banks that hold controls over the whole range."""
 DRAWN_CONTROLS = tuple(name for name in STAGED if "counterfactual" in CONDITIONS[name].needs)
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
+NEAR_M, FAR_M = 5.0, 40.0
 
 
 def manifest(**settings: object) -> BankManifest:
@@ -61,10 +64,17 @@ def one(frame_id: str, place: tuple[str, str, int], axis: MirrorAxis, file: str,
 
 
 def frames_of(
-    scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool, controls: bool = False
+    scenarios: Sequence[str],
+    episodes: int,
+    steps: int,
+    axis: MirrorAxis,
+    *,
+    drawn: bool,
+    controls: bool = False,
+    ranged: bool = False,
 ) -> list[Frame]:
     """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
-    kinds = (*COUNTERFACTUALS, *DRAWN_CONTROLS) if controls else COUNTERFACTUALS if drawn else ()
+    kinds = (*COUNTERFACTUALS, *(ALONG if ranged else DRAWN_CONTROLS if controls else ())) if drawn else ()
     found: list[Frame] = []
     for scenario in scenarios:
         for episode in range(episodes):
@@ -72,10 +82,20 @@ def frames_of(
                 name = f"{scenario}-{episode}-{step}"
                 gap_m = _GAPS_M[(2 * step + episode + len(found)) % len(_GAPS_M)]
                 truth = {"lead_gap_m": gap_m, "demand": "LEFT" if step % 2 else "RIGHT", "crashed": False}
+                if ranged and gap_m is not None:
+                    truth |= _placed(len(found))
                 pictures = {kind: {MAIN: f"{kind}/{name}.png"} for kind in kinds if gap_m is not None}
                 place = scenario, f"{scenario}-{episode}", step
                 found.append(one(name, place, axis, f"images/{name}.png", truth=truth, counterfactuals=pictures))
     return found
+
+
+def _placed(number: int) -> dict[str, float]:
+    """Return where the pictures along the range put a vehicle, spread evenly in the logarithm over frames."""
+    shares = [(number * step) % 1 for step in (0.618034, 0.754878)]
+    ends = ((5.0, 40.0), (5.6, 33.0))
+    lead_m, exchange_m = (round(low * (high / low) ** one, 1) for (low, high), one in zip(ends, shares, strict=True))
+    return {"lead_near_m": NEAR_M, "lead_far_m": FAR_M, "lead_drawn_m": lead_m, "exchange_m": exchange_m}
 
 
 def pictures_of(frame: Frame, code: int) -> tuple[dict[str, bytes], dict[str, dict[str, bytes]]]:
@@ -92,6 +112,14 @@ def pictures_of(frame: Frame, code: int) -> tuple[dict[str, bytes], dict[str, di
         "lead_mid_far": draw(27.0, code, lane=lane),
         "lead_absent": draw(None, code, lane=lane),
     }
+    if "lead_drawn_m" in frame.truth:
+        lead_m, exchange_m = (float(str(frame.truth[name])) for name in ("lead_drawn_m", "exchange_m"))
+        drawn |= {
+            "lead_drawn": draw(lead_m, code, lane=lane),
+            "exchange_own": draw(exchange_m, code, lane=lane, beside_m=FAR_M),
+            "exchange_beside": draw(FAR_M, code, lane=lane, beside_m=exchange_m),
+            "exchange_apart": draw(FAR_M, code, lane=lane, beside_m=FAR_M),
+        }
     real = {MAIN: encode(draw(gap_m, code, lane=lane))}
     return real, {name: {MAIN: encode(drawn[name])} for name in frame.counterfactuals}
 
@@ -117,12 +145,15 @@ def build_bank(
     axis: MirrorAxis = "vertical",
     drawn: bool = True,
     controls: bool = False,
+    ranged: bool = False,
 ) -> FrameBank:
     """Write a bank of ``scenarios`` × ``episodes`` × ``steps``.
 
-    ``drawn`` adds counterfactuals where a lead is, and ``controls`` the control pictures too.
+    ``drawn`` adds counterfactuals where a lead is, ``controls`` the control pictures of an older bank too, and
+    ``ranged`` those along the whole range.
     """
+    made = frames_of(scenarios, episodes, steps, axis, drawn=drawn, controls=controls, ranged=ranged)
     with BankWriter(out, manifest()) as writer:
-        for code, frame in enumerate(frames_of(scenarios, episodes, steps, axis, drawn=drawn, controls=controls)):
+        for code, frame in enumerate(made):
             writer.add(frame, *pictures_of(frame, code))
     return open_bank(out)

@@ -10,14 +10,17 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
+import drawn
 import policies_by_hand
-from banks import STAGED
+from eyechart.conditions import RANGED
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
 from eyechart.stats.evalues import EValue
-from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts, SignTest
+from eyechart.stats.order import Rise
+from eyechart.stats.paired import Discordant, Places, SignTest
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.depth import NAMES as DEPTH
 from eyechart.verdicts import Evidence, Stopped, judge, judge_one, shared_notes, words_of
 from eyechart.verdicts.admission import hold
 
@@ -33,22 +36,8 @@ NAMES = (
     "depth_interventional",
     "depth_observational",
     "depth_net",
-    "lane_exchange",
     "lane_net",
-    "dose_near_mid",
-    "dose_mid",
-    "dose_mid_far",
-    "dose_bins",
-    "scenario_reversed",
-    "near_far_lost",
-    "lane_lost",
-    "both_lost",
-    "ends_lost",
-    "any_lost",
-    "dose_lost",
-    "dose_by_frame",
-    "twice_lost",
-    "dose_scan",
+    *DEPTH,
     "repeat_over_nudged",
     "repeats_together",
     "content_shuffled",
@@ -103,14 +92,9 @@ def nothing_known() -> Found:
 
 def reader(**changes: Statistic) -> Found:
     """Return the statistics of a reader of distance for which every condition holds, some of them replaced."""
-    held = {
+    held = drawn.by_hand() | {
         "depth_interventional": p(LOW),
         "depth_net": least(0.5),
-        "lane_exchange": p(LOW),
-        "lane_net": least(0.5),
-        **{name: p(HIGH) for name in ("dose_near_mid", "dose_mid", "dose_mid_far", "dose_bins", "scenario_reversed")},
-        **{name: share(0.0) for name in ("near_far_lost", "lane_lost", "both_lost", "ends_lost", "any_lost")},
-        **{name: p(HIGH) for name in ("dose_lost", "dose_by_frame", "twice_lost", "dose_scan")},
         "repeat_over_nudged": p(HIGH),
         "unparsed_controls": Statistic(0.0, 144, (0.0, 0.02)),
     }
@@ -175,21 +159,7 @@ PAPER: Found = {
     "image_token.decision": Statistic(0.05, 144, (-0.02, 0.1), 0.3),
     "agree.blank.decision": share(0.6),
     "agree.text_only.decision": share(0.3),
-    "dose_curve": SILENT,
 }
-PARTS = (
-    Part("merge", wins=20, losses=1, ties=15, p=0.9, power=0.95),
-    Part("urban", wins=4, losses=3, ties=5, p=0.4, power=0.31),
-)
-SEEN = (replace(PARTS[0], power=0.80), replace(PARTS[1], power=0.7999))
-"""One in which a reversal would just have been seen with the power that is declared, and one in which not."""
-
-DOSES = (
-    Dose("lead_near", 7.0, 9.0, 144, 0.95),
-    Dose("lead_mid_near", 9.1, 20.0, 140, 0.7),
-    Dose("lead_mid_far", None, None, 0, None),
-    Dose("lead_far", 50.0, 60.0, 144, 0.1),
-)
 ASKED: Mapping[str, Mapping[str, int]] = {
     name: {"decision": 144} for name in ("real", "real_repeat", "blank", "shuffled", "lead_near", "lead_far")
 }
@@ -215,16 +185,15 @@ def evidence(found: Found, **changes: object) -> Evidence:
 
 def moved(**changes: Statistic) -> Found:
     """Return a reader of distance whose effects are counted, some statistics replaced."""
-    counted = {
-        "depth_interventional": signs(100, 4, 40, LOW),
-        "depth_net": net(100, 4, 144, 0.58),
-        "lane_exchange": signs(90, 8, 46, LOW),
-        "lane_net": net(90, 8, 144, 0.47),
-        "scenario_reversed": Parts(0.4, 2, p=0.4, note="urban", parts=PARTS),
-        "dose_bins": Parts(0.8, 2, p=0.6, note="9–12 m against 12–15 m", parts=PARTS[:1]),
-        "dose_curve": Curve(0.85, 144, doses=DOSES),
-    }
+    counted = {"depth_interventional": signs(100, 4, 40, LOW), "depth_net": net(100, 4, 144, 0.58)}
     return reader(**counted) | changes
+
+
+def older(**changes: Statistic) -> Found:
+    """Return a reader of distance on a bank that has no pictures along the range, some statistics replaced."""
+    silent = dict.fromkeys(DEPTH, SILENT) | {"drawn_distances": replace(SILENT, note="beyond 9 m")}
+    exchanged = {"lane_net": net(90, 8, 144, 0.47), "rise": Rise(0.5, 400, p=HIGH, note="nowhere")}
+    return moved() | silent | exchanged | changes
 
 
 CARDS = (
@@ -300,11 +269,11 @@ def stopped() -> dict[str, Evidence]:
             moved(mirror_swap_rate=SwapRate(0.1, 20, (0.0, 0.3), 1.0, chance=0.5)),
             replace(depth, lateral="does_not_swap", lateral_by="early.no_swaps"),
         ),
-        "depth that a control takes away": (moved(depth_net=net(30, 4, 144, 0.08)), depth),
+        "depth that a control takes away": (moved(sensitivity=Statistic(0.05, 144, (-0.1, 0.2))), depth),
     }
     return {f"stopped: {name}": evidence(one | CLAIMS, stopped=at) for name, (one, at) in found.items()} | {
         "stopped: controls that the bank lacks": evidence(
-            nothing_known() | CLAIMS, stopped=found["depth_associated"][1], absent=("lane_own", "nudged")
+            nothing_known() | CLAIMS, stopped=found["depth_associated"][1], absent=("lead_drawn", "nudged")
         )
     }
 
@@ -337,13 +306,16 @@ def cases() -> dict[str, Evidence]:
         },
         "no power to swap, a low chance": moved(mirror_swap_rate=SwapRate(0.3, 60, (0.2, 0.6), 0.2, chance=0.2)),
         "no turns": moved(mirror_swap_rate=SwapRate(None, 0)),
-        "no exchange asked": moved(lane_exchange=SILENT, lane_net=SILENT),
-        "no dose asked": moved(dose_mid=SILENT),
-        "a power at its limit": moved(scenario_reversed=Parts(0.4, 2, p=0.4, note="urban", parts=SEEN)),
-        "no nudge asked": moved(repeat_over_nudged=SILENT),
-        "no nudge asked, declines edited pictures": moved(
-            repeat_over_nudged=SILENT, unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")
+        "of an older bank": older(),
+        "of an older bank, no exchange asked": older(lane_net=SILENT),
+        "of an older bank, an exchange that is bounded": older(
+            lane_net=Discordant(0.02, 144, (-0.05, 0.09), 0.9, b=9, c=6)
         ),
+        "of an older bank, declines edited pictures": older(
+            unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")
+        ),
+        "a hole": moved(holes=Places(1.0, 7, places=(drawn.HOLE,))),
+        "a kind of pairs is open": moved(order_drawn=Statistic(0.05, 100, (0.0, 0.3))),
         "declines edited pictures": moved(unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")),
         "watched": nothing_known() | {"depth_observational": p(LOW)},
         "follows the file": moved(repeat_over_nudged=p(LOW)),
@@ -368,12 +340,7 @@ def cases() -> dict[str, Evidence]:
         },
         "content, sides of it": blind(content_shuffled=p(LOW), depth_interventional=signs(22, 22, 100, 0.5)),
         "content, moved, follows the file": moved(content_shuffled=p(LOW), repeat_over_nudged=p(LOW)),
-        "an exchange without an interval": moved(lane_net=replace(net(90, 8, 144, 0.47), ci=None)),
-        "a dose at places unknown": moved(
-            dose_curve=Curve(
-                0.85, 144, doses=(*DOSES[:2], *(replace(DOSES[0], **{end: None}) for end in ("low", "high")))
-            )
-        ),
+        "an exchange without an interval": older(lane_net=replace(net(90, 8, 144, 0.47), ci=None)),
         "content, watched in vain": blind(content_shuffled=p(LOW), depth_observational=p(0.2)),
         "content, follows the file": blind(
             content_shuffled=p(LOW), depth_observational=p(LOW), repeat_over_nudged=p(LOW)
@@ -382,29 +349,28 @@ def cases() -> dict[str, Evidence]:
             repeats_together=p(LOW), content_shuffled=signs(30, 16, 98, 0.03)
         ),
         "constant, nearly present": blind(presence=signs(30, 16, 98, 0.03)),
-        "a net effect that grows": moved(depth_net=net(30, 10, 144, 0.09)),
-        "a net effect that cannot": moved(depth_net=net(20, 10, 144, 0.01)),
         "no recoloured, no shuffled": blind(bound_content_recoloured=SILENT, bound_content_shuffled=SILENT),
         "content, a test near": blind(content_shuffled=p(LOW), depth_interventional=signs(30, 16, 98, 0.03)),
     }
     failing: Found = {
-        "depth_net": net(30, 4, 144, 0.08),
-        "lane_exchange": signs(50, 40, 54, 0.17),
-        "lane_net": net(28, 6, 144, 0.05),
-        "dose_near_mid": Statistic(0.1, 40, p=1e-4),
-        "dose_mid": Statistic(0.1, 40, p=1e-4),
-        "dose_bins": Parts(0.1, 2, p=1e-4, note="9–12 m against 12–15 m", parts=PARTS),
-        "scenario_reversed": Parts(0.1, 2, p=1e-3, note="urban", parts=PARTS),
-        "near_far_lost": share(0.08),
-        "lane_lost": share(0.09),
-        "both_lost": share(0.12),
-        "ends_lost": share(0.08),
-        "any_lost": share(0.14),
-        "dose_lost": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
-        "dose_by_frame": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
-        "twice_lost": Statistic(0.14, 130, (0.06, 0.22), p=1e-6, note="most: with the lead near"),
-        "dose_scan": Statistic(5.1, 288, p=0.001, note="most from 10.1-11.2 to 11.3-12.6"),
+        "depth_net": Discordant(0.07, 144, (0.03, 0.099), 0.9, b=12, c=2),
+        "sensitivity": Statistic(0.05, 144, (0.0, 0.2)),
+        "specificity": Statistic(0.1, 144, (0.0, 0.2)),
+        "specificity_far": Statistic(0.2, 48, (0.1, 0.3)),
+        "order": Statistic(0.2, 144, (0.1, 0.3)),
+        "order_drawn": Statistic(0.2, 144, (0.1, 0.3)),
+        "rise": Rise(5.1, 400, p=0.001, nearer=(10.1, 11.2), farther=(11.3, 12.6)),
+        "place_reversed": Statistic(0.3, 36, (0.1, 0.5), note="in `urban`"),
+        "place_beside": Statistic(0.3, 36, (0.1, 1.0), note="in `urban`"),
+        "file": signs(12, 0, 132, 0.0001),
     }
+    shown: Found = {
+        "sensitivity": Statistic(0.2, 144, (0.05, 0.35)),
+        "specificity": Statistic(-0.1, 144, (-0.2, 0.05)),
+        "order": Statistic(0.08, 40, (0.02, 0.2)),
+        "rise": SILENT,
+    }
+    made |= {f"{name} is not shown": moved(**{name: one}) for name, one in shown.items()}
     made |= {f"{name} fails": moved(**{name: one}) for name, one in failing.items()}
     paper = {
         "unparsed": {"unparsed_rate": share(0.3)},
@@ -450,7 +416,7 @@ def cases() -> dict[str, Evidence]:
             "content, nothing moved": replace(photographs, gap=True, scenarios=2),
             "refuses every blank": evidence(blind() | unparsed, replies=every),
             "refuses the one blank": evidence(blind() | unparsed, replies={**hardly, "text_only": {}}),
-            "a shard, its controls not asked": evidence(moved(lane_exchange=SILENT, lane_net=SILENT), part=True),
+            "a shard, its controls not asked": evidence(older(lane_net=SILENT), part=True),
             "refuses blanks": evidence(blind() | unparsed, replies=refused),
             "refuses noise": evidence(
                 blind() | unparsed, replies={"real": {"decision": 144}, "noise": {"decision": 9, "refused": 135}}
@@ -465,14 +431,11 @@ def cases() -> dict[str, Evidence]:
             ),
             "no gap": evidence(whole, gap=False),
             "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
-            "an exchange that was asked in vain": evidence(
-                moved(lane_exchange=SILENT, lane_net=SILENT),
-                replies={**ASKED, **{one: {"refused": 144} for one in STAGED}},
+            "pictures along the range that were asked in vain": evidence(
+                older(), replies={**ASKED, **{one: {"refused": 144} for one in RANGED}}
             ),
-            "an exchange that was not drawn": evidence(
-                moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")
-            ),
-            "a dose that was drawn in part": evidence(moved(dose_mid=SILENT), absent=("lead_mid_far",)),
+            "pictures along the range that were not drawn": evidence(older(), absent=RANGED[3:]),
+            "some of them that were not drawn": evidence(older(), absent=("exchange_beside",)),
             "watched, nothing moved": evidence(
                 nothing_known() | {"depth_observational": p(LOW)},
                 replies={"real": {"decision": 144}},

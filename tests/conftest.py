@@ -6,15 +6,21 @@ import re
 import signal
 from collections import Counter
 from collections.abc import Generator, Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imported, here and in every child
 
 import pytest
+import typer.main
+import typer.testing
 from hypothesis import settings
 
 import known
+
+typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
+"""The tree of commands does not change, and each call of a command in this process would build it anew."""
 
 settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")

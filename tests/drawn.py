@@ -64,6 +64,8 @@ def by_hand(**changed: Statistic) -> dict[str, Statistic]:
         "unparsed_reference": Statistic(0.0, 288, (0.0, 0.01)),
         "unparsed_controls": Statistic(0.0, 144, (0.0, 0.01)),
         "depth_interventional": SignTest(1.0, 144, (0.9, 1.0), 1e-20, wins=144, losses=0, ties=0),
+        "depth_net": Statistic(1.0, 144, (0.95, 1.0)),
+        "lane_net": Statistic(None, 0),
         "repeat_over_nudged": Statistic(None, 0),
         "lateral_earned": Statistic(0.0, 1),
         "sensitivity": Statistic(0.9, 144, (0.8, 1.0)),

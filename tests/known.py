@@ -14,8 +14,9 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from eyechart.frames import BankWriter, open_bank
+from eyechart.frames import BankWriter, FrameBank, open_bank
 from eyechart.manifest import RUN
+from eyechart.simulators import open_bank_simulator
 
 EYECHART = Path(sys.executable).with_name("eyechart")
 
@@ -68,9 +69,21 @@ def demo(shared: Path) -> Demo:
     return Demo(folder, **json.loads(record.read_text()))
 
 
-def thin(bank: Path, out: Path) -> None:
-    """Write every second frame of a bank into another."""
+def thin(bank: Path, out: Path) -> FrameBank:
+    """Write every second frame of a bank into another, and return that."""
     whole = open_bank(bank)
     with BankWriter(out, whole.manifest) as writer:
         for frame in whole.frames[::2]:
             writer.add(frame, whole.images(frame), {name: whole.images(frame, name) for name in frame.counterfactuals})
+    return open_bank(out)
+
+
+def table(folder: Path, **how: object) -> FrameBank:
+    """Return a bank of the tabletop with two frames an episode: most claims about policies count by the episode."""
+    whole = open_bank_simulator("tabletop").build(folder.with_name(f"{folder.name}-whole"), steps=4, **how)
+    return thin(whole.root, folder)
+
+
+def whole_table(bank: FrameBank) -> FrameBank:
+    """Return the bank of four frames an episode of which `table` took two."""
+    return open_bank(bank.root.with_name(f"{bank.root.name}-whole"))

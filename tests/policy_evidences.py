@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from random import Random
 
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import judge_policy
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
 from eyechart.verdicts.uses import Asked
 
 Numbers = dict[str, object]
@@ -241,15 +241,35 @@ def asked_of(rng: Random) -> Asked:
     return Asked(unasked, lacking)
 
 
-def said_of(rng: Random, axis: str, make: Make) -> str:
-    """Return what is said of the next evidence: every axis, the guards and the remarks, word by word."""
+def is_read_otherwise(statistics: Mapping[str, Statistic]) -> bool:
+    """Return whether a rule that was changed since reads an evidence, so that something else may be said of it.
+
+    What changes not one bit is not used; and what goes beyond noise that hangs on the bytes of the pictures is.
+    """
+    nudged = statistics["T.nudged"] if "T.nudged" in statistics else Statistic(None, 0)
+    bytes_count = (nudged.ci is not None and nudged.ci[0] > 0.02) or (nudged.value or 0.0) > 0.5
+    return bytes_count or any(getattr(statistics.get(f"T.swapped@{name}"), "same", None) == 1.0 for name in CHANNELS)
+
+
+def verdict_of(rng: Random, axis: str, make: Make) -> tuple[Mapping[str, Statistic], PolicyVerdict]:
+    """Return the next evidence, and the verdict on it."""
     statistics, asked = evidence(rng, axis, make), asked_of(rng)
     channels = [name for name in CHANNELS if rng.random() < 0.97]
     reads = () if rng.random() < 0.6 else tuple(name for name in CHANNELS if rng.random() < 0.5)
     missing = {"timeout": 2, "refused": 4} if rng.random() < 0.5 else {}
-    found = judge_policy(
-        "m", statistics, channels, scope="here.", missing=missing, left=rng.choice((0, 0, 3)), reads=reads, asked=asked
-    )
+    left = rng.choice((0, 0, 3))
+    found = judge_policy("m", statistics, channels, scope="here.", missing=missing, left=left, reads=reads, asked=asked)
+    return statistics, found
+
+
+def said_of(rng: Random, axis: str, make: Make) -> str:
+    """Return what is said of the next evidence: every axis, the guards and the remarks, word by word.
+
+    Nothing of one that is read otherwise since.
+    """
+    statistics, found = verdict_of(rng, axis, make)
+    if is_read_otherwise(statistics):
+        return ""
     axes = {name: (one.as_dict(), one.may_be) for name, one in found.axes.items()}
     return json.dumps([axes, found.guards, found.remarks, found.headline, found.misfit], sort_keys=True)
 

@@ -142,6 +142,8 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
         "assert_grounded no run": lambda: assert_grounded(tmp / "taken"),
         "assert_grounded requirement": lambda: assert_grounded(run, "dephth"),
         "assert_grounded rate": lambda: assert_grounded(run, max_unparsed=7.0),
+        "assert_grounded order": lambda: assert_grounded(demo.run, order=2.0),
+        "assert_grounded no order": lambda: assert_grounded(run, order="strict"),
         "assert_grounded resamples": lambda: assert_grounded(run, resamples=0),
         "assert_grounded no rate": lambda: assert_grounded(run, max_unparsed="few"),
         "assert_grounded independent": lambda: assert_grounded(demo.run, independent=True),

@@ -15,8 +15,8 @@ from eyechart.cli.app import app
 from eyechart.errors import EyechartError, LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import LEDGER
-from eyechart.simulators import open_bank_simulator
 from eyechart.testing import assert_grounded
+from known import table
 from test_api import Page
 
 pytestmark = pytest.mark.slow
@@ -24,8 +24,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("policies") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("policies") / "bank")
 
 
 @pytest.fixture(scope="module")

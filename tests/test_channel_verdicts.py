@@ -9,7 +9,8 @@ from eyechart.stats.guarantees import share_bound
 from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import judge_camera, judge_state
-from eyechart.verdicts.channels import REQUIREMENTS, STATE_LABELS, judge_policy
+from eyechart.verdicts.channels import REQUIREMENTS, judge_policy
+from eyechart.verdicts.labels import STATE
 from eyechart.verdicts.uses import Asked
 from policies_by_hand import (
     A_LITTLE,
@@ -180,28 +181,61 @@ def test_a_remark_says_no_more_of_the_cameras_than_their_label() -> None:
     ignored = verdict(swap=IGNORED, matched=IGNORED, blank=IGNORED, **unfit)
     assert any(one.startswith("It ignores its cameras") for one in ignored.remarks)
     unread = verdict(swap=NOT_ONE_BIT, matched=NOT_ONE_BIT, blank=NOT_ONE_BIT, **unfit)
-    assert unread.camera.label == "undecided"
-    assert not any(one.startswith("It ignores its cameras") for one in unread.remarks)
+    assert unread.camera.label == "ignores_camera"
+    assert any(one.startswith("It ignores its cameras") for one in unread.remarks)
 
 
 @pytest.mark.parametrize(
     ("reads", "label", "words"),
     [
-        ((), "undecided", "changes not one bit of 72 answers: it does not reach the policy"),
-        (("cameras", "state"), "undecided", "does not reach the policy"),
-        (("camera:top",), "undecided", "does not reach the policy"),
+        ((), "ignores_camera", "changes not one bit of 72 answers: it may not be connected"),
+        (("cameras", "state"), "ignores_camera", "it may not be connected"),
+        (("camera:top",), "ignores_camera", "it may not be connected"),
         (("state",), "ignores_camera", "it declares that it does not read it."),
     ],
 )
-def test_a_channel_that_changes_not_one_bit_is_ignored_where_it_is_declared(
+def test_a_channel_that_changes_not_one_bit_is_ignored_and_may_not_be_connected(
     reads: tuple[str, ...], label: str, words: str
 ) -> None:
-    """Else it may never have reached the policy, and nobody ignores what he was not given."""
+    """The remark is not made of a channel that the policy declares to leave unread."""
     changed = {**GOOD, "T.swapped@state": USED, "T.swapped@cameras": NOT_ONE_BIT, "T.blank": NOT_ONE_BIT}
     found = judge_policy("m", changed, CHANNELS, scope="here.", reads=reads)
     assert found.camera.label == label
     assert words in found.camera.because
-    assert found.state.label == ("state_shortcut" if label == "ignores_camera" else "state_used")
+    assert ("may not be connected" in found.camera.because) == (reads != ("state",))
+    assert found.state.label == "state_shortcut"
+
+
+@pytest.mark.parametrize(
+    ("changed", "label", "answer", "code"),
+    [
+        ({}, "object_grounded", "Yes", 0),
+        ({"follow": None}, "camera_content", "Yes", 0),
+        ({"matched": IGNORED}, "pose_only", "In part", 0),
+        ({"swap": IGNORED, "matched": IGNORED}, "camera_presence", "No", 1),
+        ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "ignores_camera", "No", 1),
+        ({"swap": NOT_ONE_BIT, "matched": NOT_ONE_BIT, "blank": NOT_ONE_BIT}, "ignores_camera", "No", 1),
+        ({"swap": OPEN}, "undecided", "Inconclusive", 2),
+        ({"motions": Statistic(0.5, 9)}, "undecided", "Inconclusive", 2),
+    ],
+)
+def test_whether_it_looks_is_answered_and_may_be_required(
+    changed: dict[str, Statistic | None], label: str, answer: str, code: int
+) -> None:
+    """By the label of all cameras; met by Yes and In part, and not said of an unfinished run."""
+    found = verdict(**changed)
+    said = found.as_dict()
+    assert (found.camera.label, said["answer"], said["holes"]) == (label, answer, [])
+    assert hold_policies({"m": found}, ["looks"], {}).exit_code == code
+    assert hold_policies({"m": found}, ["looks"], {"m": 3}).exit_code == 2
+
+
+def test_what_may_be_required_of_a_policy_is_read_from_the_rows() -> None:
+    """A stronger label meets a weaker one where its row says so, and looks by its answer."""
+    assert REQUIREMENTS["camera:camera_content"] == "the camera label is object_grounded or camera_content"
+    assert REQUIREMENTS["looks"] == "the camera label is object_grounded or camera_content or pose_only"
+    assert REQUIREMENTS["state:state_used"] == "the state label is state_used"
+    assert len(REQUIREMENTS) == 11
 
 
 def test_a_gate_cannot_say_whether_an_object_is_followed_that_nobody_moved() -> None:
@@ -443,7 +477,7 @@ def test_noise_is_a_remark_and_no_label() -> None:
     assert found.camera.label == "ignores_camera"
     assert any(one.startswith("Noise in place of its pictures changes") for one in found.remarks)
     same = {**dict.fromkeys(GONE, NOT_ONE_BIT), "follow": UNFOLLOWED, "named": UNFOLLOWED}
-    assert "does not reach" in verdict(**same).camera.because
+    assert "may not be connected" in verdict(**same).camera.because
     assert "does not reach" not in verdict(**same, **{"T.noise": USED}).camera.because
 
 
@@ -460,8 +494,8 @@ def test_several_cameras_are_ignored_one_at_a_time() -> None:
 
 def test_a_state_is_said_to_be_used_and_no_more() -> None:
     """Not that cameras have a part, nor that nothing else has one."""
-    assert STATE_LABELS["state_used"] == "Its state is used."
-    assert "alone" not in STATE_LABELS["state_shortcut"]
+    assert STATE["state_used"].says == "Its state is used."
+    assert "alone" not in STATE["state_shortcut"].says
     found = verdict(**GONE).state
     assert (found.label, "another instruction changes" in found.because) == ("state_shortcut", True)
     assert "instruction" not in verdict(**GONE, told=IGNORED).state.because
@@ -533,12 +567,18 @@ def test_a_control_of_absence_that_was_not_asked_is_none_that_was_passed() -> No
         assert (found.label, f"did not ask {left_out}" in found.because) == ("undecided", True), left_out
 
 
-def test_who_answers_to_a_nudged_picture_is_inconsistent() -> None:
-    """From a share that is used on, nothing is said of any axis."""
-    found = verdict(**{"T.nudged": USED})
+def test_who_answers_to_a_nudged_picture_and_to_none_by_more_is_inconsistent() -> None:
+    """Nothing is said of any axis; who answers to others by more has noise, and who ignores all has next to none."""
+    found = verdict(**{"T.nudged": USED, "swap": OPEN})
     assert "one level off" in found.guards["self_inconsistent"]
+    assert "another episode's change more is not shown" in found.guards["self_inconsistent"]
     assert {one.label for one in found.axes.values()} == {"undecided"}
     assert verdict(**{"T.nudged": share(0.0, 0.0)}).guards == {}
+    reader = verdict(**{"T.nudged": USED})
+    assert (reader.camera.label, reader.guards) == ("object_grounded", {})
+    assert any("its noise hangs on the bytes" in remark for remark in reader.remarks)
+    nothing = dict.fromkeys(("swap", "matched", "blank"), IGNORED)
+    assert verdict(**{"T.nudged": IGNORED}, **nothing).camera.label == "ignores_camera"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 import banks
 from eyechart.conditions import (
+    ABSENT,
+    AGAIN,
     BATTERY,
     CONDITIONS,
     CONTROLS,
@@ -85,7 +87,7 @@ def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
     expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
     assert expected == BATTERY == tuple(CONDITIONS)[:8]
     assert COUNTERFACTUALS == ("lead_near", "lead_far", "recoloured")
-    assert (*OLDER, "lead_absent", "nudged", *(name for name in CONTROLS if name in RANGED)) == CONTROLS
+    assert (*OLDER, "lead_absent", "real_again", "nudged", *(name for name in CONTROLS if name in RANGED)) == CONTROLS
     assert len(RANGED) == 7
     start = OF_BANKS.index("recoloured") + 1
     assert OF_BANKS[start : start + len(CONTROLS)] == CONTROLS
@@ -276,3 +278,13 @@ def test_a_sampled_control_adds_its_share_of_the_calls_and_is_asked_of_enough_to
     assert pairs_to_bound(alpha=BOUND_ALPHA) == FEWEST
     assert len(sample("lead_absent", ids, 336, 1)) == FEWEST
     assert sample("lead_absent", ids[:7], 84, 1) == set(ids[:7])
+
+
+@pytest.mark.parametrize(("frames", "conditions"), [(36, 11), (72, 11), (144, 11), (288, 11), (18, 11), (144, 8)])
+def test_the_true_picture_with_the_absent_lead_costs_a_twentieth_at_most(frames: int, conditions: int) -> None:
+    """Of all calls without it; its frames are among those of the picture without the lead."""
+    ids, calls = [f"f{one}" for one in range(frames)], frames * conditions
+    absent, again = (sample(name, ids, calls, 3) for name in (ABSENT, AGAIN))
+    assert again <= absent
+    assert len(again) >= 0.8 * len(absent) or frames < 36
+    assert calls + len(absent) + len(again) <= 1.05 * (calls + len(absent))

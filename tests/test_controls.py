@@ -8,18 +8,20 @@ from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import ALPHA, MARGIN, controls_wanted
 
-ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "real_again", "nudged")
 EXCHANGE = ("lane_own", "lane_beside")
 NAMES = tuple(statistics_of(simulated.answers(lambda *_: "SLOW", simulated.frames(steps=1)), Resampling(resamples=9)))
 
 
-def found(unparsed: float | None = 0.0, net: float = 0.5, lane: float = 0.5, **p: float | None) -> dict[str, Statistic]:
+def found(
+    unparsed: float | None = 0.0, net: float = 0.5, lane: float | None = None, **p: float | None
+) -> dict[str, Statistic]:
     """Return the statistics of a model of which nothing could be claimed, but for what is given."""
     bare = {name: Statistic(None, 0) for name in NAMES}
     by_p = {name: Statistic(None, 100, p=one) for name, one in {"depth_interventional": 1.0, **p}.items()}
     nets = {"depth_net": Statistic(net, 100, (net, 1.0))}
-    if p.get("lane_exchange") is not None:
-        nets["lane_net"] = Statistic(lane, 100, (lane, 1.0))
+    if lane is not None:
+        nets["lane_net"] = Statistic(lane, 100, (lane, lane + 0.05))
     return {**bare, "unparsed_reference": Statistic(unparsed, 100), **by_p, **nets}
 
 
@@ -44,14 +46,15 @@ def test_a_reader_of_distance_is_asked_the_exchange_first_and_then_the_dose() ->
     """Five controls in two stages: own and beside, then the mids and the nudge."""
     reads = found(depth_interventional=1e-9)
     assert wanted(reads) == EXCHANGE
-    exchanged = found(depth_interventional=1e-9, lane_exchange=1e-9)
+    exchanged = found(depth_interventional=1e-9, lane=0.5)
     assert wanted(exchanged, *EXCHANGE) == ("lead_mid_near", "lead_mid_far", "nudged")
     assert wanted(exchanged, *ALL) == ()
 
 
 def test_a_follower_of_the_layout_is_not_asked_the_dose() -> None:
-    """Once the exchange has failed only content is open, which the nudge could take away."""
-    assert wanted(found(depth_interventional=1e-9, lane_exchange=0.4), *EXCHANGE) == ("nudged",)
+    """Once the exchange has failed only the nudge could take anything away."""
+    for lane in (0.0, 0.07):  # bounded below the margin, and not shown to reach it
+        assert wanted(found(depth_interventional=1e-9, lane=lane), *EXCHANGE) == ("nudged",)
 
 
 @pytest.mark.parametrize("p", [ALPHA, None])
@@ -60,7 +63,7 @@ def test_the_thresholds_are_those_of_the_rules(p: float | None) -> None:
     assert wanted(found(depth_interventional=p)) == ()
     assert wanted(found(depth_interventional=ALPHA - 1e-9, net=MARGIN)) == EXCHANGE
     assert wanted(found(depth_interventional=ALPHA - 1e-9, net=MARGIN - 1e-9)) == ("nudged",)
-    small = found(depth_interventional=1e-9, lane_exchange=1e-9, lane=MARGIN - 1e-9)
+    small = found(depth_interventional=1e-9, lane=MARGIN - 1e-9)
     assert wanted(small, *EXCHANGE) == ("nudged",)
 
 
@@ -86,8 +89,8 @@ def test_only_content_is_asked_the_nudge_alone() -> None:
 )
 def test_an_absence_and_what_is_open_are_asked_a_picture_without_the_lead(p: dict[str, float]) -> None:
     """Who brakes for any lead seems to look at nothing, or to notice pictures, where every picture has a lead."""
-    assert wanted(found(**p)) == ("lead_absent",)
-    assert wanted(found(**p), "lead_absent") == ()
+    assert wanted(found(**p)) == ("lead_absent", "real_again")
+    assert wanted(found(**p), "lead_absent", "real_again") == ()
 
 
 def test_who_follows_the_file_is_asked_no_picture_without_the_lead() -> None:
@@ -106,7 +109,7 @@ def test_what_the_bank_cannot_supply_is_not_asked() -> None:
     reads = found(depth_interventional=1e-9)
     assert controls_wanted(reads, supplied=("lane_own", "nudged"), asked=()) == ("nudged",)
     assert controls_wanted(reads, supplied=(), asked=()) == ()
-    exchanged = found(depth_interventional=1e-9, lane_exchange=1e-9)
+    exchanged = found(depth_interventional=1e-9, lane=0.5)
     assert controls_wanted(exchanged, supplied=(*EXCHANGE, "nudged"), asked=EXCHANGE) == ("nudged",)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import by_hand as hand
 from drawn import HOLE, answered, by_hand, found_of, grades
-from eyechart.conditions import RANGED
+from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.errors import SpecError
 from eyechart.gate import hold
 from eyechart.stats.order import Density, Order, Rise
@@ -15,16 +15,25 @@ from eyechart.stats.paired import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.depth import NAMES
 from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
-from eyechart.verdicts.calibrated import DEPTH
-from eyechart.verdicts.controls import ABSENT, DOSE, EXCHANGE, NUDGED
-from eyechart.verdicts.depth import KINDS, REFUTING, SHOWN, THIRDS, is_refuted, open_kinds
+from eyechart.verdicts.calibrated import DISTANCE
+from eyechart.verdicts.depth import (
+    DOSE,
+    EXCHANGE,
+    KINDS,
+    NUDGED,
+    REFUTING,
+    SHOWN,
+    THIRDS,
+    is_refuted,
+    open_kinds,
+)
 from eyechart.verdicts.rules import Clause
 from eyechart.verdicts.ruling import Ruling
 
 
 def ruled(**changed: Statistic) -> Ruling:
     """Return the ruling of a reader with some statistics changed."""
-    return DEPTH.evaluate(by_hand(**changed))
+    return DISTANCE.evaluate(by_hand(**changed))
 
 
 def _order(value: float, low: float, high: float) -> Order:
@@ -43,6 +52,14 @@ def test_a_reader_is_told_its_bound() -> None:
 BELOW, AT, OVER = -1e-6, 0.0, 1e-6
 OPEN = ("depth_associated", "depth_interventional")
 CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
+    "near over far within the margin": ({"depth_net": Statistic(0.05, 144, (0.01, 0.1))}, "depth", "order"),
+    "near over far bounded below it": (
+        {"depth_net": Statistic(0.05, 144, (0.01, 0.1 + BELOW))},
+        "content",
+        "depth_net",
+    ),
+    "an exchange within the margin": ({"lane_net": Statistic(0.05, 144, (0.01, 0.1))}, "depth", "order"),
+    "an exchange bounded below it": ({"lane_net": Statistic(0.05, 144, (0.01, 0.1 + BELOW))}, "content", "lane_net"),
     "sensitivity at the margin": ({"sensitivity": Statistic(0.3, 144, (0.1, 0.5))}, "depth", "order"),
     "sensitivity is not shown": (
         {"sensitivity": Statistic(0.3, 144, (0.1 + BELOW, 0.5))},
@@ -155,7 +172,7 @@ def test_depth_is_not_given_for_want_of_an_answer(name: str) -> None:
 def test_a_part_that_no_frame_shows_is_named(name: str) -> None:
     """It is depth, and what is not excluded keeps a gate from being met."""
     found = by_hand(**{name: cannot_say("nothing")})
-    assert DEPTH.evaluate(found).label == "depth"
+    assert DISTANCE.evaluate(found).label == "depth"
     assert len(list(open_kinds(found))) == 1
 
 
@@ -190,7 +207,7 @@ def test_what_is_refuted_is_no_matter_of_more_frames() -> None:
 def test_a_plain_reader_earns_depth_and_one_behind_a_coin_does_too() -> None:
     """The same statistics, of answers that repeat and of answers that do not."""
     for coin in (0.0, 0.2):
-        assert DEPTH.evaluate(found_of(answered(grades, coin=coin))).label == "depth"
+        assert DISTANCE.evaluate(found_of(answered(grades, coin=coin))).label == "depth"
 
 
 def test_a_coin_does_not_turn_content_into_depth() -> None:
@@ -203,7 +220,7 @@ def test_a_coin_does_not_turn_content_into_depth() -> None:
     for coin in (0.0, 0.2, 0.4):
         for seed in range(3):
             found = found_of(answered(reversed_on_a_fifth, coin=coin, seed=seed))
-            assert DEPTH.evaluate(found).label != "depth", coin
+            assert DISTANCE.evaluate(found).label != "depth", coin
 
 
 def test_who_brakes_for_any_lane_does_not_earn_depth() -> None:
@@ -216,7 +233,7 @@ def test_who_brakes_for_any_lane_does_not_earn_depth() -> None:
         return grades(np.where(beside > 12, np.minimum(lead, beside), lead), beside, own)
 
     for look in (any_lane, cone):
-        assert DEPTH.evaluate(found_of(answered(look))).label == "content"
+        assert DISTANCE.evaluate(found_of(answered(look))).label == "content"
 
 
 def test_a_scenario_without_braking_is_named_and_the_rest_holds() -> None:
@@ -224,7 +241,7 @@ def test_a_scenario_without_braking_is_named_and_the_rest_holds() -> None:
     moved = answered(grades)
     blind = moved.strata["scenario"] == "blocked"
     moved = replace(moved, levels={name: np.where(blind, 0.0, one) for name, one in moved.levels.items()})
-    ruling = DEPTH.evaluate(found_of(moved))
+    ruling = DISTANCE.evaluate(found_of(moved))
     assert ruling.label == "partial_depth"
     assert str(ruling.reason).startswith("brakes by distance, not in `blocked`: 0 of 36;")
 
@@ -236,7 +253,7 @@ def test_the_far_end_of_the_range_without_braking_is_named() -> None:
         del beside, own
         return np.where(lead < 15, 1.0, 0.0)
 
-    ruling = DEPTH.evaluate(found_of(answered(near_alone)))
+    ruling = DISTANCE.evaluate(found_of(answered(near_alone)))
     assert ruling.label == "partial_depth"
     assert "not from 23." in str(ruling.reason)
 
@@ -247,13 +264,13 @@ def test_a_place_the_wrong_way_round_is_no_hole() -> None:
     wrong = moved.strata["scenario"] == "blocked"
     moved = replace(moved, levels={name: np.where(wrong, 1 - one, one) for name, one in moved.levels.items()})
     found = found_of(moved)
-    assert DEPTH.evaluate(found).label == "content"
+    assert DISTANCE.evaluate(found).label == "content"
     assert "in `blocked`" in found["place_reversed"].note
 
 
 def test_few_frames_earn_no_depth() -> None:
     """A bank of 36 frames leaves holes a factor of 1.2 wide; one of 72 does not."""
-    few, more = (DEPTH.evaluate(found_of(answered(grades, frames=frames))) for frames in (36, 72))
+    few, more = (DISTANCE.evaluate(found_of(answered(grades, frames=frames))) for frames in (36, 72))
     assert few.label == "depth_associated"
     assert "to see a hole takes 8" in str(few.reason)
     assert more.label == "depth"
@@ -366,7 +383,7 @@ def test_the_answer_of_every_label_is_declared() -> None:
     assert answers["No"] == {"scene_cue", "presence_only", "refusal_effect", "image_invariant", "self_inconsistent"}
 
 
-SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT)
+SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT, AGAIN)
 
 
 def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
@@ -376,4 +393,4 @@ def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
     assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
     assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
     blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
-    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT,)
+    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT, AGAIN)

@@ -214,6 +214,18 @@ def test_pictures_that_were_dropped_in_the_run_fail_the_guard_whatever_the_probe
     assert f"{lost} of 10 prompts with a picture have exactly the tokens of the words alone" in found.because
 
 
+@pytest.mark.parametrize(("condition", "holds"), [("noise", False), ("lead_near", False), ("real_repeat", True)])
+def test_pictures_of_one_condition_that_were_dropped_fail_the_guard(condition: str, holds: bool) -> None:  # noqa: FBT001
+    """As those of noise, which are large; a repeat may be counted without its picture, where a cache holds that."""
+    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
+    more = [Sent(KEY._replace(frame=f"f{at}", condition=condition), 1, None, fine(at, "text_only")) for at in range(10)]
+    sent = [one for one in sent_with() if one.key.condition != condition]
+    found = guard("picture", [*sent, *more], mode)
+    assert found.holds is holds
+    if not holds:
+        assert f"10 of 10 prompts with a picture, of {condition}, have exactly the tokens" in found.because
+
+
 @pytest.mark.parametrize("counted", [None, 0, 3])
 def test_a_server_that_counts_no_pictures_drops_none_by_its_tokens(counted: int | None) -> None:
     """Its tokens say nothing: the probe saw that pictures arrive."""

@@ -18,6 +18,7 @@ import pytest
 from banks import build_bank
 from eyechart.api import run_battery
 from eyechart.calls import Query, Reply
+from eyechart.errors import BankError
 from eyechart.frames import FrameBank, Stimulus, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
@@ -85,6 +86,23 @@ def test_no_callable_changes_what_another_model_is_shown(
     run_battery(bank, {"reader": by_brightness}, tmp_path / "alone", limit=6)
     run_battery(bank, {"guest": guest, "reader": by_brightness}, tmp_path / "both", limit=6)
     assert rows(tmp_path / "both", "python:reader") == rows(tmp_path / "alone", "python:reader")
+
+
+def test_a_bank_that_changes_under_a_run_ends_it_and_no_other_picture_is_shown(tmp_path: Path) -> None:
+    """What was asked before is kept; with its pictures back the same command goes on."""
+    root = build_bank(tmp_path / "bank").root
+    one, other = sorted(root.rglob("*.png"))[-2:]
+    before = one.read_bytes()
+
+    def changes(prompt: str, image: bytes | None) -> str:
+        del prompt, image
+        one.write_bytes(other.read_bytes())
+        return "SLOW"
+
+    with pytest.raises(BankError, match="is not the picture that the bank's manifest recorded"):
+        run_battery(root, {"guest": changes}, tmp_path / "run", concurrency=1)
+    assert rows(tmp_path / "run", "python:guest")
+    one.write_bytes(before)
 
 
 def test_a_call_that_is_made_again_is_shown_what_it_was_shown_first(bank: FrameBank, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
-DRAWN = (*COUNTERFACTUALS, *(name for name in (*STAGED, *RANGED) if name not in {"nudged", *NUDGES}))
+DRAWN = (*COUNTERFACTUALS, *(name for name in (*STAGED, *RANGED) if name not in {"nudged", "real_again", *NUDGES}))
 
 
 @pytest.fixture(scope="module")

@@ -58,6 +58,40 @@ def marked(mark: object, *rows: int) -> tuple[object, ...]:
     return tuple(mark if number in rows else gap for number, gap in enumerate(GAPS))
 
 
+@pytest.mark.parametrize("mark", ["100", "200.0", "250", "500", "1000", "1e4"])
+def test_a_round_number_that_stands_often_far_above_all_others_is_refused(table: Table, mark: str) -> None:
+    """As the longest range of a sensor, written where nothing is ahead; declared, it is either."""
+    gaps = tuple(gap if gap == mark else min(float(str(gap)), 40.0) for gap in marked(mark, 1, 3, 5))
+    with pytest.raises(SourceError, match=r"row 2 and 2 more rows: the gap 'gap' is .*no_lead"):
+        table(gaps)
+    assert table(gaps, numerals=importing.Numerals(no_lead=(mark,))).frames[1].truth["gap"] is None
+
+
+@pytest.mark.parametrize("far", [(1, 3), (1,)])
+def test_a_round_number_that_is_seldom_or_near_others_is_a_distance(table: Table, far: tuple[int, ...]) -> None:
+    """A road has far leads."""
+    assert table(marked("200", *far)).frames[1].truth["gap"] == 200.0
+
+
+@pytest.mark.parametrize("column", ["gap_inches", "gap_in", "gap (inch)", "gap_dm", "gap_pct", "gap_nmi", "gap_deg"])
+def test_a_unit_of_another_kind_in_the_column_s_name_is_refused(table: Table, column: str) -> None:
+    """An inch is no metre, and a share is none."""
+    with pytest.raises((SourceError, SpecError), match="the gap's column"):
+        table(column=column)
+
+
+def test_a_mark_with_a_unit_behind_it_is_the_mark(table: Table) -> None:
+    """As a program writes it that puts the unit behind every number."""
+    gaps = tuple(f"{gap} m" for gap in marked("-1.0", 1, 3))
+    assert table(gaps, numerals=importing.Numerals(no_lead=("-1",))).frames[1].truth["gap"] is None
+
+
+def test_the_sign_between_thousands_may_be_either_apostrophe(table: Table) -> None:
+    """A spreadsheet writes the curved one."""
+    bank = table(marked("1\u2019234.5", 1), numerals=importing.Numerals("1'234.5", no_lead=()))
+    assert bank.frames[1].truth["gap"] == 1234.5
+
+
 @pytest.mark.parametrize("mark", ["-1", "-0.5", "-999", "-1.7976931348623157e+308", "-1e30"])
 def test_a_gap_below_zero_is_refused_by_name_and_value(table: Table, tmp_path: Path, mark: str) -> None:
     """It would be the nearest lead of all; nothing is written."""

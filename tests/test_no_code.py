@@ -18,6 +18,7 @@ FORMATS = {"format", "format_map"}
 """What runs a template, whose fields may ask for members, items and any width."""
 OWN = {
     "compare.py: both.format",
+    "verdicts/depth.py: clause.but.format",
     "verdicts/rules.py: says.format",
     "verdicts/ruling.py: self.says.format",
     "studies/battery/evidence.py: fewer.format",

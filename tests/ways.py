@@ -7,6 +7,7 @@ import io
 import json
 from dataclasses import dataclass, field
 
+import numpy as np
 from aiohttp import web
 from PIL import Image
 
@@ -86,9 +87,13 @@ def enlarged(picture: bytes) -> bytes:
 
 @dataclass
 class Rig(Endpoint):
-    """An endpoint of several cameras. ``hands_on`` says how many pictures of a query the model is shown."""
+    """An endpoint of several cameras. ``hands_on`` says how many pictures of a query the model is shown.
+
+    None of more than ``most`` pixels is.
+    """
 
     hands_on: int = 9
+    most: int = 10**9
     counts_all: bool = False
 
     async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
@@ -98,6 +103,7 @@ class Rig(Endpoint):
         if not isinstance(response, web.Response) or response.status != 200 or "Which colours" not in read(asked)[0]:
             return response
         shown = [base64.b64decode(url.partition(",")[2]) for url in urls[: self.hands_on]]
+        shown = [one for one in shown if np.prod(decode(one, "one").shape[:2]) <= self.most]
         said = json.loads(str(response.text))
         said["choices"][0]["message"]["content"] = ", ".join(colour(decode(one, "one")) for one in shown)
         count = len(urls) if self.counts_all else len(shown)

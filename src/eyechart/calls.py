@@ -4,11 +4,10 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Literal, NamedTuple, get_args, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
 from eyechart.seeds import key_seed
@@ -109,7 +108,7 @@ class Query:
     schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "schema", deepcopy(self.schema))
+        object.__setattr__(self, "schema", _own(self.schema))
 
     @property
     def images(self) -> tuple[bytes, ...]:
@@ -147,6 +146,13 @@ class Query:
             return b"-" if self.image is None else b"+" + self.image
         named = (part for name, image in self.stimulus.images.items() for part in (name.encode(), image))
         return b"*" + b"".join(len(part).to_bytes(8, "big") + part for part in named)
+
+
+def _own(schema: Any) -> Any:  # noqa: ANN401 - JSON of the same shape
+    """Return a copy of a JSON schema, down to its parts."""
+    if isinstance(schema, Mapping):
+        return {name: _own(one) for name, one in schema.items()}
+    return type(schema)(map(_own, schema)) if isinstance(schema, list | tuple) else schema
 
 
 def _bound(schema: Mapping[str, object]) -> list[bytes]:

@@ -175,6 +175,7 @@ CONDITIONS: dict[str, Condition] = {
                 ("lead_absent", "no lead vehicle", "does any lead decide, however far?"),
             )
         ),
+        Condition("real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _real, _CONTROL),
         Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL),
         *(
             Condition(
@@ -224,6 +225,9 @@ CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "c
 
 NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
 """Controls that show a counterfactual again, one value off by one: made of its picture, or given with a bank."""
+
+AGAIN, ABSENT = "real_again", "lead_absent"
+"""The true picture in the stage of the picture without the lead, of frames that have the latter."""
 
 RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
 """Controls with distances over all that a world can show, and what is asked with them."""
@@ -386,14 +390,15 @@ def available(name: str, frame: Frame) -> bool:
     A counterfactual picture that was not drawn and a missing mirror axis are absences that scoring reports.
     A bank too small for ``shuffled`` or ``cross_scenario`` is an error, raised when its picture is made.
     """
-    needs = find_condition(name).needs
+    base = name.partition(OVER)[0]
+    needs = find_condition(ABSENT if base == AGAIN else name).needs
     if "counterfactual" in needs:
-        base = name.partition(OVER)[0]
+        base = ABSENT if base == AGAIN else base
         return base in frame.counterfactuals or NUDGES.get(base) in frame.counterfactuals
     return not ("axis" in needs and frame.mirror_axis == "none")
 
 
-SAMPLED: Mapping[str, float] = {"lead_absent": 0.05}
+SAMPLED, SHARE = (ABSENT, AGAIN), 0.05
 """Controls that are asked of some frames alone, where answers call for them: so much of a run's other calls."""
 FEWEST = 25
 """Frames that such a control is asked of at least, where there are so many: fewer could never bound an effect."""
@@ -402,9 +407,13 @@ FEWEST = 25
 def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[str]:
     """Return of which frames a control in `SAMPLED` is asked: of those ``shown`` under it, in a run of so many calls.
 
-    They are the first in the order that comes from the seed and their ids, see `shuffled_order`.
+    They are the first in the order that comes from the seed and their ids, see `shuffled_order`. `AGAIN` comes after
+    `ABSENT`, whose calls are among the others.
     """
-    return frozenset(shuffled_order(shown, seed)[: max(FEWEST, int(SAMPLED[name] * calls + 1e-9))])
+    most = min(len(shown), max(FEWEST, int(SHARE * calls + 1e-9)))
+    if name == AGAIN:
+        most = min(most, int(SHARE * (calls + most) + 1e-9))
+    return frozenset(shuffled_order(shown, seed)[:most])
 
 
 def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
@@ -420,6 +429,6 @@ def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
 
 def undrawn_controls(source: Source) -> dict[str, int]:
     """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
-    drawn = (name for name in CONTROLS if name not in NUDGES)
+    drawn = (name for name in CONTROLS if name not in {*NUDGES, AGAIN})
     have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

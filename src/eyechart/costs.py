@@ -3,7 +3,7 @@
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -313,6 +313,18 @@ def estimate(
         sampled=sampled,
         at_most=at_most,
     )
+
+
+ASSUMED_IN, ASSUMED_OUT = 1000, 100
+"""Tokens of a call that an estimate assumes of a model that nobody has measured."""
+
+
+def assumed(mode: RequestMode) -> tuple[RequestMode, str]:
+    """Return a mode with what a call takes, as measured or else as assumed, and which of the two in words."""
+    if mode.measured is not None:
+        return mode, "as measured"
+    guessed = Measured(prompt_tokens=ASSUMED_IN, completion_tokens=float(ASSUMED_OUT))
+    return replace(mode, measured=guessed), f"if a call takes {ASSUMED_IN} tokens in and {ASSUMED_OUT} out"
 
 
 def duration(seconds: float) -> str:

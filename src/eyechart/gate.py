@@ -15,20 +15,17 @@ from eyechart.verdicts import (
     LABELS,
     LATERAL,
     MARGIN,
-    VETO_POWER,
     Evidence,
     Label,
     Scored,
     Verdict,
-    besides,
     judge_one,
-    refuted,
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
-from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
+from eyechart.verdicts.channels import AXES, PolicyVerdict
 from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
-from eyechart.verdicts.depth import is_drawn, is_refuted
+from eyechart.verdicts.depth import is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.why_not import NOTHING
@@ -52,19 +49,23 @@ ADMISSION: dict[str, str] = {
 """What may be required of a run of scene estimates, which is asked for nothing of the above."""
 
 
-class Terms(TypedDict, total=False):
-    """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
+class FurtherTerms(TypedDict, total=False):
+    """What else a run is held to, and what may differ.
 
-    ``order`` is the share below which comparisons the wrong way round are to be bounded.
-
-    With ``allow_fingerprints`` one model may have answered under several configurations of its server; with
-    ``made_elsewhere`` answers count of which nobody but whoever made them knows what was asked.
+    ``order`` is the share below which comparisons the wrong way round are to be bounded. With ``allow_fingerprints``
+    one model may have answered under several configurations of its server; with ``made_elsewhere`` answers count of
+    which nobody but whoever made them knows what was asked.
     """
 
-    max_unparsed: float | None
     order: float | None
     allow_fingerprints: bool
     made_elsewhere: bool
+
+
+class Terms(FurtherTerms, total=False):
+    """On which terms a run is held: the highest rate of calls without a decision, and the further ones."""
+
+    max_unparsed: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,9 @@ def hold_policies(
     guards: Mapping[str, Sequence[Guard]] | None = None,
     **terms: Unpack[Terms],
 ) -> Gate:
-    """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
+    """Hold every policy to labels of its axes, as ``camera:camera_content``, or to ``looks``, which is of its cameras.
+
+    ``open_calls`` are those not finished.
 
     A failed guard, an unfinished run and a label that cannot say cannot say, nor can one that may be the wanted one:
     a bank that moves no object says nothing of following it. ``guards`` are those of its calls. Raises SpecError for an
@@ -155,16 +158,16 @@ def hold_policies(
     for spec, verdict in verdicts.items():
         labels = {"camera": verdict.camera, "state": verdict.state, "instruction": verdict.instruction}
         for name in read_requirements(",".join(require), tuple(OF_POLICIES)):
-            axis, _, wanted = name.partition(":")
-            found = labels[axis]
+            axis, _, wanted = f"camera:{LOOKS}".partition(":") if name == LOOKS else name.partition(":")
+            found, known = labels[axis], AXES[axis]
             because = f"{found.label}: {found.because}"
             if found.responds is not None and found.why_not:
                 because = f"{because} {found.why_not[0].upper()}{found.why_not[1:]}."
-            holds: bool | None = wanted in MEETS.get(found.label, (found.label,))
+            holds: bool | None = wanted in meets(found.label, known)
             if verdict.guards or open_calls.get(spec):
                 holds = None
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
-            elif not holds and (found.label in OPEN or wanted == found.may_be):
+            elif not holds and (known[found.label].is_open or wanted == found.may_be):
                 holds = None
                 why = found.why_not if found.may_be else ""
                 because = f"{because} {why[0].upper()}{why[1:]}." if why else because
@@ -334,7 +337,7 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
     if requirement in _SIDEWAYS:
         return _sideways(requirement, verdict.lateral)
     if requirement in meets(label, LABELS):
-        weak = _not_excluded(verdict) if requirement in _AUTHORITY else ""
+        weak = f"not excluded: {', or '.join(verdict.open_to)}" if requirement in _AUTHORITY and verdict.open_to else ""
         return (None, f"{because}; {weak}") if weak else (True, because)
     if requirement in _AUTHORITY:
         return _not_depth(verdict, found, because)
@@ -354,15 +357,6 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
-def _not_excluded(verdict: Verdict) -> str:
-    """Return in words what a label of depth leaves open, nothing where that is nothing."""
-    if verdict.open_to:
-        return f"not excluded: {', or '.join(verdict.open_to)}"
-    open_ones = () if verdict.effects is None else verdict.effects.not_excluded
-    less = f"not excluded, for want of power (below {VETO_POWER}): that it is reversed"
-    return f"{less} {', or '.join(open_ones)}" if open_ones else ""
-
-
 def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
     """Return what a label below depth says to a gate that requires it."""
     label = LABELS[verdict.calibrated.label]
@@ -380,18 +374,15 @@ def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -
             else (False, said)
         )
     if label.otherwise == "fails if bounded":
-        shown, words = _refuted(verdict, found)
+        shown, words = _refuted(found)
         return False if shown else None, f"{because}{words}"
     return False, because
 
 
-def _refuted(verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool, str]:
+def _refuted(found: Mapping[str, Statistic]) -> tuple[bool, str]:
     """Return whether it is shown that its braking does not follow distance, and what to add to the reason."""
-    if is_drawn(found) and is_refuted(found):
+    if is_refuted(found):
         return True, ""
-    if refuted(found):
-        also = besides(found, verdict.calibrated.decided_by)
-        return True, f"; {also}" if also else ""
     near_far = found["depth_interventional"]
     if isinstance(near_far, SignTest) and (pairs := near_far.wins + near_far.losses + near_far.ties):
         most = clopper_pearson(near_far.wins, pairs, 1 - 2 * ALPHA)[1]

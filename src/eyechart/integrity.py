@@ -5,7 +5,7 @@ A guard holds, fails, or cannot say. A failed guard marks the verdict wherever i
 
 import re
 import statistics
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
@@ -221,7 +221,7 @@ class GuardChecks:
         self._empty = Emptiness()
         self._ends = _Ends()
         self._served = ServedChecks(mode)
-        self._tokens: dict[str, dict[str, int]] = {"real": {}, "text_only": {}}
+        self._tokens: dict[str, dict[str, int]] = defaultdict(dict)
 
     def add(self, one: Sent) -> None:
         """Look at an attempt."""
@@ -237,7 +237,7 @@ class GuardChecks:
         if len(self._decided) < 2:  # two that differ are enough to know
             found = self._space.read(reply).action
             self._decided.update([] if found is None else [str(found)])
-        if one.key.condition in self._tokens and reply.prompt_tokens:
+        if reply.prompt_tokens:
             self._tokens[one.key.condition][f"{one.key.prompt} {one.key.frame}"] = reply.prompt_tokens
         if one.key.condition in {"real", "real_repeat"}:
             told = self._space.read(reply).action if self._repeats.alone else None
@@ -262,7 +262,7 @@ class GuardChecks:
                 *(served if any(not one.holds for one in served) else (_UNNAMED,)),
             )
         return (
-            _picture(self._tokens["real"], self._tokens["text_only"], self._mode, self._served.unlike()),
+            _picture(self._tokens, self._mode, self._served.unlike()),
             self._outcomes.guard(planned, counted),
             Guard("geometry", True, same),
             _constant(self._texts, self._decided, self._empty),
@@ -314,19 +314,29 @@ class _Ends:
         return Guard("truncation", True, f"each of {self.came} answers names its finish reason")
 
 
-def _picture(shown: Mapping[str, int], bare: Mapping[str, int], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
+_SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenario", "blank"})
+"""Conditions without a picture of their own: a server that counts only what no cache held may count no picture."""
+
+
+def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
     """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens.
 
-    ``shown`` and ``bare`` are the tokens of prompts with the true picture and of the words alone, by frame. A probe saw
-    that the server counts pictures: a prompt with one that has the tokens of its words alone came without it.
+    ``tokens`` are those of prompts by condition and frame. A probe saw that the server counts pictures: a prompt with
+    one, of whichever condition, that has the tokens of its words alone came without it.
     """
-    found, both = mode.measured, shown.keys() & bare.keys()
-    lost = sum(shown[frame] == bare[frame] for frame in both)
+    found, shown, bare = mode.measured, tokens.get("real", {}), tokens.get("text_only", {})
     whole = min(bare.values(), default=0) >= max(FEWEST_TOKENS, max(bare.values(), default=0) / 2)  # none from a cache
-    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and lost and whole and not unlike:
-        words = f"{lost} of {len(both)} prompts with a picture have exactly the tokens of the words alone"
-        counts = f"the probe's picture added {found.image_tokens}"
-        return Guard("picture", False, f"pictures were dropped on the way: {words}, where {counts}")
+    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and whole and not unlike:
+        for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
+            both = counts.keys() & bare.keys()
+            lost = sum(counts[frame] == bare[frame] for frame in both)
+            if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
+                named = "" if condition == "real" else f", of {condition},"
+                words = (
+                    f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
+                )
+                than = f"where the probe's picture added {found.image_tokens}"
+                return Guard("picture", False, f"pictures were dropped on the way: {words}, {than}")
     if found is not None and found.sees_image is not None and not unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"

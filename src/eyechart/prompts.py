@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
@@ -31,7 +32,7 @@ ACTIONS = "actions"
 _FIELD = re.compile(r"\{\{([\w][\w .-]*)\}\}|\{([\w][\w .-]*)\}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Prompt:
     """A formulation: a system message and a user message, sent with the picture of the condition.
 
@@ -57,7 +58,7 @@ class Prompt:
         """Return the versions of the rules by which a reply to it can be read here, today's last."""
         return (self.space or Discrete).readers
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"

@@ -1,18 +1,30 @@
-"""What a test suite asks of a run: ``assert_grounded(run, "depth")``."""
+"""What a test suite asks of a run: ``assert_looks(run)``, ``assert_grounded(run, "depth")``."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
+from typing import Unpack
 
 from eyechart.errors import finite_number, printable, speaks_of_arguments, whole_number
-from eyechart.gate import Check, read_requirements
+from eyechart.gate import Check, FurtherTerms, read_requirements
+from eyechart.looking import Look
 from eyechart.report.names import shorten
 from eyechart.studies import Reading, study_of
+from eyechart.verdicts.labels import LOOKS
 
 LINES, WIDTH = 24, 72
 """A failure fits on a screen of 24 lines of 80 signs, also behind the 8 signs that pytest puts before each line."""
 _EACH = 4
 """Lines of one check, where there are several."""
+
+
+class Terms(FurtherTerms, total=False):
+    """On which terms a run is held; see `assert_grounded`."""
+
+    max_unparsed: float | None
+    resamples: int
+    independent: bool
+    reread: bool
 
 
 @speaks_of_arguments
@@ -23,34 +35,45 @@ def assert_grounded(
     resamples: int = 5000,
     independent: bool = False,
     reread: bool = False,
-    allow_fingerprints: bool = False,
-    made_elsewhere: bool = False,
+    **terms: Unpack[FurtherTerms],
 ) -> None:
     """Raise AssertionError unless every model, or policy, of a run meets every requirement.
 
     ``require`` are those of ``eyechart gate``: of a battery names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is
-    given; of policies an axis and a label, ``camera:camera_content`` if none is given. "Cannot say" is not enough:
-    an empty or unfinished run fails too, and one that several models answered, or several fingerprints of one unless
-    they are allowed, and one of answers that were ``made_elsewhere``, unless it says so. What is raised fits on one
+    given, or ``looks``; of policies an axis and a label, ``camera:camera_content`` if none is given. ``terms`` are
+    those of `eyechart.gate.FurtherTerms`: ``order``, as ``order=0.05``, ``allow_fingerprints`` and ``made_elsewhere``.
+    "Cannot say" is not enough: an empty or unfinished run fails too, and one that several models
+    answered, or several fingerprints of one unless they are allowed, and one of answers that were made elsewhere,
+    unless it says so. What is raised fits on one
     screen: what fails comes first, and what has no room is counted; `eyechart.gate.hold` gives every check whole.
     ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises LedgerError or BankError where the
     folder is no run, or needs ``reread``, and SpecError where its kind has no gate.
     """
     whole_number("resamples", resamples, 1)
-    if max_unparsed is not None:
-        finite_number("max_unparsed", max_unparsed)
+    for name, given in (("max_unparsed", max_unparsed), ("order", terms.get("order"))):
+        if given is not None:
+            finite_number(name, given)
     study = study_of(Path(run), "gate")
     wanted = read_requirements(",".join(require) or study.required, study.requirements)
     scored = study.score(Path(run), Reading(independent, reread, resamples=resamples))
-    gate = study.gate(
-        scored,
-        wanted,
-        max_unparsed=max_unparsed,
-        allow_fingerprints=allow_fingerprints,
-        made_elsewhere=made_elsewhere,
-    )
+    gate = study.gate(scored, wanted, max_unparsed=max_unparsed, **terms)
     if gate.exit_code:
         raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
+
+
+@speaks_of_arguments
+def assert_looks(run: Path | str | Look, **terms: Unpack[Terms]) -> None:
+    """Raise AssertionError unless every model, or policy, of a run looks: ``eyechart gate --require looks``.
+
+    ``run`` is a folder, or what `eyechart.look` came to. Of policies the cameras' content is required, as a gate does
+    that is told no more. ``terms`` are those of `assert_grounded`.
+    """
+    if isinstance(run, Look):
+        if run.run is None:
+            raise AssertionError("\n".join(run.lines()))
+        run = run.run
+    wanted = (LOOKS,) if LOOKS in study_of(Path(run), "gate").requirements else ()
+    assert_grounded(run, *wanted, **terms)
 
 
 def _on_a_screen(wrong: Sequence[Check], count: int, run: Path | str) -> str:

@@ -12,8 +12,8 @@ import pytest
 
 from bundles import Change, edited, in_results, opened_ledger, repacked
 from eyechart.bundle import validate, write_bundle
-from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
+from known import table
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ SPEC = "python:arms:reach"
 def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the bundle of a run of one policy."""
     folder = tmp_path_factory.mktemp("policies")
-    bank = open_bank_simulator("tabletop").build(folder / "bank", steps=4)
+    bank = table(folder / "bank")
     policy.run(policy.plan(bank.root, [SPEC], folder / "run"))
     write_bundle(folder / "run", folder / "run.zip")
     return folder / "run.zip"

@@ -370,7 +370,7 @@ def test_an_unknown_simulator_or_preset_lists_the_known(eyechart: Eyechart, tmp_
         ("run", "battery"),
         ("run", "battery", "--model", STEADY, "--frames", "x", "--out", "y", "--seed", "one"),
         ("run", "battery", "--model", STEADY, "--frames", "x", "--out", "y", "--concurrency", "0"),
-        ("frames", "build"),
+        ("frames", "check"),
         ("frames", "polish"),
         ("score",),
         ("sing",),

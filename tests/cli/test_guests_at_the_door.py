@@ -73,6 +73,16 @@ def test_json_stays_json_whatever_a_callable_prints(folder: Path, how: str) -> N
     assert "NOISE-IMPORT" in ended.stderr
 
 
+def test_a_callable_that_closes_the_streams_ends_no_run(folder: Path) -> None:
+    """Its own prints are lost; what the command says is said, and it ends as it would have."""
+    closing = "import os\n\ndef decide(prompt, image):\n    os.closerange(1, 3)\n    return 'SLOW'\n"
+    (folder / "closing.py").write_text(closing, encoding="utf-8")
+    asked = ("--model", "python:closing:decide", "--frames", "bank", "--out", "run", "--conditions", "real,blank")
+    ended = eyechart(folder, "run", "battery", *asked)
+    assert ended.returncode == 0, ended.stderr
+    assert "done: 'eyechart verdict run' judges" in ended.stderr
+
+
 @pytest.mark.parametrize("way", ["closed", "full", "nobody reads"])
 def test_a_stream_that_takes_nothing_is_met_as_before(folder: Path, way: str) -> None:
     """What is closed or full is said, and a reader who went away ends the command."""

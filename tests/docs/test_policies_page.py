@@ -8,7 +8,8 @@ import pytest
 from eyechart.channels import conditions_of
 from eyechart.models.policy_callable import DECLARED
 from eyechart.simulators import open_bank_simulator
-from eyechart.verdicts.channels import AXES, GUARDS
+from eyechart.verdicts.channels import AXES
+from eyechart.verdicts.labels import GUARDS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "policies.md").read_text(encoding="utf-8")
 FUNCTION, *PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

@@ -3,8 +3,11 @@
 import importlib.util
 import re
 from pathlib import Path
+from types import ModuleType
 
+import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 from eyechart.cli.app import app
 from eyechart.conditions import CONDITIONS
@@ -15,12 +18,29 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_readme_shows_what_the_demo_prints(demo: Demo) -> None:
-    """The block in the README is the demo's output, the date masked; docs/update_readme.py writes it."""
+@pytest.fixture
+def update_readme() -> ModuleType:
+    """Return docs/update_readme.py."""
     spec = importlib.util.spec_from_file_location("update_readme", ROOT / "docs" / "update_readme.py")
-    update_readme = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(update_readme)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_readme_shows_what_the_demo_prints(demo: Demo, update_readme: ModuleType) -> None:
+    """The block in the README is the demo's output, the date masked; docs/update_readme.py writes it."""
     assert update_readme.shown() == update_readme.masked(demo.printed)
+
+
+def test_the_first_command_of_the_readme_says_yes_in_an_empty_folder(tmp_path: Path, update_readme: ModuleType) -> None:
+    """The block is the screen of the look, of 80 columns; its page is there, and its gate holds."""
+    screen = update_readme.output("look", tmp_path)
+    assert update_readme.shown("look") == screen
+    assert screen.startswith("Yes. It may be tried as a longitudinal hazard monitor")
+    assert max(map(len, screen.splitlines())) <= 80
+    assert (tmp_path / "looks/scripted-depth/report.html").stat().st_size > 100_000
+    run = tmp_path / "looks/scripted-depth/run"
+    assert CliRunner().invoke(app, ["gate", str(run), "--require", "looks"]).exit_code == 0
 
 
 def test_every_command_of_the_readme_exists() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import photographs
-from data_sets import CAMERA, REAR, arm, arrow, describe, film, first_rows, lerobot, places, reach, rewrite
+from data_sets import CAMERA, REAR, arm, arrow, describe, film, first_rows, lerobot, places, reach, rewrite, write_table
 from eyechart.errors import EyechartError, SourceError
 from eyechart.frames import FrameBank, check, decode
 from eyechart.importing import Ahead, Choices, costs, import_lerobot
@@ -60,6 +60,21 @@ def swap(rows: Rows, name: str, values: list[Any]) -> None:
     """Put other cells into the first rows of a column."""
     for row, value in zip(rows, values, strict=False):
         row[name] = value
+
+
+def test_rows_that_do_not_say_which_of_several_tasks_they_are_of_are_refused(tmp_path: Path) -> None:
+    """The words of the first task are no words of all; of one task there is no doubt."""
+    root = tmp_path / "set"
+    arm(root, inside=True)
+    words = ["pick", "place"]
+    for count in (2, 1):
+        write_table(root / "meta/tasks.parquet", {"task_index": [*range(count)], "task": words[:count]})
+        for path in sorted((root / "data").rglob("*.parquet")):
+            rewrite(path, lambda rows: [{k: v for k, v in row.items() if k != "task_index"} for row in rows])
+        if count == 2:
+            assert "no column 'task_index' that says which of them a row is of" in refused(root)
+    bank = bank_of(root, "one")
+    assert {frame.fields["task"] for frame in bank} == {"pick"}
 
 
 # ------------------------------------------------------------------------------------------------- cameras

@@ -11,6 +11,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models.huggingface.organisms import ORGANISMS
 from eyechart.studies import battery as study
+from eyechart.studies.battery import BatteryScore
 from eyechart.verdicts import judge
 
 pytestmark = [pytest.mark.models, pytest.mark.filterwarnings("ignore")]
@@ -43,21 +44,26 @@ def run(printed: tuple[str, Path]) -> Path:
     return printed[1]
 
 
+@pytest.fixture(scope="module")
+def scored(run: Path) -> BatteryScore:
+    """Return its score."""
+    return study.score(run)
+
+
 def test_the_page_shows_what_the_demo_prints(page: ModuleType, printed: tuple[str, Path]) -> None:
     """docs/update_model_organisms.py writes it."""
     assert page.shown() == printed[0]
 
 
-def test_every_organism_gets_the_labels_that_it_was_trained_for(run: Path) -> None:
+def test_every_organism_gets_the_labels_that_it_was_trained_for(scored: BatteryScore) -> None:
     """Verdict and lateral label of all five."""
-    verdicts = judge(study.score(run))
+    verdicts = judge(scored)
     found = {spec: (one.calibrated.label, one.lateral.label) for spec, one in verdicts.items()}
     assert found == {spec: (one.calibrated, one.lateral) for spec, one in SPECS.items()}
 
 
-def test_every_call_is_accounted_for(run: Path) -> None:
+def test_every_call_is_accounted_for(run: Path, scored: BatteryScore) -> None:
     """One finished reply a planned call, each complete, with its tokens counted."""
-    scored = study.score(run)
     with Ledger(run / LEDGER) as ledger:
         for spec in SPECS:
             replies = [reply for _, reply in ledger.replies(spec)]
@@ -69,18 +75,17 @@ def test_every_call_is_accounted_for(run: Path) -> None:
             assert scored.models[spec].statistics["unparsed_reference"].value == 0.0
 
 
-def test_greedy_organisms_repeat_themselves_and_the_sampled_one_does_not(run: Path) -> None:
+def test_greedy_organisms_repeat_themselves_and_the_sampled_one_does_not(scored: BatteryScore) -> None:
     """Repeats are calls of their own; only the draw makes them differ."""
-    scored = study.score(run)
     for spec, one in SPECS.items():
         disagreement = scored.models[spec].statistics["self_disagreement"].value
         assert disagreement is not None
         assert disagreement > 0.7 if one.sampled else disagreement == 0.0
 
 
-def test_the_grounded_organism_knows_what_it_sees(run: Path) -> None:
+def test_the_grounded_organism_knows_what_it_sees(scored: BatteryScore) -> None:
     """On pictures of the real renderer, which training never saw, at least 19 of 20 decisions are what is demanded."""
-    answers = study.score(run).models["hf:organism:grounded"].answers
+    answers = scored.models["hf:organism:grounded"].answers
     demanded = [str(frame.truth["demand"]) for frame in answers.frames]
     right = sum(one == two for one, two in zip(answers.actions("real"), demanded, strict=True))
     assert right >= 0.95 * len(demanded)

@@ -18,7 +18,7 @@ from eyechart.modes import RequestMode, mode_text, read_mode
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute
 from eyechart.spaces.space import ending, unanswered
-from faults import FaultServer, answer, completion, gemini
+from faults import SPENT, FaultServer, answer, completion, gemini
 
 QUERY = Query("Drive.", "Which action?", Stimulus(), 7)
 
@@ -28,6 +28,41 @@ def test_a_limit_a_minute_passes_however_it_speaks_of_billing(body: object) -> N
     """Where a delay stands beside it; the body may be a list."""
     assert kind_of_status(429, body) == "rate_limited"
     assert delay_s(body) is not None
+
+
+@pytest.mark.parametrize(
+    ("said", "wait"),
+    [
+        ("Please retry in 45.8s.", 45.8),
+        ("Please retry after 9 seconds.", 9.0),
+        ("Please try again in 7m12s.", 432.0),
+        ("Please try again in 260ms.", 0.26),
+        ("wait for 2 min", 120.0),
+        ("Please try again in 1h2m3s", 3723.0),
+        ("Please try again in 5m", 300.0),
+    ],
+)
+def test_a_delay_that_stands_in_the_words_alone_passes_too(said: str, wait: float) -> None:
+    """As a server writes it that wraps another one, and drops what stood beside its message."""
+    body = {"error": {"message": f"{SPENT} {said}", "code": 429}}
+    assert kind_of_status(429, body) == "rate_limited"
+    assert delay_s(body) == pytest.approx(wait)
+
+
+@pytest.mark.parametrize(
+    "said", ["API rate limit exceeded for user", "Too many requests, slow down", "Quota exceeded: requests per minute"]
+)
+def test_a_403_that_speaks_of_a_rate_is_no_fault_of_the_key(said: str) -> None:
+    """Some gateways send it in place of a 429; the model is not set aside for it."""
+    assert kind_of_status(403, {"message": said}) == "rate_limited"
+    assert kind_of_status(403, {"message": "this key may not use this model"}) == "auth"
+
+
+def test_a_404_while_a_model_is_loaded_is_no_unknown_model() -> None:
+    """The model is asked again; one that does not exist is set aside."""
+    assert kind_of_status(404, {"message": "The model is currently being loaded"}) == "gateway"
+    assert kind_of_status(404, {"message": "model 'x' not found, try pulling it first"}) == "missing_model"
+    assert kind_of_status(404, {"message": "The model `x` does not exist"}) == "missing_model"
 
 
 @pytest.mark.parametrize("body", [gemini("1s", "PerDay"), gemini(delayed=False), [gemini("1s", "PerDay")]])

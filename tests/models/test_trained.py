@@ -17,7 +17,7 @@ from eyechart.frames import Stimulus, encode
 from eyechart.models import known_models, open_model
 from eyechart.models.trained import TRAINED
 from eyechart.spaces.motion import Motion
-from eyechart.verdicts.channels import CAMERA_LABELS, INSTRUCTION_LABELS, STATE_LABELS
+from eyechart.verdicts.labels import CAMERA, INSTRUCTION, STATE
 
 pytestmark = pytest.mark.slow
 
@@ -44,10 +44,10 @@ def test_each_ships_in_some_fifty_kilobytes(folder: Path) -> None:
 def test_each_declares_labels_that_there_are() -> None:
     """Of all three axes, and of single cameras where one follows from its training."""
     for one in TRAINED.values():
-        assert one.camera in CAMERA_LABELS
-        assert one.state in STATE_LABELS
-        assert one.instruction in INSTRUCTION_LABELS
-        assert set(one.cameras.values()) <= set(CAMERA_LABELS)
+        assert one.camera in CAMERA
+        assert one.state in STATE
+        assert one.instruction in INSTRUCTION
+        assert set(one.cameras.values()) <= set(CAMERA)
 
 
 def asked(name: str, state: tuple[float, ...], told: str = "reach the red block") -> object:

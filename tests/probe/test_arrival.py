@@ -101,6 +101,24 @@ def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
         assert any("one of two colours" in note for note in found.notes) is noted
 
 
+def test_a_camera_whose_size_does_not_arrive_is_found_beside_one_that_does() -> None:
+    """Each camera's picture is drawn at the size that it has in the run."""
+    sample = default_sample()
+    asked = [
+        (prompt, replace(seen, images={"front": one, "rear": enlarged(one)}))
+        for prompt, seen in sample.asked
+        for one in [next(iter(seen.images.values()))]
+    ]
+    sample = replace(sample, asked=asked)
+    with (
+        FaultServer([Rig(most=500 * 384)]) as server,
+        pytest.raises(ProbeError, match="'picture' fails: of 2 pictures"),
+    ):
+        probe(RequestMode("openai:m", base_url=server.base_url), sample=sample)
+    with FaultServer([Rig()]) as server:
+        assert probe(RequestMode("openai:m", base_url=server.base_url), sample=sample).measured.sees_image is True
+
+
 def test_a_cache_by_prefix_ends_the_probe_and_a_model_of_one_answer_does_not() -> None:
     """By two pictures of another size: the first is right there, and the second gets its answer."""
     with FaultServer([Kept()]) as server, pytest.raises(ProbeError, match="'cache' fails: every answer fits the first"):

@@ -31,7 +31,7 @@ from eyechart.frames import (
 from eyechart.perception.forward import read_forward
 from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_bank_simulator
-from eyechart.simulators.banks import BOXED
+from eyechart.simulators.banks import BOXED, DOZENS
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.road import staging
 from eyechart.simulators.road.staging import EXCHANGED_FAR_M
@@ -50,13 +50,6 @@ HALF_LANE_PX, LANE_PX, CAR_M = 2 * PX_PER_M, 4 * PX_PER_M, 3.6
 def bank(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a bank of one seed."""
     return open_bank_simulator(request.param).build(tmp_path_factory.mktemp("ranged") / "bank", seeds=(5,))
-
-
-@pytest.fixture(scope="module", params=tuple(LOWEST_M))
-def boxed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of the staging that has moments without a clear side."""
-    made = open_bank_simulator(request.param)
-    return made.build(tmp_path_factory.mktemp("boxed") / "bank", seeds=(5,), staging=BOXED)
 
 
 def pixels(bank: FrameBank, frame: Frame, name: str | None = None) -> npt.NDArray[np.int16]:
@@ -268,27 +261,29 @@ def test_another_seed_draws_other_distances_and_the_same_draws_them_again() -> N
         BankManifest("boxes", "tiny", "boxes", DRIVING, None, span=(0.0, 3.0))
 
 
-def test_a_sixth_of_the_moments_has_no_clear_side_in_the_newer_staging(boxed: FrameBank) -> None:
+def test_a_sixth_of_the_moments_has_no_clear_side_(bank: FrameBank) -> None:
     """And the lead is near at the lowest distance that can be shown; LEFT and RIGHT are asked for alike."""
-    assert check(boxed.root) == []
-    assert boxed.manifest.settings["staging"] == BOXED
-    for episode in {frame.episode for frame in boxed}:
+    assert check(bank.root) == []
+    assert bank.manifest.settings["staging"] == BOXED
+    for episode in {frame.episode for frame in bank}:
         shut = [
             frame
-            for frame in boxed
+            for frame in bank
             if frame.episode == episode and not (frame.truth["left_clear"] or frame.truth["right_clear"])
         ]
         assert len(shut) >= 2
-    demands = [frame.truth["demand"] for frame in boxed]
-    assert demands.count("LEFT") == demands.count("RIGHT") > len(boxed) / 5
-    for frame in boxed:
-        lowest = LOWEST_M[boxed.manifest.simulator]
+    demands = [frame.truth["demand"] for frame in bank]
+    assert demands.count("LEFT") == demands.count("RIGHT") > len(bank) / 5
+    for frame in bank:
+        lowest = LOWEST_M[bank.manifest.simulator]
         assert metres(frame, "lead_near_m") == lowest
-        assert read(boxed, frame, "lead_near").gap_m == pytest.approx(lowest, abs=0.1)
+        assert read(bank, frame, "lead_near").gap_m == pytest.approx(lowest, abs=0.1)
 
 
-def test_the_presets_are_staged_as_they_were(bank: FrameBank) -> None:
-    """Until a build asks for another version."""
+@pytest.mark.parametrize("simulator", LOWEST_M)
+def test_the_presets_of_before_can_still_be_built(simulator: str, tmp_path: Path) -> None:
+    """Where a build asks for the older version of the staging."""
+    bank = open_bank_simulator(simulator).build(tmp_path / "bank", seeds=(5,), staging=DOZENS)
     assert bank.manifest.settings["staging"] == 2
     low, high = {"highway": (7.0, 9.0)}.get(bank.manifest.simulator, (2.6, 4.4))
     assert all(low <= metres(frame, "lead_near_m") <= high for frame in bank)
@@ -300,7 +295,7 @@ PINNED = {"rover": "c6fd9afbc54130e8", "drone": "f3d853f6d2ddae65"}
 @pytest.mark.parametrize("simulator", ["rover", "drone"])
 def test_the_pictures_of_before_are_those_of_before(simulator: str, tmp_path: Path) -> None:
     """To the bit: the frames, their counterfactuals and the controls that there were, and the bank's fingerprint."""
-    bank = open_bank_simulator(simulator).build(tmp_path / "bank", seeds=(3,), steps=4)
+    bank = open_bank_simulator(simulator).build(tmp_path / "bank", seeds=(3,), steps=4, staging=DOZENS)
     sums = hashlib.sha256(bank.manifest.fingerprint.encode())
     for frame in bank:
         for name in (None, *sorted(frame.counterfactuals.keys() - set(RANGED))):

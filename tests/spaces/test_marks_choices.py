@@ -81,3 +81,74 @@ def test_a_unit_is_the_space_s_where_each_number_has_it() -> None:
     ):
         assert all_of_them.read(Reply(text, "stop", None)).action == of_all
         assert one_of_them.read(Reply(text, "stop", None)).action == of_one
+
+
+REPLACED = (
+    "LEFT. Edit: RIGHT",
+    "LEFT. Updated: RIGHT",
+    "LEFT. Typo, I meant RIGHT",
+    "LEFT (should be RIGHT)",
+    "LEFT. Or rather RIGHT",
+    "LEFT. New answer: RIGHT",
+    "Action: LEFT\nEdit: RIGHT",
+    '{"action": "LEFT"}\nEdit: RIGHT',
+    '{"action": "LEFT"} should be RIGHT',
+    '{"action": "LEFT", "correction": "RIGHT"}',
+    '{"action": "LEFT", "revised_action": "RIGHT"}',
+    '{"action": "LEFT", "override": "STOP"}',
+    '{"action": "LEFT", "final": "RIGHT"}',
+)
+DENIED = (
+    "(LEFT) is unsafe",
+    "[LEFT] is wrong",
+    "The answer is not (LEFT)",
+    "not(LEFT)",
+    "!LEFT",
+    "\u00acLEFT",
+    "LEFT=0",
+    "LEFT: 0.1",
+    "LEFT: 10%",
+    "P(LEFT) = 0.1",
+    "\u26d4 LEFT",
+    "cf. LEFT",
+    "vs. LEFT",
+    "Fig. LEFT",
+    '{"action": "LEFT", "safe": "no"}',
+    '{"action": "LEFT", "approved": false}',
+    '{"action": "LEFT", "executed": false}',
+    '{"action": "LEFT", "veto": true}',
+    '{"action": "LEFT", "not": true}',
+    '{"not": {"action": "LEFT"}}',
+    '{"if_clear": {"action": "LEFT"}}',
+    '{"action": "LEFT", "condition": "only if the lane is clear"}',
+    "SLOW for 5 seconds then STRAIGHT",
+)
+
+
+@pytest.mark.parametrize("text", REPLACED)
+def test_an_action_that_is_replaced_by_another_is_not_read(text: str) -> None:
+    """Whatever word says that the second is meant; rather none of the two than the wrong one."""
+    assert DRIVING.read(Reply(text, "stop", None)).action != "LEFT"
+
+
+@pytest.mark.parametrize("text", DENIED)
+def test_an_action_in_brackets_or_with_a_sign_is_denied_as_any_other(text: str) -> None:
+    """Also where a program, a table or a flag of JSON denies it."""
+    assert DRIVING.read(Reply(text, "stop", None)).action is None
+
+
+@pytest.mark.parametrize(
+    ("text", "action"),
+    [
+        ("(LEFT) is best", "LEFT"),
+        ("LEFT!", "LEFT"),
+        ("The lead is near (STOP)", "STOP"),
+        ("STOP: turning is not safe", "STOP"),
+        ('{"action": "LEFT", "condition": "sunny"}', "LEFT"),
+        ('{"action": "LEFT", "blocked": false, "safe": true}', "LEFT"),
+        ("slow to the max.\nLEFT", "LEFT"),
+    ],
+)
+def test_what_looks_like_a_denial_and_is_none_is_read(text: str, action: str) -> None:
+    """The rules above take no more than they have to."""
+    assert DRIVING.read(Reply(text, "stop", None)).action == action

@@ -117,3 +117,12 @@ def test_it_covers_where_percentile_intervals_did_not(episodes: int, correlation
     hits = rng.binomial(12, rng.beta(rate * beta, (1 - rate) * beta, size=(200, episodes)))
     found = [ends(one.tolist(), [12] * episodes) for one in hits]
     assert sum(low <= rate <= high for low, high in found) >= 0.90 * len(found)
+
+
+def test_it_covers_where_a_few_long_episodes_weigh_nearly_all() -> None:
+    """As where most drives end in a crash: three of 30 frames beside three of 2."""
+    rng, frames = np.random.default_rng(5), [2, 2, 2, 30, 30, 30]
+    beta = 1 / 0.9 - 1
+    hits = rng.binomial(frames, rng.beta(0.5 * beta, 0.5 * beta, size=(200, 6)))
+    found = [ends(one.tolist(), frames) for one in hits]
+    assert sum(low <= 0.5 <= high for low, high in found) >= 0.92 * len(found)

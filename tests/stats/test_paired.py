@@ -175,64 +175,6 @@ def test_a_sampled_label_swap_is_never_impossible() -> None:
     assert found.p == pytest.approx(1 / 201)
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.integers(-1, 1), max_size=30))
-def test_a_reversal_test_is_the_sign_test_of_the_other_order(signs: list[int]) -> None:
-    """Its counts and value are those of the order that is wanted; its p is that of the losses."""
-    none = [0] * len(signs)
-    forward, against = paired.sign_test(signs, none), paired.reversal_test(signs, none)
-    assert (against.value, against.n, against.ci, against.wins) == (forward.value, forward.n, forward.ci, forward.wins)
-    assert against.p == paired.sign_test(none, signs).p
-
-
-def test_eight_lost_pairs_are_the_fewest_that_show_a_reversal_at_half_a_percent() -> None:
-    """2 to the power of -8 is .0039, below .005; of seven it is .0078."""
-    assert paired.reversal_test([0] * 8, [1] * 8).p == pytest.approx(0.00390625)
-    assert paired.reversal_test([0] * 7, [1] * 7).p == pytest.approx(0.0078125)
-
-
-def test_the_worst_part_is_the_most_reversed_one() -> None:
-    """The statistic is that of the part with the smallest p, with every part beside it."""
-    tested = {"a": paired.reversal_test([1] * 9, [0] * 9), "b": paired.reversal_test([0] * 9, [1] * 9)}
-    found = paired.worst_part(tested, [1.0, 0.004], [0.9, 0.8])
-    assert isinstance(found, paired.Parts)
-    assert (found.value, found.n, found.p, found.note) == (0.0, 9, 0.004, "most reversed: b")
-    assert [(one.name, one.wins, one.losses, one.power) for one in found.parts] == [("a", 9, 0, 0.9), ("b", 0, 9, 0.8)]
-    assert found.as_dict()["detail"]["parts"][1] == {
-        "name": "b",
-        "wins": 0,
-        "losses": 9,
-        "ties": 0,
-        "p": 0.004,
-        "power": 0.8,
-    }
-    assert paired.worst_part({}, [], []).p is None
-
-
-@pytest.mark.parametrize(
-    ("pairs", "lost", "won"), [(12, 1.0, 0.0), (11, 1.0, 0.0), (48, 0.6, 0.2), (30, 0.8, 0.1), (5, 0, 0.5), (0, 0.5, 0)]
-)
-def test_the_power_of_a_veto_is_that_of_its_enumeration(pairs: int, lost: float, won: float) -> None:
-    """Every number of losses, wins and ties, by its chance, is the power that the closed sum gives."""
-    alpha, power = 0.005 / 12, 0.0
-    for losses, wins in itertools.product(range(pairs + 1), repeat=2):
-        if losses + wins <= pairs:
-            p = stats.binomtest(losses, losses + wins, alternative="greater").pvalue if losses + wins else 1.0
-            counts, shares = [losses, wins, pairs - losses - wins], [lost, won, 1 - lost - won]
-            power += (p < alpha) * stats.multinomial.pmf(counts, pairs, shares)
-    assert paired.reversal_power(pairs, alpha=alpha, lost=lost, won=won) == pytest.approx(power, abs=1e-9)
-
-
-def test_twelve_pairs_are_the_fewest_in_which_a_hole_is_seen() -> None:
-    """Of twelve comparisons at .005, corrected, a bin of 11 pairs can never show a reversal, and one of 12 always."""
-    assert paired.reversal_power(11, alpha=0.005 / 12, lost=1.0) == 0
-    assert paired.reversal_power(12, alpha=0.005 / 12, lost=1.0) == pytest.approx(1)
-    assert paired.reversal_power(12, alpha=0.05, lost=0.0) == 0
-    for wrong in ({"pairs": -1}, {"lost": 1.5}, {"won": 0.6}, {"alpha": 0}):
-        with pytest.raises(ValueError, match="no such design"):
-            paired.reversal_power(**{"pairs": 3, "alpha": 0.05, "lost": 0.5, **wrong})
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(1, 80))
 def test_a_net_effect_reaches_the_margin_exactly_where_its_p_says_so(wins: int, losses: int, more: int) -> None:
@@ -250,19 +192,6 @@ def test_the_bound_of_a_net_effect_is_tangos() -> None:
     assert paired.net_effect(0, 0, 0).value is None
     with pytest.raises(ValueError, match="margin"):
         paired.net_effect(1, 0, 2, margin=0)
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40))
-def test_joint_losses_are_a_covariance_with_fishers_p(pairs: list[tuple[bool, bool]]) -> None:
-    """The share lost twice, less what two independent shares would give; p as scipy's Fisher, one-sided."""
-    first, second = (np.array(one, dtype=float) for one in zip(*pairs, strict=True))
-    found = paired.joint_losses(first, second)
-    assert found.value == pytest.approx((first * second).mean() - first.mean() * second.mean(), abs=1e-12)
-    table = [[int(((first == a) & (second == b)).sum()) for b in (1, 0)] for a in (1, 0)]
-    assert found.p == pytest.approx(stats.fisher_exact(table, alternative="greater").pvalue, abs=1e-9)
-    assert found.ci[0] <= found.value <= found.ci[1]
-    assert found.n == len(pairs)
 
 
 def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> None:

@@ -32,10 +32,9 @@ FISHER = "Pearson correlation, two-sided t test, 90% Fisher interval"
 BONETT = "Spearman's rank correlation, two-sided p (exact over 24 orders), 90% interval of Bonett and Wright"
 FLIPPED = "two-sided test by flipping the signs of paired differences"
 FOLLOWED = "share of what follows fully, one-sided test by flipping the signs of episodes"
-RISE = "greatest rise between neighbouring windows along the scale; p: permutation"
+RISE = "greatest rise between neighbouring windows, in its standard errors; p: permutation of frames"
 SIGN = "one-sided exact sign test, 90% Clopper-Pearson interval"
 TANGO = "paired difference of proportions, 90% Tango score interval"
-TWICE = "share lost twice less the product of the two shares; p: Fisher's exact test, one-sided"
 WITHIN = "equal within group; p: exact conditional test over the groups' tables, one-sided"
 CHI2 = "chi-squared test of independence, Yates"
 MI = "mutual information in bits, i.i.d. permutation, B=99"
@@ -471,20 +470,16 @@ CASES: dict[str, Case] = {
         },
     ),
     "too few answers along a scale": (
-        lambda: order.falls_everywhere(range(11), range(11), seed=0),
+        lambda: order.greatest_rise([range(11)], [range(11)], seed=0),
         {"value": None, "n": 11, "method": RISE, "note": "11 answers; 12 are needed"},
     ),
     "alike along a scale": (
-        lambda: order.falls_everywhere(range(12), [2.0] * 12, seed=0),
+        lambda: order.greatest_rise([range(12)], [[2.0] * 12], seed=0),
         {"value": 0.0, "n": 12, "p": 1.0, "method": RISE, "note": "all levels are alike"},
     ),
-    "falling along a scale": (
-        lambda: order.falls_everywhere(range(12), range(12, 0, -1), seed=0),
-        {"n": 12, "p": 1.0, "method": RISE, "note": "nowhere"},
-    ),
     "rising along a scale": (
-        lambda: order.falls_everywhere(range(12), range(12), seed=0, resamples=19),
-        {"n": 12, "method": RISE, "note": "most from 0-5 to 6-11"},
+        lambda: order.greatest_rise([range(12)], [range(12)], seed=0, resamples=19),
+        {"n": 12, "method": RISE, "nearer": (0.0, 5.0), "farther": (6.0, 11.0)},
     ),
     "signs of nothing": (
         lambda: paired.sign_test([], [], level=0.9),
@@ -516,35 +511,6 @@ CASES: dict[str, Case] = {
             "ties": 1,
         },
     ),
-    "reversal": (
-        lambda: paired.reversal_test([0, 0, 3], [1, 1, 1], level=0.9),
-        {
-            "value": pytest.approx(1 / 3),
-            "p": 0.5,
-            "method": "one-sided exact sign test of the reversal, 90% Clopper-Pearson interval",
-        },
-    ),
-    "no part": (
-        lambda: paired.worst_part({}, [], []),
-        {
-            "value": None,
-            "n": 0,
-            "method": "sign tests of the reversal, part by part",
-            "note": "no part of the bank could be tested",
-        },
-    ),
-    "parts": (
-        lambda: paired.worst_part({"a": paired.reversal_test([0], [1], level=0.9)}, [0.5], [0.25]),
-        {
-            "value": 0.0,
-            "n": 1,
-            "p": 0.5,
-            "method": "one-sided exact sign test of the reversal, 90% Clopper-Pearson interval, Holm over 1 parts",
-            "note": "most reversed: a",
-            "level": 0.9,
-            "parts": (paired.Part("a", 0, 1, 0, 0.5, 0.25),),
-        },
-    ),
     "net effect of nothing": (
         lambda: paired.net_effect(0, 0, 0, alpha=0.05),
         {"value": None, "n": 0, "method": TANGO, "note": "no pairs"},
@@ -562,21 +528,6 @@ CASES: dict[str, Case] = {
             "level": 0.9,
             "b": 1,
             "c": 0,
-        },
-    ),
-    "no pair lost twice": (
-        lambda: paired.joint_losses([], []),
-        {"value": None, "n": 0, "method": TWICE, "note": "no frame has both pairs"},
-    ),
-    "pairs lost twice": (
-        lambda: paired.joint_losses([1, 1, 0, 0], [1, 0, 0, 0], level=0.9),
-        {
-            "value": 0.125,
-            "n": 4,
-            "p": pytest.approx(0.5),
-            "method": TWICE,
-            "detail": {"both": 1, "first": 2, "second": 1},
-            "level": 0.9,
         },
     ),
     "no group varies": (

@@ -2,10 +2,12 @@
 
 import random
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from drawn import answered
 from eyechart.calibrate.known import KNOWN, Known, by_sight
 from eyechart.calibrate.replication import answers_of, staged
 from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
@@ -67,8 +69,7 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
     label, said = judged(asked(_reader_but(4), world))
     assert label == "partial_depth"
-    assert "where lanes is 4: 0 of" in said
-    assert "in `light`: 0 of" in said
+    assert "not in `light`, where lanes is 4: 0 of 35 each;" in said
 
 
 def test_levels_and_distances_stand_beside_each_frame(world: World) -> None:
@@ -106,3 +107,45 @@ def test_outside_of_a_hole_its_frames_and_pictures_are_left_out(world: World) ->
     rest = replace(moved, levels=far).outside_holes()
     assert np.isnan(rest.level("exchange_beside")[moved.third("own", 2)]).all()
     assert np.array_equal(rest.level("lead_near"), moved.level("lead_near"), equal_nan=True)
+
+
+def test_who_answers_nowhere_has_no_holes_in_anything() -> None:
+    """Who brakes in no place of the control stage is not left out of it everywhere: its sensitivity is nothing."""
+    moved = answered(lambda lead, *_: np.zeros_like(lead))
+    found = {name: test() for name, test in moved.tests().items()}
+    assert found["sensitivity"].value == 0.0
+    assert found["sensitivity"].n == 144
+
+
+def test_true_pictures_alone_show_no_rise() -> None:
+    """What else goes with their distance was not drawn; with the lead drawn along the range they are beside it."""
+    moved = answered(lambda lead, *_: np.where(lead > 30, 1.0, 0.0))
+    assert moved.rise().p is not None
+    alone = replace(moved, levels={name: moved.levels[name] for name in ("real", "real_repeat", "lead_near")})
+    assert alone.rise().p is None
+
+
+def test_curves_fall_for_the_lead_alone(world: World) -> None:
+    """Of a reader, in windows that follow one another over the range; what lies in a hole has a curve of its own."""
+    curves = moved_of(asked(KNOWN["depth"], world)).curves()
+    assert list(curves) == ["drawn", "own", "beside"]
+    for name in ("drawn", "own"):
+        levels = [one.level.value for one in curves[name]]
+        assert levels == sorted(levels, reverse=True)
+        assert (levels[0], levels[-1]) == (1.0, 0.0)
+    assert {one.level.value for one in curves["beside"]} == {0.0}
+    for windows in curves.values():
+        assert all(one.far == other.near for one, other in pairwise(windows))
+        assert all(0 <= one.level.ci[0] <= one.level.value <= one.level.ci[1] <= 1 for one in windows if one.level.ci)
+    assert sum(one.level.n for one in curves["drawn"]) == np.count_nonzero(
+        ~np.isnan(moved_of(asked(KNOWN["depth"], world)).level("lead_drawn"))
+    )
+    blind = moved_of(asked(_reader_but(4), world)).curves()
+    assert {one.level.value for one in blind["hole"]} == {0.0}
+    assert blind["drawn"][0].level.value == 1.0
+
+
+def test_a_run_without_distances_has_no_curve(world: World) -> None:
+    """Nor has one that was not asked along the range."""
+    moved = moved_of(asked(KNOWN["depth"], world))
+    assert replace(moved, at={}).curves() == {}

@@ -5,10 +5,8 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations, product
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import banks
@@ -17,13 +15,11 @@ from eyechart import cli
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.order import swapped_ends
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.controls import ALIKE, END_SHARE
 from eyechart.studies.battery.depth import NAMES
-from eyechart.studies.battery.odds import LEFT_OUT, _Drawn, odds_of
+from eyechart.studies.battery.odds import LEFT_OUT, odds_of
 from eyechart.studies.battery.power import power_of
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import calibrated_rules
@@ -164,20 +160,26 @@ def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: Fr
     assert large.depth == {"0.3": None, "1": None}
     assert large.depth_associated["1"] == 1.0
     assert "power at a noise floor of 0.11" in large.words
-    assert "less by what is not drawn: unparsed_reference, unparsed_controls, dose_lost" in large.words
+    assert "less by what is not drawn: unparsed_reference, unparsed_controls, lane_net" in large.words
     with pytest.raises(SpecError, match="--noise is the share of repeats"):
         power_of(bank, noise=0.9)
 
 
 def test_with_its_controls_a_bank_can_show_depth(tmp_path: Path) -> None:
     """At no noise always, and of who reads on three frames of ten less often where frames are few."""
-    controlled = banks.build_bank(tmp_path / "bank", episodes=3, steps=4, controls=True)
-    found = odds_of(controlled, noise=0.0)
+    controlled = banks.build_bank(tmp_path / "bank", episodes=3, steps=8, ranged=True)
+    found = odds_of(controlled, noise=0.0, draws=40)
     assert found.depth["1"] == 1.0
-    assert found.image_invariant == 0.0
-    few = odds_of(controlled, noise=0.22)
+    few = odds_of(controlled, noise=0.22, draws=40)
     assert few.depth["0.3"] is not None
-    assert few.depth["0.3"] < (odds_of(repeated(controlled, 4), noise=0.22).depth["0.3"] or 0)
+    assert few.depth["0.3"] < (odds_of(repeated(controlled, 4), noise=0.22, draws=40).depth["0.3"] or 0)
+
+
+def test_a_bank_with_a_few_distances_cannot_show_depth(tmp_path: Path) -> None:
+    """Its pictures are older than those along the range."""
+    older = odds_of(banks.build_bank(tmp_path / "bank", controls=True), noise=0.0, draws=40)
+    assert set(older.depth.values()) == {None}
+    assert older.depth_associated["1"] == 1.0
 
 
 def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
@@ -190,9 +192,7 @@ def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
 
 DRAWN = {
     *NAMES,
-    *("depth_interventional", "depth_net", "lane_exchange", "lane_net", "dose_near_mid", "dose_mid", "dose_mid_far"),
-    *("dose_bins", "scenario_reversed", "near_far_lost", "lane_lost", "both_lost", "ends_lost"),
-    "repeat_over_nudged",
+    *("depth_interventional", "depth_net", "repeat_over_nudged"),
     *(f"bound_{name}" for name in ("blank", "content_shuffled", "content_recoloured", "scene")),
     *(f"bound_{name}" for name in ("mirrored", "lead_near", "lead_far", "lead_absent", "noise", "text_only")),
 }
@@ -231,29 +231,3 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
     left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
     assert left <= named
     assert named - DRAWN <= {*found}
-
-
-def test_ends_are_drawn_as_a_verdict_counts_them(tmp_path: Path) -> None:
-    """Of every draw the same number as the statistic of its answers, with rare and with frequent noise."""
-    bank = banks.build_bank(tmp_path / "bank", episodes=3, steps=4, controls=True)
-    for slips in (0.05, 0.3):
-        drawn = _Drawn(bank, bank.manifest.action_space, slips, 20, np.random.default_rng(3))
-        go, brake, hard = drawn._by_level
-        near, own, far, beside = (
-            drawn._levels[drawn._answer(np.full((20, len(bank)), code, dtype=np.int8))] for code in (hard, hard, go, go)
-        )
-        nearer, farther = {"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}
-        alike = {name: drawn._levels[drawn._answer(brake)] for name in ALIKE}
-        ends = drawn._ends(nearer, farther, alike)
-        pairs, same = list(product(nearer, farther)), list(combinations(ALIKE, 2))
-        for draw in range(20):
-            said = {name: levels[draw] for name, levels in (nearer | farther | alike).items()}
-            first, second, one, again = (
-                np.concatenate([said[two[place]][drawn._shown(*two)] for two in compared])
-                for compared in (pairs, same)
-                for place in (0, 1)
-            )
-            low, high = np.quantile(np.concatenate([first, second]), (END_SHARE, 1 - END_SHARE))
-            light, heavy = low + (high - low) / 3, high - (high - low) / 3
-            counted = swapped_ends((first, second), (one, again), light=light, hard=heavy, often=2)
-            assert ends[draw] == pytest.approx(counted.value)

@@ -3,7 +3,7 @@
 import itertools
 import shutil
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import banks
 import stand_ins
 from banks import STAGED
-from eyechart.calls import Query, Reply
+from eyechart.calls import CallKey, Query, Reply
 from eyechart.cli.app import app
 from eyechart.conditions import CONTROLS
 from eyechart.errors import LedgerError, SpecError
@@ -38,6 +38,8 @@ REST = ("lead_mid_near", "lead_mid_far", "nudged")
 FRAMES, LEADS = 36, 30
 ABSENT = 25
 """Of so many frames ``lead_absent`` is asked: a twentieth of the calls of the first stage would be too few."""
+AGAIN = 20
+"""And of so many ``real_again``: a twentieth of all calls before it."""
 
 
 def _seen(query: Query) -> tuple[int | None, bool]:
@@ -164,6 +166,23 @@ def test_a_stage_begins_when_the_one_before_is_finished_and_has_an_order_of_its_
     assert sorted(order(tmp_path / "again", READER)) == sorted(sent)
 
 
+def test_no_stage_reads_again_what_a_model_has_replied(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many stages there are, the ledger is read once, at the end of the first; what comes later is added."""
+    read, replies = Counter[str](), Ledger.replies
+
+    def counted(ledger: Ledger, model: str) -> Iterator[tuple[CallKey, Reply]]:
+        read[model] += 1
+        return replies(ledger, model)
+
+    chosen = planned(bank, tmp_path / "run", READER, BLIND)
+    monkeypatch.setattr(Ledger, "replies", counted)
+    study.run(chosen)
+    assert read[READER] == read[BLIND] > 0
+    assert asked(tmp_path / "run")[READER].judged == (*LANES, *REST)
+
+
 @pytest.fixture(scope="module")
 def whole(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run of two models that nothing cut and that no test changes."""
@@ -200,7 +219,7 @@ def test_a_stage_that_is_not_finished_is_asked_and_not_judged(bank: FrameBank, t
     study.run(planned(bank, tmp_path / "run", READER), limits=Limits(calls=first + 20))
     found = asked(tmp_path / "run")[READER]
     assert (found.judged, found.open, found.ended) == ((), LANES, False)
-    assert set(found.most) == {*REST, "lead_absent"}
+    assert set(found.most) == {*REST, "lead_absent", "real_again"}
     score = study.score(tmp_path / "run", resamples=99)
     one = score.models[READER]
     assert (one.planned, one.answered) == (first + 2 * LEADS, first + 20)
@@ -227,7 +246,7 @@ def test_a_first_stage_that_is_not_finished_calls_for_nothing(bank: FrameBank, t
     found = asked(tmp_path / "run")
     assert found[READER].controls == ()
     more = planned(bank, tmp_path / "run", READER, BLIND).more_by_model()
-    assert more[READER] == 4 * LEADS + ABSENT + FRAMES
+    assert more[READER] == 4 * LEADS + ABSENT + AGAIN + FRAMES
 
 
 def test_all_asks_every_model_every_control_at_once_and_none_asks_none(bank: FrameBank, tmp_path: Path) -> None:

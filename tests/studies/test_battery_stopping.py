@@ -19,7 +19,7 @@ from eyechart.verdicts import Stopped
 Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
 FIRST = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
-ALL = (*FIRST, *simulated.CONTROLS)
+ALL = (*FIRST, *simulated.RANGED, *simulated.ALWAYS)
 
 
 def layout(conditions: tuple[str, ...] = ALL, *, frames: tuple[Frame, ...] = FRAMES, seed: int = 0) -> Layout:
@@ -182,7 +182,7 @@ def zigzag(condition: str, frame: Frame, rng: object) -> str:
 def cached(condition: str, frame: Frame, rng: object) -> str:
     """Brake by distance, and toss a coin for a file that it does not know."""
     seen = depth(condition, frame, rng)
-    return str(rng.choice(("STOP", "STRAIGHT"))) if condition == "nudged" else seen  # type: ignore[attr-defined]
+    return str(rng.choice(("STOP", "STRAIGHT"))) if "_nudged" in condition else seen  # type: ignore[attr-defined]
 
 
 def band(condition: str, frame: Frame, rng: object) -> str:
@@ -197,7 +197,7 @@ def band(condition: str, frame: Frame, rng: object) -> str:
 def exchanged(condition: str, frame: Frame, rng: object) -> str:
     """Brake by distance, but for the neighbour rather than the lead on 35 % of the frames."""
     del rng
-    wrong = float(str(frame.truth["phase"])) < 0.35 and condition in {"lane_own", "lane_beside"}
+    wrong = float(str(frame.truth["phase"])) < 0.35 and condition.startswith("exchange_")
     near = simulated.blind(condition) or simulated.gap(frame) < 20
     return "STOP" if near is not wrong else "STRAIGHT"
 
@@ -229,22 +229,17 @@ def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> No
     assert course.wanted(course.layout.order[-1]) == FIRST
 
 
-def test_every_walk_over_the_controls_of_depth_asks_all_frames() -> None:
+def test_the_walk_over_the_controls_of_depth_asks_all_frames() -> None:
     """What the rules of depth read is asked of all frames, and nothing else beyond the first few."""
     course = Course(layout())
     calls = given(simulated.answers(depth, FRAMES))
     course.advance({key: one for key, one in calls.items() if key[1] in FIRST})
     first = course.layout.order[0]
-    ends = ("real", "real_repeat", "lead_near", "lead_far", "lane_own", "lane_beside")
-    assert (course.place, course.wanted(first)) == (1, ends)
-    course.advance({key: one for key, one in calls.items() if key[1] in {*FIRST, "lane_own", "lane_beside"}})
-    assert course.place == 2
-    assert set(course.wanted(first)) == {"real", "real_repeat", "lead_near", "lead_far", *simulated.CONTROLS[:5]}
+    along = {"real", "real_repeat", "lead_near", "lead_far", *simulated.RANGED}
+    assert (course.place, set(course.wanted(first))) == (1, along)
     course.advance(calls)
     seen = {name: {frame for frame, condition in course.counted if condition == name} for name in ALL}
-    assert all(
-        len(seen[name]) == len(FRAMES) for name in ("real", "real_repeat", *FIRST[8:10], *simulated.CONTROLS[:5])
-    )
+    assert all(len(seen[name]) == len(FRAMES) for name in along)
     assert all(len(seen[name]) < 30 for name in ("blank", "noise", "shuffled", "recoloured"))
     assert course.settled
     assert course.wanted(course.layout.order[-1]) == ()
@@ -277,6 +272,14 @@ def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
     course.advance(calls)
     assert course.settled
     assert course.wanted(asked.order[-1]) == ()
+
+
+def test_with_older_controls_braking_by_distance_is_settled_as_associated() -> None:
+    """They could earn no more, so that none of them is asked."""
+    older = (*FIRST, *simulated.OLDER, *simulated.ALWAYS)
+    stopped = settle(depth, older)
+    assert stopped is not None
+    assert stopped.label == "depth_associated"
 
 
 def test_errors_settle_nothing() -> None:

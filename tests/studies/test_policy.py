@@ -26,6 +26,7 @@ from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import judge
 from eyechart.transfer import transfer
+from known import table, whole_table
 
 pytestmark = pytest.mark.slow
 
@@ -49,8 +50,14 @@ FEW = ("real", "real_repeat", "nudged", "swapped@cameras", "blank")
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("policy") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("policy") / "bank")
+
+
+@pytest.fixture(scope="module")
+def whole(bank: FrameBank) -> FrameBank:
+    """Return the bank of twelve episodes of four frames of which `bank` has two."""
+    return whole_table(bank)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +97,7 @@ def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
         assert one["cameras"]["wrist"] == "ignores_camera"
         for share in one["channels"].values():
             assert share["ci"][0] <= share["T"] <= share["ci"][1]
-            assert share["n"] == 48
+            assert share["n"] == 24
     assert "could be unplugged without anybody noticing" in found["python:arms:middle"]["because"]
     assert found["python:arms:middle"]["channels"]["cameras"]["T"] == 0.0
     assert "it declares that it does not read it" in found["python:arms:middle"]["because"]
@@ -174,8 +181,8 @@ def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: F
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
     found = policy.score(tmp_path / "run").models
     drawn, fixed = (found[spec] for spec in specs)
-    assert (drawn.drawn, drawn.motions.finished) == (True, 48 * (5 + 3 * 4))
-    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 6, "seven")
+    assert (drawn.drawn, drawn.motions.finished) == (True, 24 * (5 + 3 * 4))
+    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 24 * 6, "seven")
     assert fixed.statistics["noise"].value == pytest.approx(drawn.statistics["noise"].value, abs=0.1)
     shares = [one.statistics["T.swapped@cameras"] for one in (drawn, fixed)]
     assert shares[0].p < 0.01
@@ -195,11 +202,11 @@ def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, t
     assert (cell.bank, cell.measured) == (bank.name, found.statistics["T.swapped@cameras"].value)
 
 
-def test_a_pose_in_the_picture_is_no_content(bank: FrameBank, tmp_path: Path) -> None:
+def test_a_pose_in_the_picture_is_no_content(whole: FrameBank, tmp_path: Path) -> None:
     """States match roughly, and the rest of the difference shows; a picture of the own episode shows as much."""
     asked = ("real", "real_repeat", "nudged", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
     specs = ["python:arms:poses", "python:arms:deaf"]
-    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=asked))
+    policy.run(policy.plan(whole.root, specs, tmp_path / "run", conditions=asked))
     scored = policy.score(tmp_path / "run")
     poses, deaf = (scored.models[spec].statistics for spec in specs)
     assert poses["T.matched@cameras"].ci[0] > 0.02
@@ -226,7 +233,7 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
     specs = ["python:arms:reach", "python:arms:fixed"]
     whole, cut = (policy.plan(bank.root, specs, tmp_path / name, conditions=FEW) for name in ("whole", "cut"))
     policy.run(whole)
-    for limit in (100, 250):
+    for limit in (50, 125):
         told(
             "run",
             "policy",
@@ -244,10 +251,10 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
     assert "calls are unfinished" in judge(policy.score(tmp_path / "cut"))[specs[0]].remarks[0]
     policy.run(cut)
     assert judge(policy.score(tmp_path / "cut"))[specs[0]].remarks == ()
-    assert cut.counts() == (48 * 11, 48 * 11, 0)
+    assert cut.counts() == (24 * 11, 24 * 11, 0)
     first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
     assert first == second
-    other = open_bank_simulator("tabletop").build(tmp_path / "other", steps=4, seeds=(7, 8))
+    other = table(tmp_path / "other", seeds=(7, 8))
     with pytest.raises(LedgerError, match="fingerprint"):
         policy.plan(other.root, specs, tmp_path / "cut", conditions=FEW)
 
@@ -260,7 +267,7 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
     program = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     kept: dict[CallKey, Reply] = {}
-    for more in (*random.Random(3).sample(range(1, 120), 6), 48 * 11):  # noqa: S311
+    for more in (*random.Random(3).sample(range(1, 60), 6), 24 * 11):  # noqa: S311
         wanted = stand_ins.rows_in(out / "ledger.sqlite", "replies") + more
         with subprocess.Popen(program, env=env, stderr=subprocess.DEVNULL) as running:
             while running.poll() is None:
@@ -269,10 +276,10 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
                 time.sleep(0.002)
         with Ledger(out / "ledger.sqlite") as ledger:
             found = {key: reply for spec in specs for key, reply in ledger.replies(spec)}
-        assert len(found) >= min(wanted, 48 * 11)
+        assert len(found) >= min(wanted, 24 * 11)
         assert kept.items() <= found.items()
         kept = found
-    assert len(kept) == 48 * 11
+    assert len(kept) == 24 * 11
     policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
     with Ledger(out / "ledger.sqlite") as ledger:
         finals = [sent.key for spec in specs for sent in ledger.attempts(spec) if sent.final]
@@ -333,7 +340,7 @@ def test_absence_is_said_of_the_data_set_where_enough_episodes_were_asked(run: P
     assert (few["label"], few["data_set"]["label"], few["data_set"]["responding"]) == ("ignores_camera", "undecided", 0)
     assert "none of 12 responds, so that up to 32% of the data set's may; 44 episodes" in few["why_not"]
     assert "data_set" not in policies["python:arms:reach"]["axes"]["camera"]
-    large = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(12), steps=4)
+    large = table(tmp_path / "bank", seeds=range(12))
     policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run"))
     verdict = judge(policy.score(tmp_path / "run"))["python:arms:middle"]
     for one in (verdict.camera, verdict.state):

@@ -10,13 +10,13 @@ import pytest
 from arm_logs import arm_bank
 from arms import Images, blocks
 from eyechart.frames import FrameBank
-from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.tabletop.world import Workspace, oracle
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.effects import Effects
 from eyechart.studies.policy.scoring import judge
 from eyechart.verdicts.channels import PolicyVerdict
+from known import table, whole_table
 
 pytestmark = pytest.mark.slow
 
@@ -156,8 +156,14 @@ def carried(images: Images, state: np.ndarray, instruction: str | None) -> np.nd
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("adversaries") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("adversaries") / "bank")
+
+
+@pytest.fixture(scope="module")
+def whole(bank: FrameBank) -> FrameBank:
+    """Return the bank of twelve episodes of four frames of which `bank` has two."""
+    return whole_table(bank)
 
 
 @pytest.fixture(autouse=True)
@@ -213,9 +219,9 @@ def test_nothing_is_absent_at_one_seed_that_another_changes(bank: FrameBank, tmp
     assert "undecided" in labels
 
 
-def test_a_camera_that_decides_how_answers_scatter_is_not_ignored(bank: FrameBank, tmp_path: Path) -> None:
+def test_a_camera_that_decides_how_answers_scatter_is_not_ignored(whole: FrameBank, tmp_path: Path) -> None:
     """Though no mean changes with it."""
-    found = judged(bank, tmp_path / "run", "trembles", answers=4)
+    found = judged(whole, tmp_path / "run", "trembles", answers=4)
     assert (found.camera.label, found.state.label) == ("undecided", "state_used")
     assert "how its answers scatter changes" in found.camera.because
 
@@ -224,10 +230,10 @@ def test_a_camera_that_decides_how_answers_scatter_is_not_ignored(bank: FrameBan
     ("name", "words"), [("late_wave", "goes with the call before"), ("by_its_bytes", "one value of its pictures")]
 )
 def test_who_remembers_or_answers_by_bytes_is_inconsistent(
-    bank: FrameBank, tmp_path: Path, name: str, words: str
+    whole: FrameBank, tmp_path: Path, name: str, words: str
 ) -> None:
     """A wave along the horizon, and a cache of whole inputs."""
-    assert words in judged(bank, tmp_path / "run", name).guards["self_inconsistent"]
+    assert words in judged(whole, tmp_path / "run", name).guards["self_inconsistent"]
 
 
 def test_places_are_said_of_the_state_as_they_are(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ from arms import Images, blocks, middle, reach
 from eyechart.errors import BankError
 from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
-from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy, study_of
 from eyechart.studies.policy.page import made
 from eyechart.studies.policy.scoring import judge
 from eyechart.verdicts.channels import PolicyVerdict
+from known import table, whole_table
 
 pytestmark = pytest.mark.slow
 
@@ -71,8 +71,14 @@ def declines(images: Images, state: np.ndarray, instruction: str | None) -> np.n
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("claims") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("claims") / "bank")
+
+
+@pytest.fixture(scope="module")
+def whole(bank: FrameBank) -> FrameBank:
+    """Return the bank of twelve episodes of four frames of which `bank` has two."""
+    return whole_table(bank)
 
 
 def judged(bank: FrameBank, out: Path, name: str, *conditions: str, module: str = __name__) -> PolicyVerdict:
@@ -91,9 +97,9 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("left_out", "words"), [("near@cameras", "did not ask near@cameras"), ("real_repeat", "did not ask real_repeat")]
 )
-def test_a_control_that_is_left_out_passes_no_gate(bank: FrameBank, tmp_path: Path, left_out: str, words: str) -> None:
+def test_a_control_that_is_left_out_passes_no_gate(whole: FrameBank, tmp_path: Path, left_out: str, words: str) -> None:
     """Who looks for its own tool alone is not said to look beyond it because nobody asked."""
-    found = judged(bank, tmp_path / "run", "poses", *(one for one in FEW if one != left_out), module="arms")
+    found = judged(whole, tmp_path / "run", "poses", *(one for one in FEW if one != left_out), module="arms")
     assert found.camera.label == "undecided"
     assert words in found.camera.because
     gate = study_of(tmp_path / "run").gate(policy.score(tmp_path / "run"), ["camera:camera_content"])
@@ -133,9 +139,9 @@ def test_who_answers_to_further_objects_does_not_ignore_its_cameras(bank: FrameB
     assert found.state.label == "state_used"
 
 
-def test_a_hand_that_looks_is_not_hidden_by_an_arm_that_does_not(bank: FrameBank, tmp_path: Path) -> None:
+def test_a_hand_that_looks_is_not_hidden_by_an_arm_that_does_not(whole: FrameBank, tmp_path: Path) -> None:
     """The mean over 24 numbers is small, and that of the hand is not."""
-    found = judged(bank, tmp_path / "run", "grips", *FEW)
+    found = judged(whole, tmp_path / "run", "grips", *FEW)
     assert found.channels["cameras"].ci is not None
     assert found.channels["cameras"].ci[1] < 0.10
     assert found.camera.label == "undecided"

@@ -16,7 +16,6 @@ from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
-from eyechart.simulators import open_bank_simulator
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, share_difference
 from eyechart.studies import Reading, policy, study_of
@@ -24,6 +23,7 @@ from eyechart.studies.policy import Extent
 from eyechart.studies.policy.course import Change, Course, course_of, step_of
 from eyechart.studies.policy.course import Checkpoint as OneCheckpoint
 from eyechart.studies.policy.figures import training
+from known import table
 from policies_by_hand import IGNORED, NOT_ONE_BIT, verdict
 from policies_by_hand import OPEN as OPEN_SHARE
 
@@ -62,8 +62,8 @@ halted = Halted(150, 0.5)
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("course") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("course") / "bank")
 
 
 @pytest.fixture
@@ -153,7 +153,7 @@ def test_a_difference_that_is_rounding_is_none() -> None:
 @pytest.mark.usefixtures("_here")
 def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path) -> None:
     """Exit 0; what was not asked about the same frames is refused, and so is one policy alone."""
-    for name, limit in {"one": None, "two": None, "part": 30}.items():
+    for name, limit in {"one": None, "two": None, "part": 15}.items():
         planned = policy.plan(bank.root, [f"{HERE}:early"], tmp_path / name, conditions=FEW, extent=Extent(limit=limit))
         policy.run(planned)
     runs = [str(tmp_path / name) for name in ("one", "two", "part")]

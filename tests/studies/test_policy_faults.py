@@ -16,13 +16,13 @@ from eyechart.models.policy_callable import PolicyCallable
 from eyechart.probe.policies import examine_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import MotionPlan
-from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.effects import Effects
 from eyechart.studies.policy.reading import Motions
 from eyechart.studies.policy.scoring import PolicyScore, judge
+from known import table, whole_table
 
 pytestmark = pytest.mark.slow
 
@@ -62,8 +62,14 @@ MISUSED = ("blue_first", "upside_down", "cameras_exchanged", "unit_floats")
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("faults") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return table(tmp_path_factory.mktemp("faults") / "bank")
+
+
+@pytest.fixture(scope="module")
+def whole(bank: FrameBank) -> FrameBank:
+    """Return the bank of twelve episodes of four frames of which `bank` has two."""
+    return whole_table(bank)
 
 
 def asked(bank: FrameBank, out: Path, *names: str, **options: int) -> PolicyScore:
@@ -73,9 +79,9 @@ def asked(bank: FrameBank, out: Path, *names: str, **options: int) -> PolicyScor
     return policy.score(out)
 
 
-def test_each_fault_that_can_be_known_fails_a_guard_and_gets_no_label(bank: FrameBank, tmp_path: Path) -> None:
+def test_each_fault_that_can_be_known_fails_a_guard_and_gets_no_label(whole: FrameBank, tmp_path: Path) -> None:
     """Shapes, types, masks, another unit, failures, and a history of a call that was another moment's."""
-    verdicts = judge(asked(bank, tmp_path / "run", *FAULTS))
+    verdicts = judge(asked(whole, tmp_path / "run", *FAULTS))
     for name, (guard, words) in FAULTS.items():
         one = verdicts[f"python:faulty_arms:{name}"]
         assert guard in one.guards, (name, one.guards)
@@ -136,7 +142,7 @@ def test_who_differs_in_the_last_bits_is_asked_once(bank: FrameBank, tmp_path: P
     assert [one.label for one in also.axes.values()] == [one.label for one in same.axes.values()]
     assert unseeing.statistics["T.swapped@cameras"].value > 0
     assert blind.camera.label == "undecided"
-    assert "changes none of 48 answers by more than rounding" in blind.camera.because
+    assert "changes none of 24 answers by more than rounding" in blind.camera.because
 
 
 def test_who_fails_now_and_then_does_not_draw_for_it(bank: FrameBank, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import pytest
 import arms
 from eyechart.frames import FrameBank
 from eyechart.report.table import Table
-from eyechart.simulators import open_bank_simulator
 from eyechart.stats.shares import Misfit
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import Reading, policy, study_of
@@ -17,6 +16,7 @@ from eyechart.studies.policy.page import made
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.studies.policy.settling import SETTLE, settling
 from eyechart.studies.policy.tables import channel_table, parts_table, steps_table
+from known import table
 from policies_by_hand import share, verdict
 
 HERE = "python:test_policy_tables"
@@ -71,7 +71,7 @@ def test_no_share_is_listed_of_who_failed_a_guard() -> None:
 def scored(tmp_path_factory: pytest.TempPathFactory) -> PolicyScore:
     """Return a run of the policies of this module on twelve episodes of four frames."""
     folder = tmp_path_factory.mktemp("tables")
-    bank: FrameBank = open_bank_simulator("tabletop").build(folder / "bank", steps=4)
+    bank: FrameBank = table(folder / "bank")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(Path(__file__).parent)
         specs = [f"{HERE}:{name}" for name in ("still", "unread", "contrary", "ends")]
@@ -128,7 +128,7 @@ def test_what_was_not_asked_is_to_be_asked(
     few = study_of(tmp_path / "few").score(tmp_path / "few", Reading())
     assert settling(few, spec, "cameras").startswith("ask what this run left out (matched@cameras, near@cameras): ")
     assert settling(few, spec, "instruction") != settling(few, spec, "cameras")
-    policy.run(policy.plan(root, [spec], tmp_path / "whole"))
+    policy.run(policy.plan(root.with_name("bank-whole"), [spec], tmp_path / "whole"))
     assert "objects stand elsewhere" in settling(policy.score(tmp_path / "whole"), spec, "cameras")
     assert SETTLE.startswith("ask more episodes")
 

@@ -5,6 +5,7 @@ What the command line does step by step is done here in one call each; the steps
 """
 
 from eyechart.api.battery import AskedModel, Report, build_bank, read_report, run_battery
+from eyechart.api.looking import look
 from eyechart.api.policy import AskedPolicy, PolicyReport, examine_policy, read_policies, run_policies
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Report",
     "build_bank",
     "examine_policy",
+    "look",
     "read_policies",
     "read_report",
     "run_battery",

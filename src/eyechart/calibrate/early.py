@@ -239,7 +239,7 @@ def sampled(answers: Answers, seed: int) -> Answers:
     decisions = dict(answers.decisions)
     first = [name for name in decisions if name not in CONTROLS]
     calls = sum(one is not None for name in first for one in decisions[name])
-    for name in SAMPLED.keys() & decisions.keys():
+    for name in {*SAMPLED} & decisions.keys():
         shown = [frame.id for frame, one in zip(answers.frames, decisions[name], strict=True) if one is not None]
         few = sample(name, shown, calls, seed)
         kept = (one if frame.id in few else None for frame, one in zip(answers.frames, decisions[name], strict=True))

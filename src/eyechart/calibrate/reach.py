@@ -17,7 +17,7 @@ from eyechart.channels import (
 from eyechart.conditions import OVER
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
-from eyechart.verdicts.channels import AXES, OPEN
+from eyechart.verdicts.channels import AXES
 from eyechart.verdicts.uses import LEAST_EPISODES
 
 LEAST_GROUNDED = 7
@@ -55,14 +55,19 @@ def unreachable(bank: FrameBank) -> dict[str, str]:
 def reachable(bank: FrameBank) -> tuple[str, ...]:
     """Return the labels that a policy may get on a bank."""
     never = unreachable(bank)
-    return tuple(label for labels in AXES.values() for label in labels if label not in OPEN and label not in never)
+    return tuple(label for axis in AXES for label in _said_on(axis) if label not in never)
+
+
+def _said_on(axis: str) -> list[str]:
+    """Return the labels of an axis that say something."""
+    return [name for name, one in AXES[axis].items() if not one.is_open]
 
 
 def _of_episodes(bank: FrameBank) -> Iterator[tuple[str, str]]:
     count = len({frame.drive for frame in bank})
     if count < LEAST_EPISODES:
         why = f"{count} episodes bound nothing; {LEAST_EPISODES} are the least"
-        yield from ((label, why) for labels in AXES.values() for label in labels if label not in OPEN)
+        yield from ((label, why) for axis in AXES for label in _said_on(axis))
     if count < LEAST_GROUNDED:
         yield "object_grounded", f"below {LEAST_GROUNDED} episodes no test can tell"
 
@@ -71,7 +76,7 @@ def _of_cameras(bank: FrameBank) -> Iterator[tuple[str, str]]:
     left_out = conditions_of(bank)[1]
     for channel in matches(bank):
         of = "" if channel == CAMERAS else f" of {channel}"
-        labels = [one for one in AXES["camera"] if one not in OPEN and not (of and one == "object_grounded")]
+        labels = [one for one in _said_on("camera") if not (of and one == "object_grounded")]
         if why := left_out.get(f"swapped@{channel}", ""):
             yield from ((f"{label}{of}", why) for label in labels)
         elif why := left_out.get(f"matched@{channel}", ""):
@@ -110,4 +115,4 @@ def _of_the_rest(bank: FrameBank) -> Iterator[tuple[str, str]]:
     for channel in (STATE, INSTRUCTION):
         absent = "" if channel in channels_of(bank) else f"the bank has no {channel}"
         if why := absent or left_out.get(f"swapped@{channel}", ""):
-            yield from ((label, why) for label in AXES[channel] if label not in OPEN)
+            yield from ((label, why) for label in _said_on(channel))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import RANGED
+from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.frames import EXCHANGE, LEAD, MAIN, Frame, Scalar, Span, alone, draws_of
 from eyechart.models.scripted import Sight
 from eyechart.perception.renderer import Reading
@@ -176,7 +176,10 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
         shown["lead_near"] = _on_road([_moved(one, NEAREST_M) for one in readings], passed)
     frames, more = _ranged(frames, shown, readings, anew)
     shown |= {name: _on_road(column, passed) for name, column in more.items()}
-    return World(tuple(frames), tuple(passed), {name: _filed(name, column, frames) for name, column in shown.items()})
+    filed = {name: _filed(name, column, frames) for name, column in shown.items()}
+    beside = zip(filed["real"], filed[ABSENT], strict=True)
+    filed[AGAIN] = tuple(one if absent is not None else None for one, absent in beside)
+    return World(tuple(frames), tuple(passed), filed)
 
 
 def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:

@@ -6,7 +6,7 @@ import typer
 from typer.core import TyperGroup
 
 from eyechart import __version__
-from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
+from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, look, probe, run, score
 from eyechart.cli.options import Json, from_one_folder
 from eyechart.cli.terminal import output_kept, print_json, print_line, resumable
 from eyechart.errors import SpecError, meant
@@ -39,7 +39,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
-    epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
+    epilog="Start with 'eyechart look SPEC'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
 listing = typer.Typer(help="List models, modes, conditions, prompts and simulators.", no_args_is_help=True)
 
@@ -129,6 +129,7 @@ def simulators(json: Json = False) -> None:
     _show(rows, json=json)
 
 
+app.command()(look.look)
 app.command()(probe.doctor)
 app.command()(probe.probe)
 frames.app.command()(elsewhere.export)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json, Model
+from eyechart.cli.options import Json, Model, read_places
 from eyechart.cli.terminal import print_json, print_line, progress, say
 from eyechart.errors import SpecError, perhaps
 
@@ -154,7 +154,7 @@ def import_(
         near = None if threshold is None else 0.0
         near = None if threshold is None else finite_number("--threshold", threshold)
     choices = Choices(
-        columns=_places(map_ or []),
+        columns=read_places(map_ or []),
         mirror=axis,
         rig=None if rig is None else read_rig(rig, of_table=table is not None),
         space=space,
@@ -297,6 +297,7 @@ def plan(
     Of a bank that says what a motion is, what it can decide about a policy.
     Example: eyechart plan bank --model scripted:depth
     """
+    from eyechart.cli.terminal import print_each
     from eyechart.frames import open_bank
     from eyechart.models import open_model
     from eyechart.studies.battery.power import power_of
@@ -312,6 +313,7 @@ def plan(
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
+    print_each([found.table()], 160)
     for line in found.lines(specs):
         print_line(line)
 
@@ -400,16 +402,6 @@ def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
         near = perhaps(mirror, ("vertical", "horizontal", "none"))
         wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
         return "none"
-
-
-def _places(words: list[str]) -> dict[str, str]:
-    places: dict[str, str] = {}
-    for word in words:
-        place, equals, column = word.partition("=")
-        if not equals or place in places:
-            raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
-        places[place] = column
-    return places
 
 
 def _seeds(text: str) -> tuple[int, ...]:

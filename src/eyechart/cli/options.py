@@ -308,3 +308,14 @@ def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict
     if found and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
         raise SpecError(f"--step is of checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
     return found
+
+
+def read_places(words: Sequence[str]) -> dict[str, str]:
+    """Return the column of each place of ``PLACE=COLUMN``; raises SpecError for what is none, or a place twice."""
+    places: dict[str, str] = {}
+    for word in words:
+        place, equals, column = word.partition("=")
+        if not equals or place in places:
+            raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
+        places[place] = column
+    return places

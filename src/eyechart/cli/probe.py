@@ -24,9 +24,6 @@ _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US 
 
 P = TypeVar("P")
 
-_ASSUMED_IN, _ASSUMED_OUT = 1000, 100
-"""Tokens of a call that an estimate assumes of a model that nobody has measured."""
-
 
 @expanded
 def doctor(
@@ -163,15 +160,10 @@ def _sample(frames: Path | None, prompt: str, mode: "RequestMode") -> "Sample":
 
 def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:
     """Say how many calls are made at most, and what they cost if each takes the tokens that are assumed."""
-    from dataclasses import replace
+    from eyechart.costs import assumed, estimate
 
-    from eyechart.costs import estimate
-    from eyechart.modes import Measured
-
-    known = mode.measured
-    assumed = Measured(prompt_tokens=_ASSUMED_IN, completion_tokens=float(_ASSUMED_OUT))
-    basis = "as measured" if known else f"if a call takes {_ASSUMED_IN} tokens in and {_ASSUMED_OUT} out"
-    expected = estimate(replace(mode, measured=known or assumed), calls, prices, concurrency=1)
+    known, basis = assumed(mode)
+    expected = estimate(known, calls, prices, concurrency=1)
     say(f"at most, {basis}: {expected.words}")
 
 

@@ -25,9 +25,10 @@ def output_kept() -> Iterator[None]:
     """Keep standard output for what this module prints; what anybody else prints there goes to standard error.
 
     A callable of a user, its module and its ``reset`` print where they like, from any thread, and from below Python: a
-    library in C or another process writes to the descriptor 1. JSON stays JSON.
+    library in C or another process writes to the descriptor 1. JSON stays JSON. One that closes the descriptor 1 or 2
+    closes none of this module's.
     """
-    with _own_descriptor() as stream:
+    with _own_descriptor() as stream, _own_errors():
         _kept.append(stream)
         try:
             with redirect_stdout(sys.stderr):
@@ -61,6 +62,27 @@ def _own_descriptor() -> Iterator[TextIO]:
     finally:
         os.dup2(number, 1)
         with suppress(OSError):  # nobody reads on, which was said already
+            own.close()
+
+
+@contextmanager
+def _own_errors() -> Iterator[None]:
+    """Keep standard error on a descriptor of its own, where it is that of the process."""
+    usual = sys.stderr
+    if _number_of(usual) != 2:
+        yield
+        return
+    usual.flush()
+    number = os.dup(2)
+    own = os.fdopen(number, "w", encoding=usual.encoding, errors=usual.errors, buffering=1)
+    sys.stderr = own
+    try:
+        yield
+    finally:
+        sys.stderr = usual
+        with suppress(OSError, ValueError):  # somebody may have closed it
+            own.flush()
+            os.dup2(number, 2)
             own.close()
 
 

@@ -352,9 +352,21 @@ class FrameBank:
         return self.images(frame, counterfactual)[frame.cameras[0].name]
 
     def read(self, file: str) -> bytes:
-        """Return an encoded picture, read from disk."""
-        picture = read_bounded(self.root, file)
+        """Return an encoded picture, read from disk; raises BankError where it is not the one that was recorded.
+
+        A bank is checked when it is opened, and may change under a run.
+        """
+        picture = self._as_recorded(file)
         return as_png(picture, file) if self.plain else picture
+
+    def _as_recorded(self, file: str) -> bytes:
+        picture = read_bounded(self.root, file)
+        if hashlib.sha256(picture).hexdigest() != self.manifest.images.get(file):
+            raise BankError(
+                f"'{file}' of {self.root} is not the picture that the bank's manifest recorded: its SHA-256 "
+                "differs; restore it"
+            )
+        return picture
 
     def shapes(self, frame: Frame) -> dict[str, tuple[int, int, int]]:
         """Return the shape (h, w, 3) of a frame's pictures by camera, as their headers say."""
@@ -363,13 +375,7 @@ class FrameBank:
 
     def recorded(self, frame: Frame) -> bytes:
         """Return the encoded picture of a frame; raises BankError where it is not the one that was recorded."""
-        picture = read_bounded(self.root, frame.file)
-        if hashlib.sha256(picture).hexdigest() != self.manifest.images.get(frame.file):
-            raise BankError(
-                f"'{frame.file}' of {self.root} is not the picture that the bank's manifest recorded: its SHA-256 "
-                "differs; restore it"
-            )
-        return picture
+        return self._as_recorded(frame.file)
 
     @cached_property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:

@@ -149,7 +149,7 @@ class Layout:
         raw = read_at_most(path, MOST_INFO, SourceError, "the description of a data set")
         with raising(SourceError, wrong, of=(msgspec.MsgspecError, ValueError, RecursionError)):
             info = msgspec.json.decode(raw, type=Info)
-        if not info.codebase_version.startswith("v3"):
+        if not re.match(r"v3(\.|$)", info.codebase_version):
             convert = f"'python -m {_CONVERTER} --repo-id=OWNER/NAME --root={self.root} --push-to-hub=false'"
             raise SourceError(
                 f"{path} says version {info.codebase_version[:20]}, and this reads v3; LeRobot's own converter makes "

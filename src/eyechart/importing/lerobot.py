@@ -355,7 +355,13 @@ def _instruction(data: Dataset) -> tuple[str, ...]:
     Raises SourceError where its rows have tasks and nobody has their words.
     """
     path, first = data.layout.root / "meta/tasks.parquet", data.layout.parquets("data")[0]
-    if not data.tasks and "task_index" in open_parquet(first, extra="lerobot").columns:
+    numbered = "task_index" in open_parquet(first, extra="lerobot").columns
+    if len(data.tasks) > 1 and not numbered:
+        raise SourceError(
+            f"{path} has the words of {len(data.tasks)} tasks, and {first} no column 'task_index' that says which of "
+            "them a row is of; name what a policy is told with --prompt-columns"
+        )
+    if not data.tasks and numbered:
         lacking = "holds no words of tasks" if path.is_file() else "does not exist"
         raise SourceError(
             f"{path} {lacking}, and every row has a task_index: without their words no policy is told what to do; "
@@ -401,12 +407,19 @@ def _data_rows(
                 reads(done, count)
             if row := timeline.add(raw):
                 episode, step = (whole(row[name]) for name in PLACES.values())
-                task = {TASK: data.tasks.get(whole(row.get("task_index")) or 0, "")} if data.tasks else {}
+                task = {TASK: _words(data.tasks, row)} if data.tasks else {}
                 yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
             else:
                 yield row
     clips = {name: reel.clips for name, reel in data.reels.items() if isinstance(reel, Videos)}
     timeline.require(data.episodes.lengths, clips, data.layout.root / "meta/episodes")
+
+
+def _words(tasks: Mapping[int, str], row: Row) -> str:
+    """Return the words of a row's task; those of the only one where no row says which it is of."""
+    if "task_index" not in row:
+        return next(iter(tasks.values())) if len(tasks) == 1 else ""
+    return tasks.get(whole(row["task_index"]) or 0, "")
 
 
 def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:

@@ -23,10 +23,15 @@ UNITS: dict[str, tuple[str, ...]] = {
     "cm": ("centimeter", "centimeters", "centimetre", "centimetres"),
     "m": ("meter", "meters", "metre", "metres"),
     "km": ("kilometer", "kilometers", "kilometre", "kilometres"),
+    "dm": ("decimeter", "decimeters", "decimetre", "decimetres"),
+    "in": ("inch", "inches"),
     "ft": ("foot", "feet"),
     "yd": ("yard", "yards"),
     "mi": ("mile", "miles"),
     "px": ("pixel", "pixels"),
+    "nmi": ("nm", "nauticalmile", "nauticalmiles"),
+    "deg": ("degree", "degrees", "°"),
+    "%": ("percent", "pct", "perc"),
     "ms": ("millisecond", "milliseconds"),
     "s": ("sec", "second", "seconds"),
 }
@@ -41,6 +46,8 @@ _LEAST_MARK = 90.0
 _LARGE = 1e6
 _ENDS = frozenset({*(2.0**bits - one for bits in (8, 15, 16, 31, 32, 63, 64) for one in (0, 1))})
 _FAR = 2.0
+_OFTEN, _FEW_DIGITS, _OTHERS = 3, 2, 5
+"""A round number that stands so often, far above at least so many others, is taken for a mark: 100, 500, 1000."""
 
 
 def unit_named(words: str) -> str | None:
@@ -93,6 +100,8 @@ class Numerals:
         united = _UNITED.fullmatch(cell.strip())
         number, unit = (united["number"].strip(), f" {united['unit']}") if united else (cell.strip(), "")
         between, point = STYLES[self.style]
+        if between == "'":
+            number = re.sub(r"(?<=\d)[\u2019\u02bc](?=\d)", "'", number)
         if between == " ":
             number = re.sub(f"(?<=\\d)[{_SPACES}](?=\\d)", " ", number)
         if re.fullmatch(_written(between, point), number):
@@ -114,6 +123,9 @@ class Numerals:
         united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
         if united is None or not _PLAIN.fullmatch(united["number"].strip()):
             return cell
+        if (mark := self._mark(united["number"].strip())) is not None:
+            self.counted.update([mark])
+            return None
         said = united["unit"]
         if not unit:
             raise SourceError(f"{what} is '{str(cell)[:60]}'; say the unit: --unit {said}")
@@ -145,8 +157,9 @@ def odd_gaps(
 ) -> list[str]:
     """Return what is wrong with the gap's numbers: below zero or, where they are looked for, ``marks`` not declared.
 
-    ``named`` says what a message calls each row. No gap is below zero. A number of nines or a type's limit far above
-    all others, and a zero that stands several times far below all others, are taken for marks.
+    ``named`` says what a message calls each row. No gap is below zero. A number of nines, a type's limit or a round one
+    that stands often, far above all others, and a zero that stands several times far below all others, are taken for
+    marks.
     """
     where: dict[float, list[str]] = {}
     for number, name in zip(numbers, named, strict=True):
@@ -173,12 +186,19 @@ def _marks(where: Mapping[float, Sequence[str]]) -> Iterator[float]:
     ordered = sorted(number for number in where if number >= 0)
     for place, number in enumerate(ordered):
         lower = ordered[place - 1] if place else None
-        if _is_marklike(number) and (lower is None or number > _FAR * lower or number >= _LARGE):
+        far = lower is None or number > _FAR * lower
+        often = place >= _OTHERS and len(where[number]) >= _OFTEN
+        if (_is_marklike(number) and (far or number >= _LARGE)) or (far and often and _is_round(number)):
             yield number
     if ordered and ordered[0] == 0.0 and len(where[0.0]) > 1 and len(ordered) > 2:
         middle = ordered[len(ordered) // 2]
         if ordered[1] > middle / 10:
             yield 0.0
+
+
+def _is_round(number: float) -> bool:
+    """Return whether a number is at least 90 and of two digits at most before its zeros, as 100, 250 or 1000."""
+    return number > _LEAST_MARK and len(f"{number:.15g}".rstrip("0")) <= _FEW_DIGITS
 
 
 def _is_marklike(number: float) -> bool:

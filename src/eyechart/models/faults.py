@@ -181,6 +181,18 @@ _ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help
 _AGAIN = frozenset(
     {"retry_after", "retryafter", "retry_after_ms", "retryable", "is_retryable", "retrydelay", "retry_delay"}
 )
+_WAIT = pattern(
+    r"\b(?:retry(?:ing)?|try(?:ing)? again|wait)(?: \w+){0,3}? (?:in|after|for|at least) (?:about )?"
+    r"(?:(\d{1,4})h)?(?:(\d{1,4})m(?!s))?"
+    r"(?:(\d{1,9}(?:\.\d{1,9})?) ?(ms|millisecond|s\b|sec|min)?)?",
+    re.IGNORECASE,
+)
+"""How words say after which time to ask again: "Please retry in 45.8s", "try again in 7m12s"."""
+_RATE = _any(
+    r"rate[ _-]?limit|rate exceeded|throttl|too many requests|slow down|(?:requests?|tokens?) per (?:second|minute)"
+    r"|per[ -]minute"
+)
+"""How words of a 403 say that it came too soon, and was not forbidden."""
 _DELAYS = frozenset({"retry_after", "retryafter", "retry_after_ms", "retrydelay", "retry_delay"})
 _BARE = frozenset(
     {re.sub(r"[^a-z]", "", status.phrase.lower()) for status in HTTPStatus}
@@ -202,7 +214,7 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
     entries = [*_entries(said)]
     texts = [_meant(text) for _, text in entries if isinstance(text, str)]
     words = "\n".join(text for text in texts if text)
-    default = _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
+    default = _default(status, entries, words)
     if _is_spent(status, entries, words):
         return "quota"
     passing = _passes(entries, words)
@@ -210,10 +222,19 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
         return "gateway" if passing else "bad_request"
     if status == 403 and passing and _MODERATED.search(words):
         return "gateway"
-    if status in _SPENDING - {429} and _ALLOWANCE.search(words):
+    if status in _SPENDING - {429} and default != "rate_limited" and _ALLOWANCE.search(words):
         return "quota"
     proven = _of_the_request(said, words, passing=passing) if status in _PROVING else None
     return proven or default
+
+
+def _default(status: int, entries: list[tuple[str, object]], words: str) -> ErrorKind:
+    """Return what a status says; a 403 that speaks of a rate came too soon, and a 404 may come from the road."""
+    if status == 403 and _RATE.search(words):
+        return "rate_limited"
+    if status == 404 and _passes(entries, words) and not _NO_MODEL.search(words):
+        return "gateway"
+    return _STATUSES.get(status, "server_error" if status >= 500 else "gateway")
 
 
 def _is_spent(status: int, entries: list[tuple[str, object]], words: str) -> bool:
@@ -233,7 +254,18 @@ def delay_s(said: object) -> float | None:
 
 def _delay_s(entries: list[tuple[str, object]]) -> float | None:
     found = (_seconds(value, 1000 if "ms" in name.lower() else 1) for name, value in entries if name.lower() in _DELAYS)
-    return next((one for one in found if one is not None), None)
+    said = (_said_s(value) for _, value in entries if isinstance(value, str))
+    return next((one for one in (*found, *said) if one is not None), None)
+
+
+def _said_s(text: str) -> float | None:
+    """Return after how many seconds words ask to be sent again; None where they name no time."""
+    wait = _WAIT.search(text[:_LONGEST])
+    if wait is None or not any(wait.groups()[:3]):
+        return None
+    hours, minutes, rest, unit = wait.groups()
+    scale = {"m": 0.001, "s": 1.0}.get((unit or "s")[0].lower(), 1.0) if (unit or "").lower() != "min" else 60.0
+    return 3600 * float(hours or 0) + 60 * float(minutes or 0) + scale * float(rest or 0)
 
 
 def _seconds(value: object, parts: int) -> float | None:

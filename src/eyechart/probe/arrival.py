@@ -8,7 +8,7 @@ made together get each other's pictures, and what is wrong again that pictures o
 import io
 import random
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from PIL import Image
@@ -123,38 +123,44 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
 async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, str]:
     """Return whether pictures of one query are told apart, for a run that has several: a fault, or a note in words.
 
-    Three calls. Two answers that name one of two colours each, and tokens that do not grow with the pictures, show
-    that one of them arrives; where the tokens grow, the model may look at one alone.
+    Each camera's picture has the size that it has in the run. Three calls. Two answers that name one of two colours
+    each, and tokens that do not grow with the pictures, show that one of them arrives; where the tokens grow, the model
+    may look at one alone.
     """
-    size, cameras = size_of(sample), list(sample.asked[0][1].images)
-    if size is None or len(cameras) < 2:
+    sizes = {name: _size(picture, name) for name, picture in sample.asked[0][1].images.items()}
+    if len(sizes) < 2:
         return None, ""
+    alone_at = dict([next(iter(sizes.items()))])
     dice = random.Random(key_seed("arrival", seed, "apart"))  # noqa: S311 - no secret
     colours = dice.sample(CHOICES["colour"], 4)
     replies = [
-        await asker.ask(_of_several(cameras, shown, size, key_seed("arrival", seed, 200 + number)))
+        await asker.ask(_of_several(sizes, shown, key_seed("arrival", seed, 200 + number)))
         for number, shown in enumerate((colours[:2], colours[2:]))
     ]
     if any(one.error is not None for one in replies):
         failed = next(one.error_detail for one in replies if one.error is not None)
-        return None, f"{len(cameras)} pictures in one query failed: {failed[:200]}"
+        return None, f"{len(sizes)} pictures in one query failed: {failed[:200]}"
     shown_of = zip(replies, (colours[:2], colours[2:]), strict=True)
     if any(sum(_names(reply, colour) for colour in shown) != 1 for reply, shown in shown_of):
         return None, ""
-    alone = await asker.ask(_of_several(cameras[:1], colours[:1], size, key_seed("arrival", seed, 202)))
+    alone = await asker.ask(_of_several(alone_at, colours[:1], key_seed("arrival", seed, 202)))
     if alone.prompt_tokens and replies[0].prompt_tokens and replies[0].prompt_tokens > alone.prompt_tokens:
-        return None, f"it names one of two colours in {len(cameras)} pictures, all of which the server counts"
-    what = f"of {len(cameras)} pictures of one size in one query one arrives: answers name one of two colours"
+        return None, f"it names one of two colours in {len(sizes)} pictures, all of which the server counts"
+    several = sorted(set(sizes.values()), reverse=True)
+    of = "one size" if len(several) == 1 else "sizes " + " and ".join(f"{wide}×{high}" for wide, high in several)
+    what = f"of {len(sizes)} pictures of {of} in one query one arrives: answers name one of two colours"
     return Fault("picture", f"{what}; mend the server, or run on one camera"), ""
 
 
-def _of_several(cameras: Sequence[str], colours: Sequence[str], size: tuple[int, int], seed: int) -> Query:
+def _of_several(sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int) -> Query:
     """Return a query that shows the first colour to the first camera, and the last one to all others."""
     names = ", ".join(CHOICES["colour"])
     asked = f"Each picture shows a shape of one colour. Which colours are there? Answer with all of them: {names}."
     query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
-    drawn = [draw("colour", colours[min(place, len(colours) - 1)], dice) for place in range(len(cameras))]
-    shown = {name: at_size(picture, size) for name, picture in zip(cameras, drawn, strict=True)}
+    shown = {
+        name: at_size(draw("colour", colours[min(place, len(colours) - 1)], dice), size)
+        for place, (name, size) in enumerate(sizes.items())
+    }
     return replace(query, stimulus=replace(query.stimulus, images=shown))
 
 
@@ -189,9 +195,13 @@ def size_of(sample: Sample) -> tuple[int, int] | None:
     """Return the width and height of the first picture that a run asks about, None where it shows none."""
     for _, seen in sample.asked:
         for name, picture in seen.images.items():
-            high, wide, _ = decode(picture, name).shape
-            return wide, high
+            return _size(picture, name)
     return None
+
+
+def _size(picture: bytes, name: str) -> tuple[int, int]:
+    high, wide, _ = decode(picture, name).shape
+    return wide, high
 
 
 def at_size(picture: bytes, size: tuple[int, int]) -> bytes:

@@ -71,6 +71,7 @@ def probe(
     fixed: Collection[str] = (),
     sample: Sample | None = None,
     seed: int = 0,
+    sight: Sight | None = None,
     prices: Prices | None = None,
     max_cost: float | None = None,
     tell: Tell | None = None,
@@ -79,10 +80,11 @@ def probe(
 
     ``sample`` is what the run will ask; it decides which budget suffices, what a call takes, and whether a structured
     output is wanted: one is pinned only where it binds and the prompt asks for JSON. ``max_cost`` is in US dollars.
+    ``sight`` is what the drawn pictures of this seed did already, as a doctor found it: they are not asked again.
     Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
     asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, fixed=fixed, max_cost=max_cost, tell=tell)
-    return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed).find())
+    return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed, sight).find())
 
 
 @dataclass
@@ -93,6 +95,7 @@ class _Probe:
     sample: Sample
     fixed: Collection[str]
     seed: int
+    sight: Sight | None = None
     notes: list[str] = field(default_factory=list)
 
     async def find(self) -> Found:
@@ -184,8 +187,8 @@ class _Probe:
             raise ProbeError(why, self.asker.spent)
 
     async def _look(self) -> Sight:
-        """Show the drawn pictures; raises LimitReachedError where a limit cuts that short."""
-        sight = await look(self.asker, self.seed)
+        """Show the drawn pictures, once; raises LimitReachedError where a limit cuts that short."""
+        sight = self.sight or await look(self.asker, self.seed)
         if sight.cut is not None:
             raise LimitReachedError(sight.cut)
         return sight

@@ -45,8 +45,8 @@ _MOST_NAMED = 4
 class Said:
     """What a page says first of somebody: the verdict in a word, what it means, and why it is no stronger one.
 
-    ``tone`` is one of ``GLYPHS``; ``place`` the id in the page where the rest stands; ``beware`` what must not be
-    overlooked beside the word.
+    ``tone`` is one of ``GLYPHS``, ``answer`` what it comes to where the tone does not say it; ``place`` the id in the
+    page where the rest stands; ``beware`` what must not be overlooked beside the word.
     """
 
     who: str
@@ -56,6 +56,12 @@ class Said:
     why_not: str = ""
     place: str = ""
     beware: str = ""
+    answer: str = ""
+
+    @property
+    def comes_to(self) -> str:
+        """Return the answer, or the tone where that says it."""
+        return self.answer or self.tone
 
 
 @dataclass(frozen=True)
@@ -113,11 +119,12 @@ class Opening:
 def parted(said: Sequence[Said], answers: Mapping[str, str], what: str) -> str:
     """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
 
-    ``answers`` are by tone, and may end with the preposition that a count needs: ``yes for``.
+    ``answers`` are by what the verdicts come to, in the order in which they are told, and may end with the preposition
+    that a count needs: ``yes for``.
     """
     if len(said) == 1:
-        return f"{said[0].who}: {answers[said[0].tone].removesuffix(' for').removesuffix(' in')}."
-    many = {answer: [one.who for one in said if answers[one.tone] == answer] for answer in answers.values()}
+        return f"{said[0].who}: {answers[said[0].comes_to].removesuffix(' for').removesuffix(' in')}."
+    many = {answer: [one.who for one in said if answers[one.comes_to] == answer] for answer in answers.values()}
     told = [
         f"{answer} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
         for answer, names in many.items()

@@ -157,7 +157,7 @@ class BankSimulator(Protocol):
         seeds: Sequence[int] = (0, 1, 2),
         steps: int = 12,
         controls_seed: int = 0,
-        staging: int = 2,
+        staging: int = 3,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many).

@@ -144,7 +144,7 @@ DOZENS = 2
 BOXED = 3
 """The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as can be shown."""
 
-STAGING = DOZENS
+STAGING = BOXED
 """The version that is made where nobody asks for another."""
 
 

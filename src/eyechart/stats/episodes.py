@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,9 @@ these weights its prior is Beta(1/2, 1/3), but for a constant."""
 
 _FADES = 6.0
 """How fast degrees of freedom grow towards 0 and 1; measured, as the prior is."""
+
+_UNEVEN = 2.0
+"""How much slower where long episodes weigh nearly all, by the share of episodes that Kish's number takes away."""
 
 _EDGE = 1e-9
 _SUMMED = 64
@@ -62,21 +66,30 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
         ci = (value * (1 - differ), value + (1 - value) * differ)
         method += ", exact: no episode differs"
     else:
-        ci = _by_likelihood(k, n, n / n.sum() * effective, _cut(value, effective, level))
+        cut = _cut(value, effective, episodes, level)
+        ci = _by_likelihood(tuple(k.tolist()), tuple(n.tolist()), effective, cut)
         ci = (min(ci[0], value), max(ci[1], value))
         method += " (beta-binomial likelihood, correlation integrated out)"
     return Statistic(value, total, ci, method=method, detail=detail, level=level)
 
 
-def _cut(value: float, episodes: float, level: float) -> float:
+def _cut(value: float, effective: float, episodes: int, level: float) -> float:
+    """Return what the likelihood ratio of a rate may be, by the ``effective`` number of as many ``episodes``."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
-    freedom = episodes - 1 + _FADES * (1 / (4 * value * (1 - value)) - 1)
+    fades = _FADES * max(0.0, 1 - _UNEVEN * (1 - effective / episodes))
+    freedom = effective - 1 + fades * (1 / (4 * value * (1 - value)) - 1)
     return float(special.stdtrit(freedom, (1 + level) / 2) ** 2)
 
 
-def _by_likelihood(k: Floats, n: Floats, weight: Floats, cut: float) -> tuple[float, float]:
-    """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest."""
+@lru_cache(maxsize=4096)
+def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effective: float, cut: float) -> Ends:
+    """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest.
+
+    The same counts come again: of several conditions, and of a run that is scored more than once.
+    """
+    k, n = np.array(hits_of), np.array(frames)
+    weight = n / n.sum() * effective
     beyond = -_rising(n, weight)(_CONCENTRATION) + _PRIOR
     hits, others = _rising(k, weight), _rising(n - k, weight)
 

@@ -1,9 +1,8 @@
 """Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -13,22 +12,17 @@ from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
-_ROUNDING = 1e-9
 ENUMERATED_STATES = 20_000
 """Up to so many distinct outcomes a null distribution is enumerated instead of sampled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignTest(Statistic):
-    """A sign test with its counts of frames in which the first is larger, smaller, and the same.
-
-    ``reversed`` says that its p is against the order, of a `reversal_test`.
-    """
+    """A sign test with its counts of frames in which the first is larger, smaller, and the same."""
 
     wins: int
     losses: int
     ties: int
-    reversed: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,29 +43,6 @@ class Discordant(Statistic):
     def discordant(self) -> int:
         """Return how many pairs differ."""
         return self.b + self.c
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One part of a bank, tested for a reversal: on how many frames it won, lost and tied.
-
-    ``p`` is P(Bin(wins + losses, 1/2) >= losses), corrected over the parts; ``power`` is the chance with which the test
-    would have seen a reversal of all its frames.
-    """
-
-    name: str
-    wins: int
-    losses: int
-    ties: int
-    p: float
-    power: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parts(Statistic):
-    """The part of a bank that looks most reversed, with all that were tested; ``p`` is corrected over them."""
-
-    parts: tuple[Part, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,27 +84,6 @@ class Places(Statistic):
     places: tuple[Place, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Dose:
-    """How hard it brakes at one range of distances: the mean level over so many frames, None without any.
-
-    ``low`` and ``high`` are the nearest and the farthest distance shown, None where the bank does not record them.
-    """
-
-    condition: str
-    low: float | None
-    high: float | None
-    frames: int
-    level: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Curve(Statistic):
-    """How much harder it brakes at the nearest distance than at the farthest, with the ``doses`` between."""
-
-    doses: tuple[Dose, ...]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelSwap(Statistic):
     """A label swap test with how often each label came under either condition."""
@@ -170,59 +120,6 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     return replace(found, value=wins / n, ci=clopper_pearson(wins, n, level), p=_fair_coin_tail(wins, n))
 
 
-def reversal_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> SignTest:
-    """Test exactly and one-sidedly whether ``second`` exceeds ``first`` within frames: a `sign_test` against its order.
-
-    ``value``, wins and losses are those of ``first`` over ``second``; only ``p`` is of the other side.
-    """
-    found = sign_test(first, second, level=level)
-    method = found.method.replace("sign test", "sign test of the reversal")
-    p = _fair_coin_tail(found.losses, found.n) if found.n else 1.0
-    return replace(found, p=p, method=method, reversed=True)
-
-
-def worst_part(tested: Mapping[str, SignTest], corrected: Sequence[float], powers: Sequence[float]) -> Statistic:
-    """Return the reversal tests of several parts as one statistic, that of the part with the smallest p.
-
-    ``corrected`` and ``powers`` stand in the order of the parts. None of them: it cannot say.
-    """
-    if not tested:
-        return cannot_say("no part of the bank could be tested", method="sign tests of the reversal, part by part")
-    parts = tuple(
-        Part(name, one.wins, one.losses, one.ties, p, power)
-        for (name, one), p, power in zip(tested.items(), corrected, powers, strict=True)
-    )
-    place = min(range(len(parts)), key=lambda one: (parts[one].p, list(tested.values())[one].p, one))
-    worst = tested[parts[place].name]
-    return Parts(
-        worst.value,
-        worst.n,
-        worst.ci,
-        parts[place].p,
-        method=f"{worst.method}, Holm over {len(parts)} parts",
-        note=f"most reversed: {parts[place].name}",
-        level=worst.level,
-        parts=parts,
-    )
-
-
-def reversal_power(pairs: int, *, alpha: float, lost: float, won: float = 0.0) -> float:
-    """Return the power of a `reversal_test` at p < ``alpha`` of ``pairs`` whose order is reversed.
-
-    Each is lost with chance ``lost`` and won with chance ``won``, else tied. ValueError for shares that are none.
-    """
-    if pairs < 0 or min(lost, won) < 0 or lost + won > 1 + _ROUNDING or not 0 < alpha < 1:
-        raise ValueError(f"no such design: {pairs=}, {alpha=}, {lost=}, {won=}")
-    from scipy import special  # noqa: PLC0415 - slow to import
-
-    n, discordant = np.arange(1, pairs + 1), min(1.0, lost + won)
-    if discordant == 0:
-        return 0.0
-    counts = special.bdtr(n, pairs, discordant) - special.bdtr(n - 1, pairs, discordant)
-    seen = special.bdtrc([_critical(one, alpha) - 1 for one in range(1, pairs + 1)], n, min(1.0, lost / discordant))
-    return float(min(1.0, (counts * seen).sum()))
-
-
 def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alpha: float = 0.10) -> Statistic:
     """Test whether wins exceed losses by more than ``margin`` of the pairs: an effect that is worth the name.
 
@@ -236,27 +133,6 @@ def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alph
     if found.value is None:
         return found
     return replace(found, p=NormalDist().cdf(-_tango_score(wins, losses, pairs, margin)), detail={"margin": margin})
-
-
-def joint_losses(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return the share of frames that lose both comparisons beyond what two independent ones would.
-
-    Two 0/1 arrays of one length, paired by frame: whether each comparison was lost. ``value`` is the share of both less
-    the product of the two shares, with its large-sample interval; ``p`` is Fisher's, exact and one-sided, against
-    independence.
-    """
-    a, b = _pair(first, second)
-    n, method = len(a), "share lost twice less the product of the two shares; p: Fisher's exact test, one-sided"
-    if n == 0:
-        return cannot_say("no frame has both pairs", method=method)
-    both, lost, others = int(np.count_nonzero(a * b)), int(a.sum()), int(b.sum())
-    spread = (a - a.mean()) * (b - b.mean())
-    value = float(spread.mean())
-    half = NormalDist().inv_cdf(0.5 + level / 2) * float(spread.std()) / math.sqrt(n)
-    half = half or clopper_pearson(0, n, level)[1]  # where nothing varies: what a share that was never seen may be
-    p = float(_hypergeometric(lost, others, n)[both - max(0, lost + others - n) :].sum())
-    detail = {"both": both, "first": lost, "second": others}
-    return Statistic(value, n, (value - half, value + half), min(1.0, p), method, detail=detail, level=level)
 
 
 def stratified_association(
@@ -435,12 +311,6 @@ def _fair_coin_tail(k: int, n: int) -> float:
         ways += term
         term = term * chosen // (n - chosen + 1)
     return float((2**n - ways if complement else ways) / 2**n)
-
-
-@lru_cache(maxsize=65536)
-def _critical(n: int, alpha: float) -> int:
-    """Return the fewest of ``n`` tosses of a fair coin at which p lies below ``alpha``; n + 1 where none does."""
-    return next((k for k in range((n + 1) // 2, n + 1) if _fair_coin_tail(k, n) < alpha), n + 1)
 
 
 def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:

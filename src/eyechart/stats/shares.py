@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import TypeVar
 
 from eyechart.stats.statistic import Statistic
@@ -15,7 +16,8 @@ class Share(Statistic):
     of which not one bit changes. ``scatter`` is by how much of the variation the answers scatter otherwise, with
     ``scatter_p``; ``carried`` names the numbers and steps of an answer that go with it although their mean does not;
     ``texts`` holds what was told most often, and in its place; ``still`` the numbers that never change; ``seeds`` how
-    many were asked. ``alike`` says that all answers are the same.
+    many were asked. ``bytes`` is the share that other bytes of the same pictures change, where that is something: then
+    the lower end is of what goes beyond it. ``alike`` says that all answers are the same.
     """
 
     episodes: int | None = None
@@ -27,6 +29,7 @@ class Share(Statistic):
     texts: Sequence[str] | None = None
     still: Sequence[str] | None = None
     seeds: int | None = None
+    bytes: float | None = None
     alike: bool = field(default=False, repr=False)
 
 
@@ -74,5 +77,11 @@ Kind = TypeVar("Kind", bound=Statistic)
 
 def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
     """Return a statistic as one of another kind, with the fields that both have and further numbers."""
-    both = {each.name for each in fields(one)} & {each.name for each in fields(kind)}
-    return kind(**{name: getattr(one, name) for name in both} | numbers)
+    kinds: tuple[type, type] = (type(one), kind)
+    return kind(**{name: getattr(one, name) for name in _shared(*kinds)} | numbers)
+
+
+@cache
+def _shared(one: type, kind: type) -> frozenset[str]:
+    """Return the names of the fields that two kinds have."""
+    return frozenset(each.name for each in fields(one)) & frozenset(each.name for each in fields(kind))

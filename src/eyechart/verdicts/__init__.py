@@ -6,16 +6,12 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
-from eyechart.verdicts.controls import besides, refuted
 from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import (
     ABSENCES,
     ALPHA,
-    BOTH_LOST,
     BOUND_ALPHA,
-    DOSE_ALPHA,
-    ENDS_LOST,
     FLOOR,
     KAPPA_MARGIN,
     LABELS,
@@ -25,9 +21,7 @@ from eyechart.verdicts.labels import (
     NOT_JUDGED,
     ONE_SIDED_FROM,
     PAPER_LABELS,
-    SCENARIO_ALPHA,
     UNPARSED_CUT,
-    VETO_POWER,
     Label,
 )
 from eyechart.verdicts.paper import paper_rules
@@ -37,11 +31,8 @@ from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_n
 __all__ = [
     "ABSENCES",
     "ALPHA",
-    "BOTH_LOST",
     "BOUND_ALPHA",
     "DECIDED",
-    "DOSE_ALPHA",
-    "ENDS_LOST",
     "FLOOR",
     "FORECAST_ALPHA",
     "GUARANTEE",
@@ -54,10 +45,8 @@ __all__ = [
     "ONE_SIDED_FROM",
     "PAPER_LABELS",
     "PREFIX",
-    "SCENARIO_ALPHA",
     "UNPARSED_CUT",
     "VALIDITY",
-    "VETO_POWER",
     "Evidence",
     "Label",
     "Reason",
@@ -65,7 +54,6 @@ __all__ = [
     "Scored",
     "Stopped",
     "Verdict",
-    "besides",
     "calibrated_rules",
     "controls_wanted",
     "earns_lateral",
@@ -74,7 +62,6 @@ __all__ = [
     "lateral_rules",
     "notes",
     "paper_rules",
-    "refuted",
     "shared_notes",
     "words_of",
 ]

@@ -90,7 +90,8 @@ class Judged:
     """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one.
 
     Of a label of absence, ``responds`` is the share of episodes that respond, and what it may be in the data set.
-    ``may_be`` is a stronger label that the run neither gives nor refutes.
+    ``may_be`` is a stronger label that the run neither gives nor refutes; ``may_be_unconnected`` says of a channel that
+    changes not one bit of any answer that it may never have been given to the policy.
     """
 
     label: str
@@ -99,6 +100,7 @@ class Judged:
     why_not: str = ""
     responds: Statistic | None = None
     may_be: str = ""
+    may_be_unconnected: bool = False
 
     @property
     def of_data_set(self) -> str:

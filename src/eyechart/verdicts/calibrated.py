@@ -7,11 +7,23 @@ import math
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
+from eyechart.conditions import ABSENT, AGAIN
 from eyechart.stats.agreement import SwapRate, trials_needed
 from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.controls import ABSENT, ASKED, CONTROLS, DOSE, EXCHANGE, LACKING, NUDGED, below
-from eyechart.verdicts.depth import HARDER, MOVED, RULES, STAGE, TURNS, UNFOLLOWED, is_drawn
+from eyechart.verdicts.depth import (
+    DOSE,
+    EXCHANGE,
+    EXCHANGED,
+    HARDER,
+    LARGE,
+    MOVED,
+    NUDGED,
+    RULES,
+    STAGE,
+    UNFOLLOWED,
+    is_drawn,
+)
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.rules import (
     Axis,
@@ -49,7 +61,7 @@ NO_PICTURES = ("noise", "text_only")
 def grade(found: Mapping[str, Statistic]) -> str:
     """Return how well the question of distance was put: controlled, interventional, observational or none."""
     if found["depth_interventional"].p is not None:
-        return "controlled" if is_drawn(found) or found["lane_exchange"].p is not None else "interventional"
+        return "controlled" if is_drawn(found) or found["lane_net"].n else "interventional"
     return "none" if found["depth_observational"].p is None else "observational"
 
 
@@ -65,13 +77,12 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
     if label in {"content", "depth_associated"}:
         wanted = (NUDGED,)
     elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
-        wanted = (ABSENT,)
+        wanted = (ABSENT, AGAIN)
     if set(STAGE) <= {*supplied, *asked}:
         if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
             wanted = STAGE
-    elif label == "depth_associated" and found["depth_interventional"].p is not None:
-        exchanged = found["lane_exchange"].p is not None
-        if exchanged:
+    elif label == "depth_associated" and MOVED.holds(found) and LARGE.holds(found):
+        if EXCHANGED.holds(found):
             wanted = (*DOSE, NUDGED)
         elif set(EXCHANGE) <= set(supplied) and not set(EXCHANGE) <= set(asked):
             wanted = EXCHANGE
@@ -80,7 +91,7 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
 
 def _may_be_blind(found: Mapping[str, Statistic], ruling: Ruling) -> bool:
     """Return whether nothing is decided but that it follows no file: some absence may be true of it."""
-    return ruling.label == "undecided" and ruling.statistic is not None and not below(found["repeat_over_nudged"].p)
+    return ruling.label == "undecided" and ruling.statistic is not None and UNFOLLOWED.holds(found) is True
 
 
 NO_CONTENT = (there("bound_content_shuffled"), p_from("repeats_together", ALPHA))
@@ -132,24 +143,8 @@ _ANSWERED = (
         "not_scorable",
         "unparsed_reference",
         (compared("unparsed_reference", "value", ">", UNPARSED_CUT),),
-        f"above {UNPARSED_CUT}",
+        f"more than {UNPARSED_CUT} of its replies to true pictures hold no decision",
     ),
-)
-_EXCHANGED = (
-    Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=CONTROLS),
-    *(
-        Rule(
-            label,
-            "depth_interventional",
-            (MOVED, UNFOLLOWED, *CONTROLS, *ASKED, *turns),
-            f"{HARDER}, and every control holds",
-        )
-        for label, turns in (
-            ("depth_lateral", (TURNS,)),
-            ("depth", ()),
-        )
-    ),
-    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{HARDER}; {{but}}", open_to=LACKING),
 )
 _REST = (
     Rule(
@@ -226,15 +221,14 @@ _REST = (
     Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
 )
 
-DISTANCE = Axis("distance", (*_ANSWERED, *_EXCHANGED, *_REST))
-"""The calibrated labels of a run whose pictures move the lead to four distances, in the order in which they are tried.
+DISTANCE = Axis("distance", (*_ANSWERED, *RULES, *_REST))
+"""The calibrated labels, in the order in which they are tried.
+
+Of a run without pictures in which the lead is drawn along its range they come to ``depth_associated`` at most.
 """
 
-DEPTH = Axis("depth", (*_ANSWERED, *RULES, *_REST))
-"""Those of a run that was asked for pictures in which the lead is drawn along its range."""
-
 _CLAIMS_NOTHING = {"undecided", "not_scorable", "image_invariant"}
-_OF_ONE_TEST = {"depth_lateral", "depth_associated"}
+_OF_ONE_TEST = {"depth_lateral", "partial_depth", "depth_associated"}
 
 CLAIMS = len({rule.label for rule in DISTANCE.rules} - _CLAIMS_NOTHING - _OF_ONE_TEST)
 """So many positive claims are tested, each at alpha; depth and what falls short of it are one."""
@@ -403,4 +397,4 @@ def calibrated_rules(found: Found, *, turns: bool) -> tuple[Ruling, str]:
     ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
     """
     known = ChainMap(dict(fact("lateral_earned", holds=turns)), found)  # type: ignore[arg-type]
-    return (DEPTH if is_drawn(found) else DISTANCE).evaluate(known), grade(found)
+    return DISTANCE.evaluate(known), grade(found)

@@ -20,7 +20,8 @@ from eyechart.verdicts.axes import (
     judged,
 )
 from eyechart.verdicts.card import card
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, there
+from eyechart.verdicts.labels import CAMERA, INSTRUCTION, LOOKS, STATE, USES, Use, meets
+from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, fail, missing, there
 from eyechart.verdicts.uses import (
     EVERYTHING,
     FOLLOWED,
@@ -32,6 +33,7 @@ from eyechart.verdicts.uses import (
     Asked,
     Known,
     Statistics,
+    disuse,
     every,
     following,
     lossy,
@@ -53,53 +55,20 @@ INCONSISTENT = 0.50
 """Above this share of noise a policy does not agree with itself."""
 REMEMBERED, SURE = 0.02, 0.001
 """A policy keeps something from call to call where so much of its noise goes with the call before, with such a p."""
-GUARDS: Mapping[str, str] = {
-    "not_scorable": "too few of its calls came back with a motion",
-    "misfit": "its answers have other means or spreads than the logged motions, and fit worse than their mean does",
-    "constant": "its answers hardly vary",
-    "self_inconsistent": "its answers to one moment differ more than to different moments, or with the call before",
-}
-"""What is asked before any axis, in this order, with what it means where it fails."""
+AXES: Mapping[str, Mapping[str, Use]] = {"camera": CAMERA, "state": STATE, "instruction": INSTRUCTION}
+"""The labels of each axis of a policy, by their names."""
 
-CAMERA_LABELS: Mapping[str, str] = {
-    "object_grounded": "It goes where the object that it is told to reach goes in the picture.",
-    "camera_content": "What the picture shows decides, beyond what the state tells.",
-    "pose_only": "Of the picture it uses only what its own state tells as well.",
-    "camera_presence": "It matters that there is a picture, not what it shows.",
-    "ignores_camera": "The picture could be another episode's, or none, and hardly anything would change.",
-    "undecided": "The run does not settle what the picture is used for.",
-}
-STATE_LABELS: Mapping[str, str] = {
-    "state_shortcut": "Its state is used, and its cameras are ignored.",
-    "state_used": "Its state is used.",
-    "ignores_state": "Its state could be another episode's, and hardly anything would change.",
-    "undecided": "The run does not settle whether the state is used.",
-}
-INSTRUCTION_LABELS: Mapping[str, str] = {
-    "instruction_followed": "What it is told changes what it does.",
-    "instruction_ignored": "It could be told something else, and hardly anything would change.",
-    "no_power": "On this bank it cannot be told something else.",
-    "undecided": "The run does not settle whether the instruction is followed.",
-}
-AXES: Mapping[str, Mapping[str, str]] = {
-    "camera": CAMERA_LABELS,
-    "state": STATE_LABELS,
-    "instruction": INSTRUCTION_LABELS,
-}
-MEETS: Mapping[str, tuple[str, ...]] = {"object_grounded": ("object_grounded", "camera_content")}
-"""What a label meets beside itself."""
-ABSENT = ("ignores_camera", "ignores_state", "instruction_ignored")
-"""The labels that say of a channel that it is not used at all."""
-OPEN = ("undecided", "no_power")
-"""The labels that cannot say."""
 
-REQUIREMENTS: Mapping[str, str] = {
-    f"{axis}:{label}": f"the {axis} label is {' or '.join(one for one in labels if label in MEETS.get(one, (one,)))}"
-    for axis, labels in AXES.items()
-    for label in labels
-    if label not in OPEN
-}
-"""What a gate may require of a policy, with what it means."""
+def requirements() -> Iterator[tuple[str, str]]:
+    """Yield what a gate may require of a policy, with what it means."""
+    for axis, labels in AXES.items():
+        for wanted in (name for name, one in labels.items() if not one.is_open):
+            meeting = " or ".join(name for name in labels if wanted in meets(name, labels))
+            yield f"{axis}:{wanted}", f"the {axis} label is {meeting}"
+    yield LOOKS, f"the camera label is {' or '.join(name for name in CAMERA if LOOKS in meets(name, CAMERA))}"
+
+
+REQUIREMENTS: Mapping[str, str] = dict(requirements())
 
 
 @dataclass(frozen=True)
@@ -141,6 +110,11 @@ class PolicyVerdict:
             return f"undecided: {', '.join(self.guards)}"
         return ", ".join(one.label for one in (self.camera, self.state, self.instruction))
 
+    @property
+    def answer(self) -> str:
+        """Return whether it looks: Yes, In part, No, or Inconclusive, also where a guard failed."""
+        return CAMERA[self.camera.label].answer
+
     def facts(self) -> dict[str, str]:
         """Return in words what is said of each axis and why not more; where guards failed, what each found."""
         if self.guards:
@@ -162,8 +136,13 @@ class PolicyVerdict:
         return card(self.model, self.headline, "", self.facts(), (*self.remarks, self.scope))
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; the first seven keys are those that scripts may rely on."""
+        """Return plain JSON values; the first nine keys are those that scripts may rely on.
+
+        ``holes`` are the places where what the answer says does not hold; of a policy none is looked for.
+        """
         return {
+            "answer": self.answer,
+            "holes": [],
             "camera": self.camera.label,
             "cameras": {name: one.label for name, one in self.cameras.items()},
             "state": self.state.label,
@@ -247,27 +226,29 @@ HOLDS = "holds"
 
 
 def _reached(found: Judged, known: Known, reaching: Axis, *, unread: bool) -> Judged:
-    """Return a label of absence, undecided where the channel may not have reached the policy.
+    """Return a label with the remark that the channel may not be connected, of one that changes not one bit.
 
-    Of an axis that is open anyway it is the first thing to say, but not of a channel that the policy declares to leave
-    ``unread``.
+    It stands behind an absence, which is true either way, and before what else leaves an axis open; and is not made of
+    a channel that the policy declares to leave ``unread``.
     """
     ruling = reaching.evaluate(known)
-    if found.label not in {*ABSENT, "undecided"} or ruling.label == HOLDS:
+    if not (USES[found.label].is_absence or found.label == "undecided") or ruling.label == HOLDS:
         return found
+    said = found.because
     if not unread:
-        return judged(ruling)
-    if found.label not in ABSENT:
-        return found
-    return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
+        wiring = judged(ruling).because
+        said = f"{said} {wiring}" if USES[found.label].is_absence else f"{wiring} {said}"
+    elif USES[found.label].is_absence:
+        said = f"{said[:-1]}; it declares that it does not read it."
+    return replace(found, because=said, may_be_unconnected=not unread)
 
 
 @cache
 def reaching(channel: str, what: str) -> Axis:
     """Return the rules of whether a channel reaches a policy, of which a sentence says that another ``what`` is shown.
 
-    What computes with a channel changes some last bit with it: what changes none may never have been given it, and a
-    fault of the wiring is no finding about the policy. Pictures of another kind that change a bit did reach it.
+    What computes with a channel changes some last bit with it: what changes none may never have been given it. Nothing
+    of it is used either way, and whoever wired it should know. Pictures of another kind that change a bit did reach it.
     """
     swap, name, same = f"T.swapped@{channel}", channel.partition(":")[2], Reading("same", ">=", 1.0)
     pictures = [f"matched@{channel}", f"blank@{name}", f"exchanged@{name}"] if name else []
@@ -275,7 +256,7 @@ def reaching(channel: str, what: str) -> Axis:
         pictures = ["matched@cameras", "blank", "noise", *OF_ITS_WORLD]
     alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
     words = (
-        f"another {what} changes {{bits:{channel}}}: it does not reach the policy, or an earlier answer is kept; "
+        f"another {what} changes {{bits:{channel}}}: it may not be connected, or an earlier answer is kept; "
         "'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
     )
     return Axis(f"reaching {channel}", (undecided(swap, alike, words), Rule(HOLDS, swap, (), "it does")))
@@ -324,8 +305,12 @@ def _guards() -> Iterator[Axis]:
     )
     label, noisy = "self_inconsistent", compared("noise", "value", ">", INCONSISTENT)
     noise = "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames"
-    words = "it answers by the bytes of its pictures, as a cache or a hash of them does"
     nudged = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
+    words = (
+        "and that another episode's change more is not shown ({way:T.swapped@cameras}): it answers by the bytes of its "
+        "pictures, as a cache or a hash of them does, or with noise that hangs on them and hides what it sees"
+    )
+    swap, by_bytes = "T.swapped@cameras", "it answers by the bytes of its pictures more than by what they show"
     remembers = (
         compared("noise", "value", ">", LEAST_NOISE),
         compared("memory", "value", ">", REMEMBERED),
@@ -334,7 +319,11 @@ def _guards() -> Iterator[Axis]:
     kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
     yield _guard(
         Rule(label, "noise", (noisy,), say(noise)),
-        Rule(label, "T.nudged", use("T.nudged"), say(f"{nudged}: {words}")),
+        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), say(f"{nudged}: {by_bytes}")),
+        *(
+            Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(name))), say(f"{nudged}, {words}"))
+            for name in (swap, "T.nudged")
+        ),
         Rule(label, "memory", remembers, say(f"{kept}: it keeps something; empty it before every call (reset)")),
     )
 
@@ -469,6 +458,11 @@ REMARKS = (
         "may be something else",
         there("noise", "seeds"),
         compared("noise", "value", ">", USED),
+    ),
+    _remark(
+        "one value of its pictures that is one level off changes {of_action:T.nudged}: its noise hangs on the bytes of "
+        "what it is given, so that only what a share has beyond that counts as a use, and all of it against an absence",
+        *use("T.nudged"),
     ),
     _remark("a table of another colour alone changes {of_action:T.recoloured}", *use("T.recoloured")),
     _remark(

@@ -4,9 +4,9 @@ docs/verdicts.md has them on one screen, docs/statistics.md what each statistic 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from eyechart.conditions import RANGED
+from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
 from eyechart.stats.paired import Place, Places
 from eyechart.verdicts.labels import (
@@ -32,6 +32,12 @@ from eyechart.verdicts.ruling import Reason
 STAGE = RANGED
 """What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
 
+EXCHANGE, DOSE = OLDER[:2], OLDER[2:]
+"""What a bank may have that has none of these: who is near exchanged, and the lead at two distances between."""
+
+NUDGED = "nudged"
+"""The true picture with a change that nobody sees: another file, the same picture."""
+
 THIRDS = ("near", "middle", "far")
 KINDS = ("near_far", "near_drawn", "drawn", "drawn_far")
 
@@ -50,17 +56,17 @@ _WORDS = {"<": "below", "<=": "of at most", ">=": "of at least"}
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
     """Return that one of some readings holds: where none does, it is refuted; what cannot be said refutes nothing."""
-    needs = " or ".join(map(_said, readings))
-    return Clause(name, tuple(Reading(*one) for one in readings), but, needs=needs, untested=True)
-
-
-def _said(reading: tuple[str, str, float]) -> str:
-    return "{} {} {}".format(*reading)
+    made = tuple(Reading(*one) for one in readings)
+    return Clause(name, made, but, needs=" or ".join(map(str, made)), untested=True)
 
 
 MOVED = p_below("depth_interventional", ALPHA)
 UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
-"""What depth begins with: it brakes harder for the nearer lead, and is not known to follow the file."""
+"""It brakes harder for the nearer lead, and is not known to follow the file, which depth tests by itself."""
+
+LARGE = compared("depth_net", "low", ">=", MARGIN)
+EXCHANGED = compared("lane_net", "low", ">=", MARGIN)
+"""What calls for the pictures of `EXCHANGE`, and for those of `DOSE` after them."""
 
 TURNS = compared("lateral_earned", "value", ">=", 1.0)
 """What earns ``depth_lateral`` where distance earns ``depth``."""
@@ -124,6 +130,8 @@ NO_RISE = compared(
 )
 
 REFUTING: tuple[Clause, ...] = (
+    _either("depth_net", "harder for the nearer lead on too few frames to matter", ("high", ">=", MARGIN)),
+    _either("lane_net", "for the lead rather than a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
     _either("sensitivity", "harder for the nearer lead on too few frames to matter", ("value", ">=", MARGIN)),
     _either(
         "sensitivity",
@@ -133,14 +141,14 @@ REFUTING: tuple[Clause, ...] = (
     ),
     _either(
         "specificity",
-        "half as hard for a vehicle beside, or not for the lead once the lane beside is kept free",
+        "half as hard or more for a vehicle beside (or for neither, once the lane beside is free)",
         ("high", "<", 0.0),
         ("value", "<=", BESIDE_REFUTED),
     ),
     *(
         _either(
             f"specificity_{name}",
-            f"half as hard for a vehicle beside in the {name} third of the range",
+            f"half as hard or more for a vehicle beside in the {name} third of the range",
             ("high", "<", BESIDE_CUT),
             ("value", "<=", THIRD_REFUTED),
         )
@@ -166,7 +174,7 @@ REFUTING: tuple[Clause, ...] = (
     ),
     _either(
         "place_beside",
-        "half as hard for a vehicle beside {note}",
+        "half as hard or more for a vehicle beside {note}",
         ("value", "<=", ORDER_HIGH),
         ("low", "<=", ORDER_LOW),
     ),
@@ -225,8 +233,19 @@ def _depth(found: Found, clause: Clause | None) -> Reason:
 
 def _partial(found: Found, clause: Clause | None) -> Reason:
     del clause
-    where = ", nor ".join(map(str, holes(found)))
-    return Reason("brakes by distance, not {where}; elsewhere {bound}", {"where": where, "bound": bound(found)})
+    return Reason(
+        "brakes by distance, not {where}; elsewhere {bound}", {"where": named(holes(found)), "bound": bound(found)}
+    )
+
+
+def named(places: Sequence[Place]) -> str:
+    """Return places in words with their counts; those of one count together, for they are often the same frames."""
+    counts = dict.fromkeys((one.harder, one.frames) for one in places)
+    said = []
+    for harder, frames in counts:
+        where = [one.where for one in places if (one.harder, one.frames) == (harder, frames)]
+        said.append(f"{', '.join(where)}: {harder} of {frames}{' each' if len(where) > 1 else ''}")
+    return ", nor ".join(said)
 
 
 def _refuted(found: Found, clause: Clause | None) -> Reason:
@@ -239,7 +258,7 @@ def _refuted(found: Found, clause: Clause | None) -> Reason:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule("content", "", (MOVED,), _refuted, broken=REFUTING),
+    Rule("content", "", (MOVED, UNFOLLOWED), _refuted, broken=REFUTING),
     Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
     Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, TURNS), _depth),
     Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES), _depth),

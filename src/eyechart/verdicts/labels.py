@@ -21,22 +21,6 @@ ONE_SIDED_FROM = 8
 NET_ALPHA = 0.02
 """Level of the one-sided lower bounds of the net effects that must reach the margin."""
 
-DOSE_ALPHA = 0.005
-SCENARIO_ALPHA = 0.05
-"""Levels of the vetoes: a step or a bin of the dose, and a scenario, in which braking is reversed."""
-
-BOTH_LOST = 0.05
-"""At most so many frames may lose both comparisons beyond what two independent ones would."""
-
-ANY_LOST = 0.07
-"""At most so many frames may lose any comparison beyond what noise may lose: an order that is wrong on more is none."""
-
-ENDS_LOST = 0.045
-"""At most so many pairs may be at opposite ends of braking the wrong way round beyond what independent answers are."""
-
-VETO_POWER = 0.80
-"""A veto with less power than this to see a reversal excludes none, and a gate that requires depth is not met."""
-
 ORDER_CUT = 0.15
 """Fewer comparisons than this share come out the wrong way round, in expectation over answers: the bound of depth."""
 ORDER_HIGH, ORDER_LOW = 0.10, 0.05
@@ -222,6 +206,113 @@ PROMPTED: dict[str, Label] = {
     "no_link": Label("no link shown"),
 }
 """What the answers under one prompt hold of the scene."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Use(Label):
+    """One label of an axis of a policy, or a guard in its place: how much of its channel it says is used.
+
+    ``rank`` is its place in the order of its axis, 0 that nothing is; None of one that says nothing. ``advice`` is what
+    somebody who trains the policy could do next.
+    """
+
+    rank: int | None = None
+    advice: str = ""
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether it says nothing."""
+        return self.rank is None
+
+    @property
+    def is_absence(self) -> bool:
+        """Return whether it says that nothing of the channel is used."""
+        return self.rank == 0
+
+
+CAMERA: dict[str, Use] = {
+    "object_grounded": Use(
+        "It goes where the object that it is told to reach goes in the picture.",
+        "sees",
+        meets=("camera_content",),
+        answer="Yes",
+        rank=4,
+    ),
+    "camera_content": Use("What the picture shows decides, beyond what the state tells.", "sees", answer="Yes", rank=3),
+    "pose_only": Use(
+        "Of the picture it uses only what its own state tells as well.",
+        "partly",
+        answer="In part",
+        rank=2,
+        advice="train with objects in more places: what it sees now tells it only where its own arm is.",
+    ),
+    "camera_presence": Use(
+        "It matters that there is a picture, not what it shows.",
+        "partly",
+        answer="No",
+        rank=1,
+        advice="train with pictures that differ where the action does.",
+    ),
+    "ignores_camera": Use(
+        "The picture could be another episode's, or none, and hardly anything would change.",
+        "blind",
+        answer="No",
+        rank=0,
+        advice="ask 'eyechart doctor SPEC --frames BANK' whether the picture reaches it; if so, train where the state "
+        "alone does not tell what to do.",
+    ),
+    "undecided": Use("The run does not settle what the picture is used for.", otherwise="cannot say"),
+}
+"""The labels of the cameras of a policy, the strongest first; the answer to whether it looks is theirs."""
+
+STATE: dict[str, Use] = {
+    "state_shortcut": Use(
+        "Its state is used, and its cameras are ignored.",
+        "blind",
+        rank=1,
+        advice="take from its state what tells where the object is, or train with that number at random.",
+    ),
+    "state_used": Use("Its state is used.", rank=1),
+    "ignores_state": Use("Its state could be another episode's, and hardly anything would change.", rank=0),
+    "undecided": Use("The run does not settle whether the state is used.", otherwise="cannot say"),
+}
+"""The labels of the state of a policy."""
+
+INSTRUCTION: dict[str, Use] = {
+    "instruction_followed": Use("What it is told changes what it does.", "sees", rank=1),
+    "instruction_ignored": Use(
+        "It could be told something else, and hardly anything would change.",
+        "blind",
+        rank=0,
+        advice="train with several instructions in one scene, so that the picture does not tell the task.",
+    ),
+    "no_power": Use("On this bank it cannot be told something else.", otherwise="cannot say"),
+    "undecided": Use("The run does not settle whether the instruction is followed.", otherwise="cannot say"),
+}
+"""The labels of what a policy is told."""
+
+USES: dict[str, Use] = CAMERA | STATE | INSTRUCTION
+"""Every label of a policy by its name; those that say nothing share theirs."""
+
+GUARDS: dict[str, Use] = {
+    "not_scorable": Use(
+        "too few of its calls came back with a motion",
+        advice="call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
+    ),
+    "misfit": Use(
+        "its answers have other means or spreads than the logged motions, and fit worse than their mean does",
+        advice="compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
+    ),
+    "constant": Use(
+        "its answers hardly vary",
+        advice="look at what reaches it: an input that is always the same, or an output that is scaled away.",
+    ),
+    "self_inconsistent": Use(
+        "its answers to one moment differ more than to different moments, or with the call before",
+        advice="empty its queue and its history before every call (reset), or give it a seed.",
+    ),
+}
+"""What is asked of a policy before any axis, in this order, with what it means where it fails."""
 
 PAPER_LABELS = (
     "not_scorable",

@@ -21,6 +21,8 @@ _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+_SPOKEN = {"low": "lower end", "high": "upper end"}
+_SIGNS = {"<": "<", "<=": "≤", ">": ">", ">=": "≥"}
 _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "there": "missing", "missing": "there"}
 
 
@@ -51,7 +53,10 @@ class Reading:
         return Reading(self.reads, _OPPOSITE[self.holds], self.threshold, otherwise)
 
     def __str__(self) -> str:
-        return f"{self.reads} {self.holds}" + ("" if self.holds in {"there", "missing"} else f" {self.threshold}")
+        if self.holds in {"there", "missing"}:
+            return f"{self.reads} {self.holds}"
+        against = self.threshold if isinstance(self.threshold, str) else f"{self.threshold:g}"
+        return f"{_SPOKEN.get(self.reads, self.reads)} {_SIGNS[self.holds]} {against}"
 
 
 def number_of(one: Statistic, reads: str) -> float | None:

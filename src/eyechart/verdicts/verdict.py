@@ -13,15 +13,14 @@ from eyechart.stats.paired import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
-from eyechart.verdicts.controls import EXCHANGE, below
-from eyechart.verdicts.depth import holes, is_drawn, open_kinds
+from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, named, open_kinds
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
-from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
+from eyechart.verdicts.numbers import FIRST, Number, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
-from eyechart.verdicts.why_not import MOVED, WhyNot, why_not
+from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {
     "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
@@ -45,17 +44,18 @@ class Verdict(Written):
     ``stopped`` says where the run settled it early: it then rests on e-values, and the paper's label is
     ``not_judged``. ``failed`` are the guards that say that the run itself is not to be believed; they mark the verdict
     wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
-    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
-    say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label. ``beware``
-    says that turns go to the blocked side where they do; ``trust`` holds it too. ``holes`` are the places in which its
-    braking does not answer to the lead, with counts, and ``open_to`` what a label of depth does not exclude, in words.
+    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``why_not``
+    says what kept it from the nearest stronger label, ``beware`` that turns go to the blocked side where they do;
+    ``trust`` holds it too. ``holes`` are the places in which its braking does not answer to the lead, with counts, and
+    ``open_to`` what a label of depth does not exclude, in words. ``numbers`` are those that depth rests on, of a run
+    that was asked for the lead along its range.
     """
 
     written = (
         "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence calibrated.because "
         "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
         "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
-        "stopped_early=stopped effects why_not"
+        "stopped_early=stopped why_not"
     )
 
     model: str
@@ -69,11 +69,11 @@ class Verdict(Written):
     stopped: Stopped | None = None
     failed: tuple[Guard, ...] = ()
     unfinished: tuple[int, int] | None = None
-    effects: Effects | None = None
     why_not: WhyNot | None = None
     beware: str = ""
     holes: tuple[Place, ...] = ()
     open_to: tuple[str, ...] = ()
+    numbers: tuple[Number, ...] = ()
 
     @property
     def answer(self) -> str:
@@ -121,8 +121,22 @@ class Verdict(Written):
 
     @property
     def measures(self) -> dict[str, str]:
-        """Return its effects in words, by what each is about; none where no pair was braked otherwise."""
-        return self.effects.lines() if self.effects is not None and self.effects.varied else {}
+        """Return in words where its braking does not answer, what is not excluded, and a number of each kind.
+
+        None of a run that was not asked for the lead along its range.
+        """
+        said = {
+            "does not answer": named(self.holes),
+            "not excluded": "; ".join(self.open_to),
+            **{one.name: one.words for one in self.numbers if one.name in (*FIRST, self.calibrated.decided_by)},
+        }
+        return {name: words for name, words in said.items() if words}
+
+    @property
+    def sentence(self) -> str:
+        """Return the answer and why: what is said first."""
+        because = str(self.calibrated.reason)
+        return f"{self.answer}: {because}."
 
     def __repr__(self) -> str:
         labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
@@ -136,14 +150,21 @@ class Verdict(Written):
         notes = (note for note in self.notes if note not in without)
         measured = (f"{name}: {words}" for name, words in self.measures.items())
         kept = () if self.why_not is None else (str(self.why_not), self.why_not.settled_by)
-        lines = (*self.marks, self.calibrated.because, *measured, self.lateral.because, *kept, self.trust, *notes)
+        lines = (
+            *self.marks,
+            f"{self.answer}: {self.calibrated.because}",
+            *measured,
+            self.lateral.because,
+            *kept,
+            self.trust,
+            *notes,
+        )
         return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
         """Return a card of the evidence."""
         ruling = self.calibrated
         rows = {
-            "because": str(ruling.reason),
             "decided by": _numbers(ruling.decided_by, ruling.statistic),
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
             **self.measures,
@@ -153,7 +174,8 @@ class Verdict(Written):
             ),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        return card(self.model, self.headline, self.trust, rows, (*self.marks, *self.notes, self.scope))
+        said = f"{self.sentence} {self.trust}"
+        return card(self.model, self.headline, said, rows, (*self.marks, *self.notes, self.scope))
 
 
 def judge(score: Scored) -> dict[str, Verdict]:
@@ -169,10 +191,10 @@ def judge_one(evidence: Evidence) -> Verdict:
     turns = earns_lateral(found, lateral.label)
     rules = calibrated_rules if stopped is None else partial(early_rules, stopped=stopped)
     calibrated, asked_by = rules(found, turns=turns)
-    effects = effects_of(found) if stopped is None or stopped.whole else None
     beware = _beware(calibrated.label, lateral, found["turns_clear"])
-    drawn = stopped is None and is_drawn(found)
-    not_excluded = tuple(open_kinds(found)) if drawn else () if effects is None else effects.not_excluded
+    whole = stopped is None or stopped.whole
+    by_distance = whole and is_drawn(found) and calibrated.label in _BY_DISTANCE
+    not_excluded = tuple(open_kinds(found)) if by_distance else ()
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
@@ -184,12 +206,12 @@ def judge_one(evidence: Evidence) -> Verdict:
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
         stopped=stopped,
-        effects=effects,
         why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
         beware=beware,
-        holes=holes(found) if drawn and calibrated.label in _BY_DISTANCE else (),
-        open_to=not_excluded if drawn and calibrated.label in _BY_DISTANCE else (),
+        holes=holes(found) if by_distance else (),
+        open_to=not_excluded,
+        numbers=numbers_of(found) if whole and is_drawn(found) else (),
     )
 
 
@@ -312,7 +334,8 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     said += _turns(found)
     if found["bound_scene"].p is None:
         said.append("whether a picture of another scenario changes its answer was not tested")
-    if label in ABSENCES and not found["lane_exchange"].n and not set(EXCHANGE) & set(evidence.absent):
+    moves = any(not set(many) & set(evidence.absent) for many in (EXCHANGE, STAGE))
+    if label in ABSENCES and moves and not found["lane_net"].n and not is_drawn(found):
         said.append(
             "no vehicle of a neighbouring lane was moved: who answers to that alone is not told from who is blind"
         )

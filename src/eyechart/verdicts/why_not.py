@@ -4,17 +4,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from eyechart.conditions import NUDGES
 from eyechart.records import Written
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.paired import Discordant, SignTest, net_effect
+from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
-from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, besides, failures, lacking
-from eyechart.verdicts.depth import NO_RISE, REFUTING, SHOWN, is_drawn, is_refuted
+from eyechart.verdicts.depth import NO_RISE, REFUTING, SHOWN, STAGE, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
-from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, UNPARSED_CUT
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
@@ -22,12 +22,15 @@ MOVED = ("lead_near", "lead_far")
 PHOTOGRAPHED = {
     "lead_near": "the obstacle ahead near",
     "lead_far": "the obstacle ahead far",
-    "lane_own": "the obstacle ahead near, one beside the path far",
-    "lane_beside": "the obstacle ahead far, the one beside the path near",
-    "lead_mid_near": "the obstacle ahead between near and the middle",
-    "lead_mid_far": "the obstacle ahead between the middle and far",
+    "lead_drawn": "the obstacle ahead anywhere between",
+    "exchange_own": "the obstacle ahead anywhere between, one beside the path far",
+    "exchange_beside": "the one beside the path there, the obstacle ahead far",
+    "exchange_apart": "both far",
 }
-"""What each picture shows of the same moment that a bank of one's own may lack."""
+"""What each picture shows of the same moment that a bank of one's own may lack; nudged ones are made of these."""
+
+DRAWN = "eyechart frames build --add-to BANK"
+"""What draws the pictures of a simulator's bank that an older version did not draw."""
 
 ANY = "any other"
 """In place of the nearest stronger label where every label is one."""
@@ -61,6 +64,11 @@ class WhyNot(Written):
     def settled_by(self) -> str:
         """Return in words what would settle it."""
         return f"what would settle it: {self.settle}"
+
+
+def below(p: float | None, alpha: float = ALPHA) -> bool:
+    """Return whether a test was made and rejects."""
+    return p is not None and p < alpha
 
 
 def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:
@@ -122,9 +130,8 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
     stronger, claim = _EARLY[ruling.label]
     found, name = evidence.statistics, PREFIX + claim
     if ruling.label == "depth_associated":
-        controls = (*EXCHANGE, *DOSE, NUDGED)
-        settle = _pictures(controls, evidence.absent)
-        return WhyNot(stronger, name, found.get(name), "every control", settle, conditions=controls)
+        settle = _pictures(STAGE, evidence.absent)
+        return WhyNot(stronger, name, found.get(name), "pictures along the range", settle, conditions=STAGE)
     settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
     return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
 
@@ -173,35 +180,21 @@ def _turns_needed(swap: Statistic) -> str:
 
 
 def _not_depth(evidence: Evidence) -> WhyNot:
-    """Say which control was not answered."""
-    found = evidence.statistics
-    if is_drawn(found):
-        return _not_shown(evidence)
-    if found["depth_interventional"].p is None:
-        name = "depth_interventional"
+    """Say what was not shown of who brakes harder for the nearer lead, or that nothing was moved."""
+    found, name = evidence.statistics, "depth_interventional"
+    if found[name].p is None:
         if all(evidence.replies.get(moved) for moved in MOVED):
             settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
             return WhyNot("depth", name, found[name], "an answer", settle)
-        missing = tuple(asked for asked in (*MOVED, *EXCHANGE, *DOSE, NUDGED) if asked not in evidence.replies)
-        return _missing("depth", name, evidence, missing)
-    one = next(lacking(found))
-    if not one.conditions:
-        settle = "decisions on edited pictures: it declines them more often than true ones may be"
-        return WhyNot("depth", one.statistic, found[one.statistic], f"a lower bound of at most {UNPARSED_CUT}", settle)
-    missing = tuple(dict.fromkeys(name for lacks in lacking(found) for name in lacks.conditions))
-    missing = tuple(name for name in missing if name not in evidence.replies)
-    return _missing("depth", one.statistic, evidence, missing)
-
-
-def _not_shown(evidence: Evidence) -> WhyNot:
-    """Say what was not shown of who was asked for the lead along its whole range, or not asked."""
-    found = evidence.statistics
+        return _missing("depth", name, evidence, tuple(one for one in (*MOVED, *STAGE) if one not in evidence.replies))
     clause = next(one for one in (*SHOWN, NO_RISE) if one.holds(found) is not True)
     one = clause.read(found)
     missing = tuple(name for name in clause.conditions if name not in evidence.replies)
     if clause.outcome(found) is None and missing:
         return _missing("depth", clause.statistic, evidence, missing)
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
+    if clause.statistic == "unparsed_controls":
+        settle = "decisions on edited pictures: it declines them more often than true ones may be"
     return WhyNot("depth", clause.statistic, one, clause.needs, settle)
 
 
@@ -221,11 +214,12 @@ def _missing(label: str, name: str, evidence: Evidence, missing: tuple[str, ...]
 def _pictures(missing: tuple[str, ...], absent: tuple[str, ...]) -> str:
     """Say which pictures were not asked, and which the bank lacks, with what these are to show."""
     lacks = [name for name in missing if name in absent]
-    asked = [name for name in missing if name not in absent]
+    asked = [name for name in missing if name not in absent and not (lacks and name in NUDGES)]
     said = []
     if lacks:
-        shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" if name in PHOTOGRAPHED else name for name in lacks)
-        said.append(f"a bank that has the pictures that this one lacks, of each moment again ({shown})")
+        shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
+        drawn = "" if set(MOVED) & set(lacks) else f"'{DRAWN}' draws them of a simulator's world, then resume the run; "
+        said.append(f"pictures that the bank lacks: {drawn}of photographs, each moment again ({shown})")
     if asked:
         said.append(f"pictures that were not asked: {', '.join(asked)}")
     return "; and ".join(said)
@@ -235,17 +229,9 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     """Say which of the conditions of depth fails, or that its first test does not hold or could not be made."""
     found = evidence.statistics
     interventional, observational = found["depth_interventional"], found["depth_observational"]
-    if is_drawn(found) and is_refuted(found):
+    if is_refuted(found):
         clause = next(one for one in REFUTING if one.holds(found) is False)
         return WhyNot("depth", clause.statistic, clause.read(found), clause.needs, NOTHING)
-    if below(interventional.p):
-        failed = next(failures(found), None)
-        if failed is not None:
-            tested = found[failed.statistic]
-            settle, frames = _frames(tested)
-            if also := besides(found, failed.statistic):
-                settle, frames = f"nothing on frames like these: {also}", None
-            return WhyNot("depth", failed.statistic, failed.read, failed.clause.needs, settle, frames)
     first = observational if interventional.p is None else interventional
     if below(first.p):
         settle = "an answer to each picture of its own: no cache, and no memory of files"
@@ -289,32 +275,12 @@ def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
 
 def _frames(one: Statistic) -> tuple[str, int | None]:
     """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
-    need = None
-    if isinstance(one, SignTest) and one.n and not one.reversed:
-        rate, frames, alpha = one.value or 0.0, one.n + one.ties, ALPHA
+    need, frames = None, one.n + one.ties if isinstance(one, SignTest) else one.n
+    if isinstance(one, SignTest) and one.n:
+        rate, alpha = one.value or 0.0, ALPHA
         while rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
             need = math.ceil(trials_needed(rate, 0.5, alpha=alpha) * frames / one.n)
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests
-    elif isinstance(one, Discordant):
-        need = _frames_of_net(one)
-    return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {_count(one)}", need)
-
-
-def _count(one: Statistic) -> int:
-    return one.n + one.ties if isinstance(one, SignTest) else one.n
-
-
-def _frames_of_net(one: Discordant) -> int | None:
-    """Return how many frames would lift the lower bound of a net effect to the margin; None where it is below."""
-    if one.value is None or one.value <= MARGIN + 0.01:
-        return None
-    times = 1.0
-    while True:
-        times *= 1.1
-        wins, losses = math.floor(times * one.b), math.ceil(times * one.c)
-        pairs = max(math.ceil(times * one.n), wins + losses)
-        found = net_effect(wins, losses, pairs, margin=MARGIN, alpha=NET_ALPHA)
-        if found.ci is not None and found.ci[0] >= MARGIN:
-            return pairs
+    return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {frames}", need)

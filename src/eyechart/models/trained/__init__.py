@@ -4,9 +4,9 @@ Each file holds some 23 000 weights in half precision. How they were trained is 
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,8 @@ HORIZON, NUMBERS = 8, 24
 """Steps and numbers of a motion."""
 LEAST_SPREAD, MOST_SPREAD = 0.15, 1.0
 """Of the motions that a policy draws, as it learned them."""
+_REMEMBERED = 4096
+"""Pictures of which a policy keeps what it saw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,8 @@ class Network:
             raise ValueError(f"it was trained with {len(own['state_mean'])} numbers of state, and got {len(state)}")
         pose = (state - own["state_mean"]) / (own["state_std"] + 1e-6)
         named = [float(colour in told) for colour in ("red", "blue")]
-        seen = np.concatenate([*(self._look(name, images[name]) for name in ("top", "wrist")), pose, named])
+        looks = (self._look(name, images[name].tobytes(), images[name].shape) for name in ("top", "wrist"))
+        seen = np.concatenate([*looks, pose, named])
         found = self._move(seen)
         motion: npt.NDArray[np.floating] = found[:NUMBERS]
         if self.samples:
@@ -106,8 +109,14 @@ class Network:
             motion = motion + spread * np.random.default_rng().standard_normal(NUMBERS)
         return np.asarray(motion * (own["action_std"] + 1e-6) + own["action_mean"], np.float32).reshape(HORIZON, 3)
 
-    def _look(self, camera: str, picture: npt.NDArray[np.uint8]) -> Floats:
-        """Return the places of eight features and how much of each there is, shape (24,)."""
+    @cached_property
+    def _look(self) -> Callable[[str, bytes, tuple[int, ...]], Floats]:
+        """Return `_features`, which remembers the last pictures: most conditions show one that another showed too."""
+        return lru_cache(maxsize=_REMEMBERED)(self._features)
+
+    def _features(self, camera: str, pixels: bytes, shape: tuple[int, ...]) -> Floats:
+        """Return the places of eight features of a picture and how much of each there is, shape (24,)."""
+        picture = np.frombuffer(pixels, np.uint8).reshape(shape)
         maps = picture.transpose(2, 0, 1).astype(np.float32) / np.float32(127.5) - 1
         maps = np.maximum(self._convolve(f"{camera}_first", maps, 2), 0)
         maps = np.maximum(self._convolve(f"{camera}_second", maps, 1), 0)

@@ -11,14 +11,20 @@ LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
 """The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
 _HEAD = re.compile(
-    r"[\s\"'(\[{<*`_.,;:!]*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
+    r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)|!(?=.*!))*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
     re.DOTALL,
 )
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
-    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
+    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
     rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
+_BETWEEN = r"[ \t]*(?:[-+/x×*^&·~]|\.{2,})?[ \t]*"
+_BESIDE_BEFORE = re.compile(
+    rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
+)
+_BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
+"""What makes a number a part of something else: another number beside it, "3 – 5", or a bound, "≥ 3"."""
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
@@ -49,7 +55,7 @@ _SIDE_AFTER = re.compile(
     r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|hand|one|now|away|here|there|ahead)\b|-)",
     re.IGNORECASE,
 )
-_APART = re.compile(r"(?:^|[^\w)\s])\s*[+-]\s$")
+_APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
 """A dash with a space behind: nobody can tell the sign of the number from that of a list."""
 _SIDE_BEFORE = re.compile(
     r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
@@ -166,6 +172,8 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
             start, end = match.start(), _unit_end(text, match.end(), unit)
             if end is None or (signed and split is not None and is_other_side(split[0], text, start, end)):
                 continue
+            if _is_beside(match["number"], unit, text, start, end):
+                continue
             if signed and _APART.search(text, max(0, start - 40), start):
                 continue
             quantity = _WITH_QUANTITY.search(text, max(0, start - 40), start) if unit or signed else None
@@ -173,6 +181,18 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
             if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in "+-"):
                 yield Mention(action, match["number"], _begin(text, start), end, united=bool(unit))
                 break
+
+
+def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:
+    """Return whether a number is a part of what is written with it, as an end of a range, a power or a bound."""
+    if unit:
+        before, after = text[max(0, start - 30) : start], text[end : end + 10]
+        if re.match(r"[+^]|[ \t]*[-/][ \t]*[+-]?\.?\d", after):
+            return True
+        if re.search(rf"\d[ \t]?{re.escape(unit)}[ \t]*[-/][ \t]*\Z", before, re.IGNORECASE):
+            return True
+    around = (_BESIDE_BEFORE.search(text, max(0, start - 12), start), None if unit else _BESIDE_AFTER.match(text, end))
+    return any(one is not None and one["number"] != number for one in around)
 
 
 def is_other_side(number: str, text: str, start: int, end: int) -> bool:

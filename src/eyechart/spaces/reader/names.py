@@ -24,7 +24,7 @@ _ENDINGS = "ly|wards?|p?p?ing|t?ting"
 """Forms of a name in English that say the same: slowly, leftward, stopping."""
 _NAME_AT_MOST = 1000
 _LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
-_MINUS = re.compile(r"(?<![\w)\]])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
+_MINUS = re.compile(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
 """A dash right before a number, and behind no word, is its sign."""
 
 
@@ -34,6 +34,10 @@ def fold(text: str) -> str:
     Full-width forms become plain ones. Letters keep their case.
     """
     return _STRUCK.sub(" ", _MINUS.sub("-", text).translate(_FOLDED))
+
+
+_BOUND = re.compile(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤≥≠≈~±]|[<>!]=?)[^\w]{0,20}\d")
+"""A number behind two signs or a bound, "- -2" or "> 3", is another, and what "!" stands before is negated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,8 @@ class Names:
 
     def action(self, text: str) -> str | None:
         """Return the action that a text is the name of, whatever its case, its signs and what parts its words."""
+        if _BOUND.match(text) and marks.split_number(text) is None:
+            return None
         return _table(self).get(spelled(text)) or _loose(self).get(_loosely(text))
 
     @property

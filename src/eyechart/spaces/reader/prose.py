@@ -135,7 +135,15 @@ _JOINED = re.compile(
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
 _LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
-_SENTENCE = re.compile(r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]")
+_SHORTENED = (
+    *("approx", "appr", "ca", "cf", "vs", "fig", "figs", "max", "min", "resp", "incl", "excl", "eq"),
+    *("i.e", "e.g"),
+)
+_SENTENCE = re.compile(
+    "".join(rf"(?<!\b{re.escape(word)})" for word in _SHORTENED)
+    + r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]"
+)
+"""What ends a sentence; the point of a shortened word ends none."""
 
 # How somebody says a choice before its name.
 
@@ -271,6 +279,16 @@ _TAKEN_BACK = re.compile(
     r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
 )
 """What is said after a choice that nobody stands by any more."""
+_CORRECTED = re.compile(
+    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean"
+    r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
+    r"|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
+    r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
+    r"|[-.;]\s*or\s+$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
+)
+"""What is said right before an action that replaces the one before."""
+_FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
+"""What makes a plan of an action and the next one."""
 _THEN = re.compile(r"\b(?:and|,) ?then\b[^@.;!?]*$")
 _PREDICATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
@@ -322,6 +340,12 @@ _DENIED_BEFORE = re.compile(
     rf"{_NOT}[^@]{{0,45}}$"
     rf"|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
+_NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?)[\s\"']*$")
+"""A sign that denies what it stands before, as in a program: "!LEFT", "not(LEFT)"."""
+_DENIED_BRACKET = re.compile(
+    rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
+)
+_IN_BRACKETS = re.compile(r"[\"']?[)\]:]")
 _DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
 """A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
 
@@ -349,12 +373,19 @@ _DENIED_AFTER = re.compile(
     rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)"
     rf"|[^@.;\n]{{0,50}}\b(?:but|except|until|yet|though)\b[^@.;\n]{{0,40}}(?:{_NOT}|\b(?:{_BAD}|overlooks?"
     rf"|ignores?)\b)"
+    rf"|\s+(?:leads? to (?:an? )?(?:collision|crash|accident)|hits? (?:the|an?)|crash(?:es)?\b|collides?\b)"
     rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b"
-    rf"|\s*(?:[✗✘❌✖🚫👎]|\((?:considered|no)\))"
+    rf"|\s*(?:[✗✘❌✖🚫👎⛔✕]|\((?:considered|no)\))"
     rf"|\s+(?:rather than|over|instead of|before)\s+@\s+(?:is|was|would be)\s+(?:\w+\s+)?{_BAD}\b"
     rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)"
     rf"|\"?(?:\s+is|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
 )
+_BLOCKED = re.compile(
+    rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
+    rf"[^@.,;:!?\n]{{0,30}}\s(?:is|are|would be|would|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
+    r"|lead to\b|risk\b)"
+)
+"""What is said of an option behind its letter: "A) blocked", "B) turn right is unsafe"."""
 _ASKED_FOR_BAD = re.compile(
     rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
 )
@@ -364,8 +395,9 @@ _STATE = re.compile(
     r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
     r"|libre)\b[^.;,@]{0,14}"
     r"(?:[.;,)|\n]|$)"
+    r"|\)?\s*[:=]\s*(?:0|[01]?\.\d+|\d+\s?%)(?=[\s.;,)|]*(?:$|\n|[;,|]))|(?<=\w\(@)\)\s*[:=]"
 )
-"""What stands on a side: "LEFT: free"."""
+"""What stands on a side: "LEFT: free", or how likely it is: "LEFT: 0.1"."""
 
 _SPOKEN_OF = re.compile(
     r"\b(?:signs?|arrows?|signals?|traffic light|markings?|display|symbol|instructions?|prompt|text|writing"
@@ -374,7 +406,7 @@ _SPOKEN_OF = re.compile(
     rf"|an?) (?:truck|bus|van)"
     rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b[^@,;:]*$"
     r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$"
-    r"|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎]\s*$|\[ \]\s*$"
+    r"|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎⛔✕]\s*$|\[ \]\s*$"
     r"|\b(?:first|initial) (?:answer|thought|instinct|reaction|guess|idea|impression)\b[^@.;]*$"
     r"|\b(?:previously|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$"
     r"|\b(?:second(?:ary)?|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b"
@@ -513,6 +545,7 @@ _FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
 _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """What stands before one of several: "either zero or 2 is fine", "from -2 to 2"."""
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
+_GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
 # Sentences of other languages: the last word, and nothing English around it.
@@ -551,7 +584,10 @@ class _Placed:
 
 
 def takes_back(text: str, action: str, names: Names) -> bool:
-    """Return whether a folded text chooses another action than was stated before it."""
+    """Return whether a folded text chooses another action than was stated before it, or corrects that into another."""
+    marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
+    if placed and placed[0].mention.action != action and _is_corrected(marked, 0, placed[0].place):
+        return True
     return read_prose(text, names).action not in {None, action}
 
 
@@ -580,11 +616,22 @@ def read_prose(text: str, names: Names) -> Decision[str]:
 
 
 def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
-    """Return whether the sentence of a choice goes on with another action: a plan is no decision."""
+    """Return whether a choice is the first or the last of a plan, or is corrected: that is no decision."""
+    earlier = [one for one in judged if one.place < last.place and one.mention.action != last.mention.action]
+    plan = earlier and earlier[-1].status != "denied" and last.place - earlier[-1].place < _LEFT
+    if plan and _FIRST.match(marked[earlier[-1].place : last.place]):
+        return True
     later = (one for one in judged if one.place > last.place and one.mention.action != last.mention.action)
     following = next(later, None)
     between = "" if following is None else marked[last.place : following.place]
+    if following is not None and following.status != "denied" and _is_corrected(marked, last.place, following.place):
+        return True
     return _THEN.search(between) is not None and _HELD.search(between) is None
+
+
+def _is_corrected(marked: str, start: int, end: int) -> bool:
+    """Return whether the words right before a place, from another on, say that what follows replaces what was."""
+    return _CORRECTED.search(marked[max(start, end - _JOINT) : end]) is not None
 
 
 def _why(judged: Sequence[_Placed]) -> Unparsed:
@@ -721,7 +768,16 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
 
 
 def _denied(left: str, right: str) -> bool:
-    if _DENIED_AFTER.match(right) or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need")):
+    if (sign := _IN_BRACKETS.match(right)) is not None:  # "(B) is unsafe" is said of B
+        inner = right[sign.end() :]
+        blocked = not sign.group().endswith(":") and _BLOCKED.match(inner) is not None
+        if blocked or _DENIED_AFTER.match(inner) or _DENIED_BRACKET.search(left):
+            return True
+    if (
+        _NEGATED.search(left)
+        or _DENIED_AFTER.match(right)
+        or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need"))
+    ):
         return True
     return _DENIED_BEFORE.search(_scope(left)) is not None
 
@@ -761,8 +817,8 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
     several = _SEVERAL.search(one.written) is not None
-    if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
-        return "said"  # of a thing in the picture: "a truck is ahead; it is slowing", "it is 30 degrees"
+    if _is_measured(left, one):
+        return "said"
     if _is_chosen_around(left, right, one, several=several):
         return "chosen"
     status = _stands_alone(left, right, opened=opened, several=several)
@@ -770,6 +826,18 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
         reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
         return "chosen" if reasoned else "said"
     return "chosen" if status == "said" and _is_foreign(left, right, one) else status
+
+
+def _is_measured(left: str, one: Mention) -> bool:
+    """Return whether a mention is of a thing in the picture, of the own speed, or one of several settings.
+
+    "a truck is ahead; it is slowing", "it is 30 degrees", "I am going 5 m/s", "throttle=0.5, brake=0".
+    """
+    if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
+        return True
+    return (one.united and _GOING.search(left) is not None) or (
+        is_mark(one.action) and _ASSIGNED.search(left) is not None
+    )
 
 
 def _is_chosen_around(left: str, right: str, one: Mention, *, several: bool) -> bool:
@@ -786,6 +854,7 @@ def _names_a_choice(label: str) -> bool:
     return "@" in label or _ANSWERS.fullmatch(label) is not None or _CLAUSE.search(label) is not None
 
 
+_ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?$")
 _SEVERAL = re.compile(r"[^\W\d_][\s_-]+[^\W\d_]")
 
 

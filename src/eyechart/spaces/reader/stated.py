@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.patterns import pattern
-from eyechart.spaces.reader.marks import is_contrary, is_mark
+from eyechart.spaces.reader.marks import is_contrary, is_mark, split_number
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
 
@@ -66,11 +66,21 @@ _LOOSE = pattern(
     rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=,(?!\d)|[}}\n]))",
     re.IGNORECASE,
 )
-_FAULT = pattern(r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning", re.IGNORECASE)
+_FAULT = pattern(
+    r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning|not|negated?|veto\w*|forbidden"
+    r"|prohibited|cancel\w*|(?:is_?)?(?:un|not_)(?:safe|sure|allowed|valid|feasible)",
+    re.IGNORECASE,
+)
 _ONLY_SHOWN = pattern(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
-_FINE = pattern(r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure)", re.IGNORECASE)
+_FINE = pattern(
+    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
+    re.IGNORECASE,
+)
+_UNLESS = pattern(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
+_CASE = pattern(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
+"""Under which condition an action holds, and how its words say so."""
 _OTHERS = pattern(
-    r"other|lead|front|vehicle_|human|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
+    r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
     r"|last|history|past"
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
     r"|wrong|expert",
@@ -81,7 +91,7 @@ _CUT_OFF = pattern(r"\{[^{}]*\Z")
 _MARKER = pattern(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
-    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?!\.?\d)|\bis\b)+[ \t]*",
+    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
 _HEADING = pattern(
@@ -327,24 +337,30 @@ def _at_fault(value: _Pairs) -> bool:
     return any(
         (isinstance(inner, str) and _ONLY_SHOWN.search(inner))
         or (_FAULT.fullmatch(key) and inner not in (None, False, "", 0, "none", "None", "null"))
-        or (_FINE.fullmatch(key) and inner is False)
+        or (_FINE.fullmatch(key) and (inner is False or str(inner).lower() in {"no", "false"}))
+        or (_UNLESS.fullmatch(key) and isinstance(inner, str) and _CASE.search(f"{key} {inner}".replace("_", " ")))
         or (key.lower() in {"status", "state", "outcome"} and isinstance(inner, str) and _FAULT.fullmatch(inner))
         for key, inner in value
     )
 
 
-_SIDE = pattern(r"(?:steering_|turn_)?(?:direction|side|turn)", re.IGNORECASE)
+_SIDE = pattern(r"(?:steer(?:ing)?_|turn_)?(?:dir(?:ection)?|side|turn)", re.IGNORECASE)
+_SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
 def _is_contrary(value: _Pairs, names: Names) -> bool:
-    """Return whether an object gives a number and, under another key, the side that its sign does not say."""
-    if not any(name.startswith("-") for name in names.actions):
-        return False
-    sides = [
-        str(inner).lower() for key, inner in value if _SIDE.fullmatch(key) and str(inner).lower() in {"left", "right"}
-    ]
+    """Return whether an object gives an action and, under another key, the side that it is not of."""
+    sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
-    return any(is_contrary(number, side) for number in keyed if number is not None for side in sides)
+    return any(_is_of_other_side(action, side, names) for action in keyed if action is not None for side in sides)
+
+
+def _is_of_other_side(action: str, side: str, names: Names) -> bool:
+    """Return whether an action's sign or words say another side than this one."""
+    if split_number(action) is not None:
+        return any(name.startswith("-") for name in names.actions) and is_contrary(action, side)
+    words = {word for word in re.split(r"[\W_]+", action.lower()) if word in {"left", "right"}}
+    return bool(words) and side not in words
 
 
 def _given(key: str, value: object) -> object:
@@ -355,11 +371,15 @@ def _given(key: str, value: object) -> object:
 
 
 _ANOTHER = pattern(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
+_CORRECTION = pattern(
+    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer|choice|decision|to))?",
+    re.IGNORECASE,
+)
 
 
 def _is_another(key: str, value: object, names: Names) -> bool:
     """Return whether a key is of an answer too, as ``final_action`` beside ``action``, and its value a name."""
-    if _ANOTHER.fullmatch(key) is None or _KEY.fullmatch(key) is None:
+    if not _CORRECTION.fullmatch(key) and (_ANOTHER.fullmatch(key) is None or _KEY.fullmatch(key) is None):
         return False
     return names.whole(fold(value)) is not None if isinstance(value, str) else _counted(value, names).action is not None
 

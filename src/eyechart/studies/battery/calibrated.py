@@ -11,6 +11,8 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.conditions import ABSENT as LEAD_ABSENT
+from eyechart.conditions import AGAIN
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import Trend, exchange_mi_test, exchange_test, iid_trend_test
@@ -195,14 +197,24 @@ class Calibrated:
         return self.answers.scenarios, self.answers.episodes, self.answers.steps
 
     def _alike(self, first: str, second: str, level: str = "decision") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return, on the frames with all three answers, whether each of two conditions agrees with ``real``."""
-        (one, has_one), (other, has_other) = (self.answers.distance("real", name, level) for name in (first, second))
+        """Return, on the frames with all three answers, whether each of two conditions agrees with the true picture."""
+        true, first = self._true(first, second)
+        (one, has_one), (other, has_other) = (self.answers.distance(true, name, level) for name in (first, second))
         return one[has_other[has_one]] == 0, other[has_one[has_other]] == 0
+
+    def _true(self, repeat: str, other: str) -> tuple[str, str]:
+        """Return which two answers to the true picture are compared with another one.
+
+        One of them is of its stage: who answers otherwise by then does not answer to what it shows.
+        """
+        staged = other == LEAD_ABSENT and AGAIN in self.answers.decisions
+        return (AGAIN, "real" if repeat == "real_repeat" else repeat) if staged else ("real", repeat)
 
     def _over(self, first: str, second: str) -> Statistic:
         """Test whether one condition agrees with ``real`` on more frames than another."""
         one, other = self._alike(first, second)
-        found, what = sign_test(one, other, level=LEVEL), f"agreement with real, {first} over {second}"
+        true, first = self._true(first, second)
+        found, what = sign_test(one, other, level=LEVEL), f"agreement with {true}, {first} over {second}"
         if not len(one):
             return cannot_say("no frame has all three decisions", method=what)
         return replace(found, method=f"{what}: {found.method}")
@@ -214,12 +226,13 @@ class Calibrated:
 
     def _bound_alone(self, other: str) -> Statistic:
         """Bound by how much more a picture changes the decision than a repeat; no decision is no other decision."""
-        real, repeat = self.answers.actions("real"), self.answers.actions("real_repeat")
+        names = self._true("real_repeat", other)
+        real, repeat = map(self.answers.actions, names)
         given, replied = self.answers.actions(other), self.answers.responses(other) != ABSENT
         have = (real != ABSENT) & (repeat != ABSENT) & replied
         kept = (given == real) | (given == ABSENT)
         found = bounded_below((repeat == real)[have], kept[have], margin=MARGIN, alpha=BOUND_ALPHA)
-        return replace(found, method=f"decision of real kept, real_repeat minus {other}: {found.method}")
+        return replace(found, method="decision of {} kept, {} minus {}: {}".format(*names, other, found.method))
 
     def _image_token(self, level: str) -> Statistic:
         """Compare, frame by frame, how often a grey picture and no picture get the answer of the real one."""

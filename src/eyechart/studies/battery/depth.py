@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Symbols = NDArray[np.str_]
 
-TWICE: Mapping[str, tuple[str, str]] = {
+TWICE: dict[str, tuple[str, str]] = {
     "near": ("lead_near", "lead_near_nudged"),
     "drawn": ("lead_drawn", "lead_drawn_nudged"),
     "own": ("exchange_own", "exchange_own_nudged"),
@@ -33,11 +33,16 @@ TWICE: Mapping[str, tuple[str, str]] = {
 }
 """The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
 
+ONCE: dict[str, tuple[str]] = {"mid_near": ("lead_mid_near",), "mid_far": ("lead_mid_far",)}
+"""The pictures of older banks between near and far, which order does not compare."""
+
 AT: Mapping[str, tuple[str, ...]] = {
     "near": ("lead_near_m", "lane_near_m"),
     "drawn": ("lead_drawn_m",),
     "own": ("exchange_m",),
     "far": ("lead_far_m", "lane_far_m"),
+    "mid_near": ("lead_mid_near_m",),
+    "mid_far": ("lead_mid_far_m",),
 }
 """The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
 
@@ -49,7 +54,7 @@ KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 """The pairs of pictures that order compares, by kind."""
 
-ALONG = ("drawn", "own", "real")
+ALONG = ("drawn", "own", "real", *ONCE)
 """The pictures along which a rise is looked for."""
 
 BESIDE = "exchange_beside"
@@ -78,7 +83,25 @@ NAMES = (
 )
 """The statistics of depth."""
 
+CURVES: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "drawn": ("drawn", TWICE["drawn"]),
+    "own": ("own", TWICE["own"]),
+    "beside": ("own", (BESIDE,)),
+}
+"""The curves of braking along the distance: at whose distance, and under which conditions."""
+OF_WINDOW, MOST_WINDOWS = 16, 8
+"""A curve has a window for so many frames, and no more windows than that."""
+
 NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its range"
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A part of the range, in the bank's unit, and the mean braking level of the answers there, 1 for a full stop."""
+
+    near: float
+    far: float
+    level: Statistic
 
 
 @dataclass(frozen=True)
@@ -118,8 +141,9 @@ class Moved:
         return self.levels.get(condition, np.full(len(self.episodes), np.nan))
 
     def twice(self, picture: str) -> Floats:
-        """Return both answers to a picture, shape (2, frames)."""
-        return np.array([self.level(name) for name in TWICE[picture]])
+        """Return both answers to a picture, shape (2, frames); the one that there is twice, where it is asked once."""
+        names = TWICE.get(picture) or ONCE[picture] * 2
+        return np.array([self.level(name) for name in names])
 
     def distance(self, picture: str) -> Floats:
         """Return how far away the lead is in a picture, NaN where nobody recorded it."""
@@ -183,9 +207,12 @@ class Moved:
         return np.asarray(self.distance(other) > APART * self.distance(one))
 
     def rise(self) -> Statistic:
-        """Return R: whether somewhere along the distance it brakes harder the farther."""
-        known = [name for name in ALONG if not np.isnan(self.distance(name)).all()]
-        if not known:
+        """Return R: whether somewhere along the distance it brakes harder the farther.
+
+        True pictures alone say nothing: what else goes with their distance was not drawn.
+        """
+        known = [name for name in ALONG if not np.isnan(self.twice(name) + self.distance(name)).all()]
+        if not {*known} - {"real"}:
             return cannot_say(NO_ANSWER)
         levels = np.array([np.where(np.isnan(both := self.twice(one)), both[::-1], both).mean(axis=0) for one in known])
         return greatest_rise([self.distance(name) for name in known], levels, seed=self.seed)
@@ -271,19 +298,59 @@ class Moved:
         worst = max(known, key=lambda one: one.beside_low or 0.0)
         return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
-    def outside_holes(self) -> "Moved":
-        """Return what was shown outside of the holes: the frames and the pictures that lie in none."""
-        holes = self.holes()
+    def curves(self) -> dict[str, tuple[Window, ...]]:
+        """Return the mean braking along the distance, by picture: the lead drawn, exchanged, and a vehicle beside.
+
+        Frames of places without an answer are left out, and are ``hole`` where there are any.
+        """
+        inside = ~self._outside(self.holes())
+        known = np.concatenate([self.distance(one) for one in ("drawn", "own")])
+        known = known[known > 0]
+        if not len(known):
+            return {}
+        count = int(np.clip(np.count_nonzero(~inside) // OF_WINDOW, 2, MOST_WINDOWS))
+        edges = np.geomspace(known.min(), known.max() * (1 + 1e-9), count + 1)
+        found = {name: self._along(at, names, edges, ~inside) for name, (at, names) in CURVES.items()}
+        return found | ({"hole": self._along("drawn", TWICE["drawn"], edges, inside)} if inside.any() else {})
+
+    def _along(self, at: str, names: tuple[str, ...], edges: Floats, which: Mask) -> tuple[Window, ...]:
+        """Return the windows between edges in which frames have an answer under these conditions."""
+        distance, levels = self.distance(at), np.array([_only(self.level(name), which) for name in names])
+        have, given = ~np.isnan(levels), np.nan_to_num(levels).sum(axis=0)
+        mean = np.where(have.any(axis=0), given / np.maximum(have.sum(axis=0), 1), np.nan)
+        found = []
+        for near, far in pairwise(edges):
+            inside = (distance >= near) & (distance < far)
+            one = mean_of_frames(_only(2 * mean - 1, inside), self.episodes, fewest=2)  # a level lies in [0, 1]
+            if one.value is not None:
+                ends = None if one.ci is None else ((one.ci[0] + 1) / 2, (one.ci[1] + 1) / 2)
+                found.append(Window(float(near), float(far), replace(one, value=(one.value + 1) / 2, ci=ends)))
+        return tuple(found)
+
+    def _outside(self, holes: tuple[Place, ...]) -> Mask:
+        """Return which frames lie in none of these places, but for parts of the range."""
         kept = np.ones(len(self.episodes), dtype=np.bool_)
         for one in holes:
             if one.of != "range":
                 kept &= self.strata[one.of] != one.name
+        return kept
+
+    def outside_holes(self) -> "Moved":
+        """Return what was shown outside of the holes: the frames and the pictures that lie in none.
+
+        Where nothing is outside, they are no holes in anything: then it is all that was shown.
+        """
+        holes = self.holes()
+        kept = self._outside(holes)
         levels = {name: _only(level, kept) for name, level in self.levels.items()}
         for place in (self._names().index(one.name) for one in holes if one.of == "range"):
-            for picture, condition in (*((one, name) for one in ALONG for name in TWICE[one]), ("own", BESIDE)):
+            along = ((one, name) for one in ALONG for name in TWICE.get(one) or ONCE[one])
+            for picture, condition in (*along, ("own", BESIDE)):
                 if condition in levels:
                     levels[condition] = _only(levels[condition], ~self.third(picture, place))
-        return replace(self, levels=levels) if holes else self
+        rest = replace(self, levels=levels)
+        left = rest.level("lead_near_nudged") - rest.level("exchange_apart")
+        return self if np.isnan(left).all() else rest
 
     def _names(self) -> list[str]:
         """Return the thirds of the range by their ends."""

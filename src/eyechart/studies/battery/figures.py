@@ -4,14 +4,15 @@ Source: paper, figures fgr:bicb (agreement) and fgr:mi (entropy against informat
 action) and section The Input-Ablation Battery (reflection).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
-from eyechart.conditions import OVER
+from eyechart.conditions import OVER, RANGED
 from eyechart.report.charts import (
     BLUE,
     GREEN,
@@ -21,6 +22,7 @@ from eyechart.report.charts import (
     ON_COLOUR,
     PAPER,
     VERMILLION,
+    WAYS,
     Drawing,
     canvas,
     cell,
@@ -33,7 +35,9 @@ from eyechart.report.charts import (
 )
 from eyechart.report.table import number
 from eyechart.spaces.space import UNPARSED, AnySpace
+from eyechart.stats.paired import Place
 from eyechart.studies.battery.answers import Symbols
+from eyechart.studies.battery.depth import Window, moved_of
 from eyechart.studies.battery.subjects import Subject
 
 _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a62", "#b2182b"])
@@ -41,7 +45,10 @@ _STAYS = LinearSegmentedColormap.from_list("stays", ["#ef8a62", "#fddbc7", "#fff
 _MOVED = LinearSegmentedColormap.from_list("moved", ["#ffffff", "#c3c8cf"])
 STAYS = ("real_repeat", "recoloured", "nudged", "text_swapped")
 """Conditions under which the answer of a model that follows distance stays; other pictures take what it follows."""
-MOVED = ("lead_near", "lead_far", "lead_mid_near", "lead_mid_far", "lead_absent", "lane_own", "lane_beside")
+MOVED = (
+    *("lead_near", "lead_far", "lead_mid_near", "lead_mid_far", "lead_absent", "lane_own", "lane_beside"),
+    *RANGED,
+)
 """Conditions under which the frame decides whether the answer stays: they are grey."""
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""
@@ -304,6 +311,96 @@ def counterfactual(who: Subject, place: int) -> list[Drawing]:
     return [_transitions((f"counterfactual-{place:02d}", title, who.label), (far, near), names, space, harder, note)]
 
 
+_CURVES: Mapping[str, tuple[str, str, str, str]] = {
+    "drawn": ("the lead, at a distance drawn anew", WAYS["blue"], "o", "-"),
+    "own": ("the lead, a neighbour kept far", WAYS["purple"], "^", "-"),
+    "beside": ("a neighbour, the lead kept far", WAYS["amber"], "s", "--"),
+    "hole": ("the lead {holes}", WAYS["vermillion"], "X", ":"),
+}
+"""What each curve shows, its colour, mark and stroke."""
+BANDS = "Mean braking where the vehicle stands that far away; band: 90% interval over episodes."
+_HEAD, _WHOLE = (4.3, 2.9), (5.6, 3.2)
+"""Inches of a figure of curves at the head of a page, and of one of its own."""
+
+
+def braking(who: Subject, place: int) -> list[Drawing]:
+    """Draw how hard a model brakes along the distance, for the lead and for a neighbour, of a run that was asked so."""
+    drawn = _braking(who, _WHOLE)
+    return [] if drawn is None else [replace(drawn, name=f"braking-{place:02d}", of=who.label, wide=True, note=BANDS)]
+
+
+def braking_head(who: Subject) -> Drawing | None:
+    """Return the same figure for the head of a page, None where a model was not asked along the range."""
+    with style():
+        drawn = _braking(who, _HEAD)
+    return None if drawn is None else replace(drawn, name="in-short")
+
+
+def _braking(who: Subject, size: tuple[float, float]) -> Drawing | None:
+    verdict = who.verdict
+    curves = moved_of(who.model.answers).curves() if verdict.numbers else {}
+    if not curves:
+        return None
+    figure, axes = canvas(*size, (0.95, 0.12, 0.5, 0.17 * len(curves) + 0.1))
+    unit = who.model.answers.gap.unit if who.model.answers.gap is not None else "m"
+    told = []
+    for name, windows in curves.items():
+        words, colour, mark, stroke = _CURVES[name]
+        words = words.format(holes=_of_frames(verdict.holes))
+        _curve(axes, windows, colour, mark, stroke, words)
+        along = (f"{one.near:.3g} to {one.far:.3g} {unit} {number(one.level.value, 2)}" for one in windows)
+        told.append(f"{words}: {', '.join(along)}")
+    _distances(axes, [one for many in curves.values() for one in many], unit)
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), frameon=False, fontsize=8.5, borderaxespad=0)
+    title = f"Braking by distance, {who.label}"
+    return Drawing("braking", title, f"{BANDS} 1 is a full stop. {'. '.join(told)}.", figure)
+
+
+def _of_frames(holes: Sequence[Place]) -> str:
+    """Return in words in which frames braking does not answer; places of one count are often the same frames."""
+    where = {(one.harder, one.frames): one.where for one in reversed(holes) if one.of != "range"}
+    first, more = next(reversed(where.values()), ""), len(where) - 1
+    return first.replace("`", "") + (f" and {more} more" if more > 0 else "")
+
+
+def _curve(axes: Axes, windows: Sequence[Window], colour: str, mark: str, stroke: str, words: str) -> None:
+    """Draw a curve with its band; a window without an interval has none."""
+    middle = [float(np.sqrt(one.near * one.far)) for one in windows]
+    axes.plot(
+        middle,
+        [np.nan if one.level.value is None else one.level.value for one in windows],
+        color=colour,
+        marker=mark,
+        markersize=4.5,
+        linestyle=stroke,
+        linewidth=1.7,
+        label=words,
+        zorder=3,
+    )
+    banded = [(x, *one.level.ci) for x, one in zip(middle, windows, strict=True) if one.level.ci is not None]
+    if banded:
+        x, low, high = zip(*banded, strict=True)
+        axes.fill_between(x, np.maximum(low, 0), np.minimum(high, 1), color=colour, alpha=0.16, linewidth=0, zorder=1)
+
+
+def _distances(axes: Axes, windows: Sequence[Window], unit: str) -> None:
+    """Name the axes: distance by ratio, braking from going on to a full stop."""
+    near, far = min(one.near for one in windows), max(one.far for one in windows)
+    axes.set_xscale("log")
+    axes.set_xlim(near, far)
+    ticks = [one for one in _TICKS if near <= one <= far]
+    axes.set_xticks(ticks, [f"{one:g}" for one in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_ylim(-0.04, 1.04)
+    axes.set_yticks([0, 0.5, 1], ["goes on", "half", "full stop"])
+    axes.grid(axis="y", color=LINE, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.set_xlabel(f"distance ({plain(unit, 8)})", fontsize=8.5)
+
+
+_TICKS = tuple(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5))
+
+
 def _transitions(
     words: tuple[str, str, str],
     pair: tuple[Symbols, Symbols],
@@ -376,6 +473,7 @@ def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
             "information": information(everyone),
             "mirror": [one for place, who in enumerate(everyone, 1) for one in mirror(who, place)],
             "pairs": pairs(everyone),
+            "braking": [one for place, who in enumerate(everyone, 1) for one in braking(who, place)],
             "counterfactual": [one for place, who in enumerate(everyone, 1) for one in counterfactual(who, place)],
             "noise": [noise_floor(everyone)] if everyone else [],
         }

@@ -6,10 +6,9 @@ two calls about one picture disagree as often as the noise floor says.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +18,12 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.records import Plain
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.paired import bounded_below, net_effect, sign_test
+from eyechart.stats.paired import bounded_below, sign_test
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.controls import ALIKE, BINS, DISTANCES, END_SHARE, FEWEST_PAIRS, MIDS
+from eyechart.studies.battery.controls import FEWEST_PAIRS
 from eyechart.studies.battery.depth import BESIDE, TWICE, Moved, moved_of
-from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, ENDS_LOST, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import earns_depth
 
 NOISE = 0.11
@@ -43,8 +42,7 @@ NO_PICTURES = ("noise", "text_only")
 """What an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and likewise where no decision comes from the camera."""
 
 LEFT_OUT = (
-    *("unparsed_reference", "unparsed_controls", "dose_lost", "dose_by_frame", "dose_scan", "dose_bins over frames"),
-    *("twice_lost", "any_lost"),
+    *("unparsed_reference", "unparsed_controls", "lane_net"),
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
     *("presence", "presence_response", "repeats_together"),
 )
@@ -52,7 +50,6 @@ LEFT_OUT = (
 
 Codes = NDArray[np.int8]
 Levels = NDArray[np.float64]
-Shown = Mapping[str, Levels]
 Flags = NDArray[np.bool_]
 
 
@@ -71,6 +68,20 @@ class Odds(Plain):
     depth: Mapping[str, float | None]
     depth_associated: Mapping[str, float | None]
     left_out: tuple[str, ...] = LEFT_OUT
+
+    @property
+    def by_label(self) -> dict[str, float | None]:
+        """Return how often each label is given that is drawn, of readers to those that read on all frames."""
+        found = {"image_invariant": self.image_invariant, "presence_only": self.presence_only}
+        return found | {"depth": self.depth.get("1"), "depth_associated": self.depth_associated.get("1")}
+
+    @property
+    def of_table(self) -> str:
+        """Return what stands below a table of labels."""
+        return (
+            "Reached: who deserves the label and never errs gets it; more frames are such as there are, in other "
+            f"episodes. Power: of who deserves it at a noise floor of {self.noise:g}."
+        )
 
     @property
     def words(self) -> str:
@@ -163,7 +174,7 @@ class _Drawn:
     def _shown(self, *conditions: str) -> Flags:
         """Return which frames can be shown under all of some conditions."""
         shown = np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
-        for name in SAMPLED.keys() & set(conditions):
+        for name in {*SAMPLED} & {*conditions}:
             shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # which of them makes no difference here
         return shown
 
@@ -198,6 +209,8 @@ class _Drawn:
 
     def depth(self, share: float) -> tuple[float | None, float | None]:
         """Return how often who reads the distance on a share of the frames is ``depth``, and without controls."""
+        from scipy.stats import binom  # noqa: PLC0415 - slow to import
+
         pairs = self._shown("lead_near", "lead_far")
         if int(pairs.sum()) < FEWEST_PAIRS or not self.space.brake:
             return None, None
@@ -206,38 +219,12 @@ class _Drawn:
         ranks = np.argsort(self.rng.random((self.draws, frames)), axis=1)
         reads = ranks < round(share * frames)
 
-        def level(code: int) -> NDArray[np.float64]:
-            return self._levels[self._answer(np.where(reads, np.int8(code), np.int8(brake)))]
-
-        near, far = level(hard), level(go)
-        first = self._wins(near, far, pairs)
-        if self._shown(*RANGED).any():
-            return self._along(share), float(first.mean())
-        exchange = self._shown("lane_own", "lane_beside")
-        if int(exchange.sum()) < FEWEST_PAIRS or not self._shown(*MIDS).any():
-            return None, float(first.mean())
-        own, beside, mids = level(hard), level(go), (level(brake), level(brake))
-        doses = (near, *mids, far)
-        shown = [self._shown(nearer, farther) for nearer, farther in zip(DISTANCES, list(DISTANCES)[1:], strict=False)]
-        steps = [_reversed(one, other, which) for one, other, which in zip(doses, doses[1:], shown, strict=False)]
-        holds = first & self._wins(own, beside, exchange)
-        holds &= _none_below(steps, DOSE_ALPHA) & _none_below(self._bins(doses), DOSE_ALPHA)
-        both = pairs & exchange
-        apart = np.sign(near - far + own - beside)
-        scenarios = np.array([frame.scenario for frame in self.bank])
-        parts = [_reversed(apart, np.zeros_like(apart), both & (scenarios == name)) for name in sorted(set(scenarios))]
-        holds &= _none_below(parts, SCENARIO_ALPHA)
-        one, other = (near < far)[:, both], (own < beside)[:, both]
-        holds &= (one & other).mean(axis=1) - one.mean(axis=1) * other.mean(axis=1) <= BOTH_LOST
-        alike = {name: self._answer(brake) for name in ALIKE}
-        again, nudged = (alike[name] == alike["real"] for name in ("real_repeat", "nudged"))
-        noise = (~again).mean(axis=1) / 2
-        ends = {"lead_near": near, "lane_own": own}, {"lead_far": far, "lane_beside": beside}
-        holds &= self._ends(*ends, {name: self._levels[codes] for name, codes in alike.items()}) <= ENDS_LOST
-        for lost, which in (((near < far), pairs), ((own < beside), exchange)):
-            holds &= lost[:, which].mean(axis=1) - noise <= BOTH_LOST
-        holds &= _reversed(nudged.astype(float), again.astype(float), self._shown("nudged")) >= ALPHA
-        return float(holds.mean()), float(first.mean())
+        near, far = (
+            self._levels[self._answer(np.where(reads, np.int8(code), np.int8(brake)))][:, pairs] for code in (hard, go)
+        )
+        won, lost = (np.count_nonzero(apart, axis=1) for apart in (near > far, near < far))
+        first = float((binom.sf(won - 1, won + lost, 0.5) < ALPHA).mean())
+        return self._along(share) if self._shown(*RANGED).any() else None, first
 
     def _along(self, share: float) -> float:
         """Return how often who reads the distance on a share of the frames is ``depth``, of pictures along the range.
@@ -262,52 +249,6 @@ class _Drawn:
         )
         return sum(earned) / draws
 
-    def _wins(self, one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> Flags:
-        """Return in which draws the first is the harder, and by enough."""
-        won, lost = (np.count_nonzero(apart[:, which], axis=1) for apart in (one > other, one < other))
-        enough = _each(won, lost, partial(_reaches, int(which.sum())))
-        return enough & (_reversed(other, one, which) < ALPHA)
-
-    def _ends(self, nearer: Shown, farther: Shown, alike: Shown) -> NDArray[np.float64]:
-        """Return of each draw how often it goes from end to end the wrong way round, beyond its noise; `swapped_ends`.
-
-        The answers are by condition; those to pictures that are ``alike`` tell the noise. 0 where braking has no ends.
-        """
-        first, second = self._paired(product(nearer.items(), farther.items()))
-        low, high = np.quantile(np.concatenate([first, second], axis=1), (END_SHARE, 1 - END_SHARE), axis=1)[..., None]
-        light, hard = low + (high - low) / 3, high - (high - low) / 3
-        lost, won = ((a <= light) & (b >= hard) for a, b in ((first, second), (second, first)))
-        one, again = self._paired(combinations(alike.items(), 2))
-        apart = (np.minimum(one, again) <= light) & (np.maximum(one, again) >= hard)
-        half = apart.mean(axis=1) / 2
-        explained = np.minimum(half, half * half * first.shape[1] / np.maximum(np.count_nonzero(won, axis=1), 1))
-        return np.where((low == high)[:, 0], 0.0, lost.mean(axis=1) - explained)
-
-    def _paired(self, pairs: Iterable[tuple[tuple[str, Levels], tuple[str, Levels]]]) -> tuple[Levels, Levels]:
-        """Return the answers to the pictures of all pairs of conditions, on the frames that have both, side by side."""
-        both = [(one, other, self._shown(name, against)) for (name, one), (against, other) in pairs]
-        first = np.concatenate([one[:, which] for one, _, which in both], axis=1)
-        return first, np.concatenate([other[:, which] for _, other, which in both], axis=1)
-
-    def _bins(self, doses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return the p of a reversal of every bin of the mids against both neighbours."""
-        found, order = [], list(DISTANCES)
-        for place, name in enumerate(order):
-            if name not in MIDS:
-                continue
-            asked = self._shown(name)
-            told = (frame.truth.get(DISTANCES[name]) for frame in self.bank)
-            distance = np.array([float(one) if isinstance(one, int | float) else np.nan for one in told])
-            known = distance[asked & ~np.isnan(distance)]
-            edges = np.geomspace(known.min(), known.max(), BINS + 1)[1:-1] if len(known) else np.array([])
-            bins = np.searchsorted(edges, distance, side="right")
-            for one in range(len(edges) + 1):
-                which = asked & (bins == one)
-                for nearer in (place - 1, place):
-                    both = which & self._shown(order[nearer], order[nearer + 1])
-                    found.append(_reversed(doses[nearer], doses[nearer + 1], both))
-        return found
-
 
 def _distances(shown: Moved) -> dict[str, Levels]:
     """Return how far away the lead is under each condition that depth compares, NaN where a frame does not show it."""
@@ -323,31 +264,15 @@ class Drawn(dict[str, Statistic]):
         near, far = moved.level("lead_near"), moved.level("lead_far")
         both = ~np.isnan(near + far)
         super().__init__(
-            depth_interventional=sign_test(near[both], far[both]), unparsed_controls=Statistic(0.0, 1, (0.0, 0.0))
+            depth_interventional=sign_test(near[both], far[both]),
+            unparsed_controls=Statistic(0.0, 1, (0.0, 0.0)),
+            **dict.fromkeys(("depth_net", "lane_net"), Statistic(None, 0)),
         )
         self._tests = moved.tests()
 
     def __missing__(self, name: str) -> Statistic:
         self[name] = self._tests[name]()
         return self[name]
-
-
-def _reversed(one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> NDArray[np.float64]:
-    """Return of each draw the p of the sign test that the second is the greater; NaN where no frame is compared."""
-    from scipy.stats import binom  # noqa: PLC0415 - slow to import
-
-    if not which.any():
-        return np.full(len(one), np.nan)
-    won, lost = (np.count_nonzero(apart[:, which], axis=1) for apart in (one > other, one < other))
-    return np.asarray(binom.sf(lost - 1, won + lost, 0.5), dtype=np.float64)
-
-
-def _none_below(ps: Sequence[NDArray[np.float64]], alpha: float) -> Flags:
-    """Return in which draws no p, corrected for all that were made (Holm), is below alpha."""
-    made = [one for one in ps if not np.isnan(one).any()]
-    if not made:
-        return np.ones(1, dtype=np.bool_)
-    return np.asarray(np.min(made, axis=0) * len(made) >= alpha)
 
 
 def _each(first: NDArray[np.int64], second: NDArray[np.int64], says: Callable[[int, int], bool]) -> Flags:
@@ -362,10 +287,3 @@ def _is_bounded(frames: int, alpha: float, lost: int, won: int) -> bool:
     first[:lost] = second[lost : lost + won] = 1
     p = bounded_below(first, second, margin=MARGIN, alpha=alpha).p
     return p is not None and p < alpha
-
-
-@cache
-def _reaches(pairs: int, won: int, lost: int) -> bool:
-    """Return whether a net effect reaches the margin."""
-    ci = net_effect(won, lost, pairs, margin=MARGIN, alpha=NET_ALPHA).ci
-    return ci is not None and ci[0] >= MARGIN

@@ -8,6 +8,7 @@ import numpy as np
 
 from eyechart.report.page import Opening, Said, Shot, parted
 from eyechart.studies.battery.album import NO_PICTURE, Album
+from eyechart.studies.battery.figures import BANDS, braking_head
 from eyechart.studies.battery.subjects import Evidence, Subject
 from eyechart.verdicts import LABELS
 
@@ -25,8 +26,7 @@ NOTHING = {"blank": "a blank picture", "noise": "noise", "text_only": "no pictur
 """What the second and the third picture of the example show, by condition: of each the first that a run asked."""
 
 _SHOWS = {"real": "the real frame", **NOTHING, **OTHERS}
-_ANSWERS = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "cannot say for"}
-_ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cannot be said."}
+_ANSWERS = {"Yes": "yes for", "In part": "in part for", "No": "no for", "Inconclusive": "inconclusive for"}
 
 
 def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Opening:
@@ -34,9 +34,12 @@ def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Al
 
     Of other runs those answer there that asked about the same frames under the same conditions.
     """
+    said = [_said(who, at) for at, who in enumerate(everyone, 1)]
+    sentence = _sentence(everyone, said)
+    if len(everyone) == 1 and (drawn := braking_head(everyone[0])) is not None:
+        return Opening(sentence, said, figure=drawn, caption=BANDS)
     models, shots, caption = _example(evidence, everyone, album) if evidence else ((), (), "")
-    said = [_said(who, at, alone=len(everyone) == 1) for at, who in enumerate(everyone, 1)]
-    return Opening(_sentence(everyone, said), said, models, shots, caption=caption)
+    return Opening(sentence, said, models, shots, caption=caption)
 
 
 def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
@@ -44,20 +47,19 @@ def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
     if not everyone:
         return "The run names no model."
     if len(everyone) == 1:
-        return f"{_ALONE[said[0].tone]} {everyone[0].verdict.trust}"
+        return everyone[0].verdict.sentence
     return parted(said, _ANSWERS, "models")
 
 
-def _said(who: Subject, place: int, *, alone: bool) -> Said:
-    """Return what is said first of a model; of one that is ``alone`` the sentence above has its words."""
+def _said(who: Subject, place: int) -> Said:
+    """Return what is said first of a model."""
     verdict = who.verdict
     kept = verdict.why_not
-    trust = "" if alone else verdict.trust
-    words = f"Not final, {verdict.state}. {trust}".strip() if verdict.state else trust
+    words = f"Not final, {verdict.state}. {verdict.trust}" if verdict.state else verdict.trust
     why = "" if kept is None else f"{spoken(kept.label)} needs {kept.needs}. To settle it: {kept.settle}."
     beware = "not to be relied on" if verdict.doubts else verdict.beware and "turns to the blocked side"
     label = verdict.calibrated.label
-    return Said(who.label, spoken(label), LABELS[label].family, words, why, f"card-{place}", beware)
+    return Said(who.label, spoken(label), LABELS[label].family, words, why, f"card-{place}", beware, verdict.answer)
 
 
 def spoken(label: str) -> str:

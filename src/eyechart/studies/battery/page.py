@@ -21,7 +21,7 @@ from eyechart.studies.battery.figures import agreement_down, figures
 from eyechart.studies.battery.opening import opening
 from eyechart.studies.battery.planning import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, accounts_of, subjects
-from eyechart.studies.battery.tables import frontier_table, judged_of, statistics_table, verdict_table
+from eyechart.studies.battery.tables import depth_table, frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24
@@ -33,8 +33,17 @@ LEAST_PACKED = 2_500_000
 GUARDS_SHOWN = 4
 """Up to so many models every guard of each has its row."""
 SHOWN_TOGETHER = (
-    *("lead_near", "lead_mid_near", "lead_mid_far", "lead_far"),
-    *("lane_own", "lane_beside", "lead_absent", "real", "recoloured"),
+    *("lead_near", "lead_drawn", "lead_mid_near", "lead_mid_far", "lead_far"),
+    *(
+        "exchange_own",
+        "exchange_beside",
+        "exchange_apart",
+        "lane_own",
+        "lane_beside",
+        "lead_absent",
+        "real",
+        "recoloured",
+    ),
 )
 """Conditions whose pictures of a moment are shown beside one another."""
 
@@ -74,6 +83,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             for run, places in zip(evidence, album.places, strict=True)
             for one in pairs(run, places, album, len(everyone))
         ],
+        along=list(depth_table(judged).split()),
         statistics=list(statistics_table(judged).split()),
         tables=[verdict_table(judged), frontier_table(judged)],
         conditions=[CONDITIONS[name] for name in OF_BANKS],
@@ -114,6 +124,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     verdict = who.verdict
     label = LABELS[verdict.calibrated.label]
     deciding = who.model.statistics[verdict.calibrated.decided_by]
+    held = {one.name for one in verdict.numbers if one.outcome == "holds"}  # the table below has all of them
     return {
         "model": who.label,
         "version": who.model.version,
@@ -123,6 +134,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),
         "because": str(verdict.calibrated.reason),
+        "measures": {name: words for name, words in verdict.measures.items() if name not in held},
     }
 
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.frames import FrameBank
+from eyechart.report.table import Column, Mark, Table, columns
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import Exchanged, exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
 from eyechart.studies.battery.controls import FEWEST_PAIRS
 from eyechart.studies.battery.odds import NOISE, Odds, calls_of, odds_of, sampled_of
+from eyechart.studies.battery.reach import Reach, reach_of
 from eyechart.studies.battery.stopping import layout_of, typical
 from eyechart.verdicts import ALPHA, MARGIN
 
@@ -42,7 +44,7 @@ class BankPower:
     an effect below the margin can be bounded; None where it cannot. ``stopped_early`` counts the calls after which a
     controller that never wavers is settled with --stop-early, by label. ``cannot_say`` maps a test to the reason.
     ``controls`` counts the calls of each control, made where a model's answers call for it, and ``odds`` says how often
-    models of known kinds get their labels.
+    models of known kinds get their labels. ``labels`` says of each calibrated label whether it can be reached.
     """
 
     bank: str
@@ -62,6 +64,17 @@ class BankPower:
     cannot_say: Mapping[str, str]
     controls: Mapping[str, int]
     odds: Odds
+    labels: tuple[Reach, ...]
+
+    def table(self) -> Table:
+        """Return a row a label: whether the bank can give it, and how often to a model that deserves it."""
+        power = self.odds.by_label
+        rows = tuple(
+            (one.label, one.answer, Mark(one.words, "good" if one.reached else "bad"), power.get(one.label), one.lacks)
+            for one in self.labels
+        )
+        named = (*columns("word", "label", "answer", "can be reached"), Column("power", "number", 2))
+        return Table("labels", "What this bank can say", (*named, Column("why not")), rows, self.odds.of_table)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -157,6 +170,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
         cannot_say=_cannot_say(bank, calls, pairs, why),
         controls=controls,
         odds=odds_of(bank, noise=noise),
+        labels=reach_of(bank),
     )
 
 

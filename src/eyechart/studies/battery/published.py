@@ -83,7 +83,7 @@ class Published:
             at_level = {**self._agreements(level), **self._dependence(level), **self._gap_tests(level)}
             found |= {f"{name}{suffix}": value for name, value in at_level.items()}
         found["refusal_effect"] = refusal_effect(found["cramers_v"], found["cramers_v.decision"])
-        found["mirror_swap_rate"] = self._swap()
+        found["mirror_swap_rate"] = self.swaps()
         found["gap_order"] = self._gap_order()
         return found | self._diversity()
 
@@ -188,7 +188,8 @@ class Published:
         counts = _by_episode(real.codes, bins.codes, self._episodes[have], shape).transpose(0, 2, 1)
         return _with_interval(found, over_tables(counts, information_of_tables, math.log2(max(2, min(shape)))))
 
-    def _swap(self) -> Statistic:
+    def swaps(self) -> Statistic:
+        """Return how often directions are exchanged under reflection, with the test against chance."""
         partner = self.answers.partners
         if not partner:
             return cannot_say("no action of this space exchanges under reflection")

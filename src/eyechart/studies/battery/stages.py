@@ -4,11 +4,11 @@ First come the run's conditions; then, of each model, the controls that could ta
 stage once the one before is finished. See docs/decisions/0039-asked-in-stages.md.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS, asked_in_stages, available
+from eyechart.conditions import ABSENT, AGAIN, CONTROLS, asked_in_stages, available
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, in_order
@@ -67,6 +67,7 @@ def asked_of_model(
         return Asked(ended=True)
     given = list(replies)
     finished = {key for key, reply in given if reply.error not in UNFINISHED}
+    may = [name for name in may if name != AGAIN or not _is_older(plan, model, finished)]
     answers = read_answers(
         model,
         given,
@@ -86,6 +87,13 @@ def asked_of_model(
     return Asked(judged, wanted, tuple(name for name in may if name not in judged + wanted))
 
 
+def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
+    """Return whether a model was asked as older versions did: pictures without the lead, and no true ones with them."""
+    asked = [*replace(plan, controls={model: (ABSENT, AGAIN)}).keys_of(model)]
+    absent, again = ([key in finished for key in asked if key.condition == name] for name in (ABSENT, AGAIN))
+    return all(absent) and not any(again)
+
+
 def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:
     """Return a plan with the controls that its models are asked."""
     return replace(plan, controls={spec: found[spec].controls for spec in plan.models if found[spec].controls})
@@ -103,12 +111,19 @@ def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict
 class InStages(Stages):
     """Asks each model of a run its controls, stage by stage.
 
-    ``plan`` is what is asked now, of a ``whole`` run.
+    ``plan`` is what is asked now, of a ``whole`` run. What a model replied is read from the ledger once: then what
+    comes is added.
     """
 
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._whole, self._ledger = plan, whole, ledger
         self._may, self._controls = supplied(manifest, whole), dict(plan.controls)
+        self._replies: dict[str, dict[CallKey, Reply]] = {}
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Keep what came back for the next stage."""
+        if key.model in self._replies:
+            self._replies[key.model][key] = reply
 
     def more(self, model: str) -> list[CallKey]:
         """Return the calls of a model's next stage, in a seeded random order; none before its last one is finished.
@@ -118,13 +133,16 @@ class InStages(Stages):
         if not self._may:
             return []
         before = self._controls.get(model, ())
-        replies = list(self._ledger.replies(model))
-        now = asked_of_model(self._whole, model, replies, self._may, before).controls
+        if model not in self._replies:
+            self._replies[model] = dict(self._ledger.replies(model))
+        replies = self._replies[model]
+        now = asked_of_model(self._whole, model, replies.items(), self._may, before).controls
         fresh = tuple(name for name in now if name not in before)
         if not fresh:
+            del self._replies[model]
             return []
         self._controls[model] = (*before, *fresh)
-        given = {key for key, reply in replies if reply.error not in UNFINISHED}
+        given = {key for key, reply in replies.items() if reply.error not in UNFINISHED}
         keys = replace(self._plan, controls={model: fresh}).keys_of(model)
         todo = (key for key in keys if key.condition in fresh and key not in given)
         return in_order(todo, key_seed("stage", self._plan.seed, model, *fresh))

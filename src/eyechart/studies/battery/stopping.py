@@ -18,7 +18,6 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.controls import COMPARED
 from eyechart.studies.battery.evidence import Claim, Row, claims
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import LABELS, LATERAL, ONE_SIDED_FROM, PREFIX, Stopped, calibrated_rules
@@ -49,12 +48,11 @@ ABSENT = "lead_absent"
 _SAME = ("real", "real_repeat")
 _ABSENT = (Walk(frozenset((*_SAME, ABSENT)), f"bound_{ABSENT}"),)
 
-CONTROLLED = frozenset((*_SAME, *COMPARED))
 ALONG = frozenset((*_SAME, "lead_near", "lead_far", *RANGED))
-"""Without all of the second, or of the first on a bank with few distances, no early ``depth``."""
+"""Without all of these no early ``depth``."""
 
 WALKS: Mapping[str, tuple[Walk, ...]] = {
-    "depth": (Walk(frozenset((*_SAME, *COMPARED[:4]))), Walk(CONTROLLED), Walk(ALONG)),
+    "depth": (Walk(ALONG),),
     "presence_only": _ABSENT,
     "refusal_effect": _ABSENT,
     "image_invariant": _ABSENT,
@@ -114,7 +112,7 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     order = shuffled_order([frame.id for frame in frames], seed)
     asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
     shown = {name for names in every.values() for name in names}
-    may = set(CONTROLS) & {ABSENT, *(name for whole in (CONTROLLED, ALONG) if shown >= whole for name in whole)}
+    may = set(CONTROLS) & {ABSENT, *(ALONG if shown >= ALONG else ())}
     controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
     return Layout(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
 
@@ -232,10 +230,7 @@ class Course:
 
     def _end(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> None:
         """Judge a walk that has asked all frames: by its claim, or by the rules of a whole run."""
-        last = self.passed + 1 == len(self.layout.walks(self.label))
-        wanted = ("depth",) if last else DISTANCE
-        if walk.until or self._ruled(walk, given) not in wanted:
-            self.failed = True
+        self.failed = bool(walk.until) or self._ruled(walk, given) != "depth"
         self.passed, self.walked = self.passed + 1, 0
 
     def _ruled(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> str:
@@ -269,8 +264,7 @@ class Course:
 
     def _reached(self, label: str) -> bool:
         """Return whether a label has its evidence of the first walk; that of its controls is walked for after it."""
-        whole = self.layout.shown >= CONTROLLED or self.layout.shown >= ALONG
-        if label in DISTANCE and label != ("depth" if whole else "depth_associated"):
+        if label in DISTANCE and label != ("depth" if self.layout.shown >= ALONG else "depth_associated"):
             return False
         return self._all(label, RULES)
 
@@ -386,6 +380,8 @@ class EarlyStop(Stages):
         """Add what came back to the evidence, and count every frame that it completes."""
         self._given[key.model][key.frame, key.condition] = self._space.read(reply)
         self.courses[key.model].advance(self._given[key.model])
+        if self._later is not None:
+            self._later.finished(key, reply)
 
     def progress(self, model: str) -> Progress:
         """Return how far a model is."""

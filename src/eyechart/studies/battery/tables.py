@@ -13,6 +13,7 @@ from eyechart.report.table import (
     Mark,
     Table,
     columns,
+    ends,
     marked,
     number,
     of_each,
@@ -24,6 +25,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import median_gaps
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, Verdict
+from eyechart.verdicts.numbers import SIGNS
 
 Judged = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
@@ -41,7 +43,13 @@ def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[Judged]
 
 def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
     """Return every table of models that were judged."""
-    return verdict_table(everyone), frontier_table(everyone), statistics_table(everyone)
+    along = depth_table(everyone)
+    return (
+        verdict_table(everyone),
+        *([along] if along.rows else ()),
+        frontier_table(everyone),
+        statistics_table(everyone),
+    )
 
 
 def glance_table(everyone: Sequence[Judged]) -> Table:
@@ -69,15 +77,37 @@ def _label(verdict: Verdict) -> Mark:
 
 def verdict_table(everyone: Sequence[Judged]) -> Table:
     """Return one row a model: labels, evidence, and the deciding statistic."""
-    named = columns("text", "model", "verdict", "lateral", "evidence", "paper's verdict", "decided by")
+    named = columns("text", "model", "answer", "verdict", "lateral", "evidence", "paper's verdict", "decided by")
     rows = []
     for label, model, verdict in everyone:
         ruling = verdict.calibrated
-        words = (label, ruling.label, verdict.lateral.label, verdict.evidence, verdict.paper.label, ruling.decided_by)
+        labels = (ruling.label, verdict.lateral.label, verdict.evidence, verdict.paper.label)
+        words = (label, verdict.answer, *labels, ruling.decided_by)
         marks = "; ".join(guard.name for guard in verdict.failed)
         rows.append((*words, *statistic_cells(model.statistics[ruling.decided_by]), verdict.state, marks))
     made = (*named, *STATISTIC, *columns("text", "unfinished", "failed guards"))
     return Table("verdicts", "Verdicts and the statistic that decided each", made, tuple(rows))
+
+
+TONES: Mapping[str, str] = {"holds": "good", "fails": "bad"}
+"""How an outcome of a number is drawn; of the others a page has the sign alone."""
+
+
+def depth_table(everyone: Sequence[Judged]) -> Table:
+    """Return a row a number that depth rests on, with what it needs; of models asked for the lead along its range."""
+    rows = tuple(
+        (
+            *(label, one.name, Mark(one.outcome, TONES.get(one.outcome, "open"), SIGNS[one.outcome])),
+            *(one.statistic.value, ends(one.statistic), one.statistic.n, one.statistic.p),
+            *(one.needs, one.refuted_by, one.asks),
+        )
+        for label, _, verdict in everyone
+        for one in verdict.numbers
+    )
+    named = (*columns("word", "model", "number", "outcome"), *(one for one in STATISTIC if one.name != "level"))
+    texts = columns("text", "depth needs", "refuted where", "asks")
+    caption = "What depth rests on; intervals are of 90%, over whole episodes"
+    return Table("depth", caption, (*named, *texts), rows)
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:
@@ -240,7 +270,7 @@ def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> It
     yield glance_table(judged(score, verdicts))
     yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
-        yield f"{label}: {LABELS[label].says}"
+        yield f"{LABELS[label].answer}, {label}: {LABELS[label].says}"
     for spec, one in verdicts.items():
         if more := one.trust.removeprefix(LABELS[one.calibrated.label].says).strip():
             yield f"{spec}: {more}"

@@ -14,7 +14,8 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scoring import OnePolicy, PolicyScore, difference, judge
 from eyechart.studies.policy.tables import mark
-from eyechart.verdicts.channels import OPEN, PolicyVerdict
+from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.labels import CAMERA
 from eyechart.verdicts.uses import used
 
 ALPHA = 0.05
@@ -53,8 +54,8 @@ class Checkpoint:
         """Return whether its cameras count, None where that is not settled: a guard failed, or no margin is passed."""
         if self.verdict.guards:
             return None
-        if (label := self.verdict.camera.label) not in OPEN:
-            return label != "ignores_camera"
+        if not (label := CAMERA[self.verdict.camera.label]).is_open:
+            return not label.is_absence
         return True if used(self.verdict.channels.get("cameras")) else None
 
     @property

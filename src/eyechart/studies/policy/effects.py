@@ -61,7 +61,7 @@ from eyechart.stats.total_effect import (
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
 from eyechart.verdicts.channels import CONSTANT
-from eyechart.verdicts.uses import IGNORED, LEAST_EPISODES, USED, quoted
+from eyechart.verdicts.uses import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -241,12 +241,13 @@ class Effects:
     def reads(self) -> Statistic:
         """Return the share of places that go with the state as they are, and not relative to it."""
         condition, given = f"swapped{OVER}{STATE}", self._as_given()
-        if isinstance(given, str):
-            return cannot_say(given)
+        frames = self._answered(condition)
+        if isinstance(given, str) or isinstance(frames, str):
+            return cannot_say(str(given))
         effect, real, other = given
         found = total_effect(effect, self._variation(), sampled=self._drawn)
         p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
-        return self._counted(replace(found, p=p), condition)
+        return self._net(self._counted(replace(found, p=p), condition), effect, frames, condition)
 
     def _counted(self, found: Statistic, *conditions: str) -> Share:
         """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
@@ -283,6 +284,48 @@ class Effects:
             return str(frames)
         return self._between(condition, frames, self._real[:, frames], changed[:, frames]), self._variation()
 
+    @cached_property
+    def _by_bytes(self) -> Floats | None:
+        """Return the answers to pictures with one value one level off, of whom this changes something; else None."""
+        found = self.total("nudged")
+        if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
+            return None
+        return self._motions.of("nudged")
+
+    @cached_property
+    def _sees_grey(self) -> bool:
+        """Return whether other bytes of a picture are told from grey by more than from that picture itself.
+
+        Who knows pictures by their bytes alone takes those with one value one level off for as unknown as grey ones.
+        """
+        other, grey = self._by_bytes, self._motions.of("blank")
+        if other is None or grey is None or not len(frames := self._whole(self._real, other, grey)):
+            return False
+        own, seen = self._episodes[frames], other[:, frames]
+        apart, alone = (Pairs(half_squares(seen, one[:, frames]), own, own) for one in (grey, self._real))
+        found = share_beyond(apart, alone, self._variation())
+        return found.ci is not None and found.ci[0] > USED
+
+    def _net(self, found: Statistic, effect: Pairs, frames: Places, condition: str) -> Share:
+        """Return a share whose lower end is of what goes beyond what other bytes of the same pictures change.
+
+        The upper end stays: noise that hangs on the bytes neither shows a use nor an absence. Where no picture is told
+        from grey but by its bytes none is used.
+        """
+        share = found if isinstance(found, Share) else of_kind(Share, found)
+        if self._by_bytes is None or share.ci is None:
+            return share
+        kept = np.isin(frames, self._whole(self._by_bytes))
+        places, own = frames[kept], self._episodes[frames[kept]]
+        if not len(places):
+            return replace(share, ci=(min(0.0, share.ci[0]), share.ci[1]))
+        alone = Pairs(half_squares(self._real[:, places], self._by_bytes[:, places]), own, own)
+        beyond = share_beyond(effect, alone, self._variation())
+        sees = self._sees_grey or condition.partition(OVER)[2] in {STATE, INSTRUCTION}
+        low = beyond.ci[0] if beyond.ci is not None and sees else 0.0
+        bytes_ = float(alone.values.mean()) / self._whole_variation
+        return replace(share, ci=(min(low, share.ci[0]), share.ci[1]), bytes=bytes_)
+
     def total(self, condition: str) -> Statistic:
         """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
         pairs, changed = self.pairs(condition), self._motions.of(condition)
@@ -312,7 +355,8 @@ class Effects:
             texts=self._texts(condition, frames) if condition == f"swapped{OVER}{INSTRUCTION}" else None,
         )
         carried = self._carried(frames, changed, pairs[0]) if (found.value or 0.0) < IGNORED else {}
-        return replace(found, carried=carried or None)
+        found = replace(found, carried=carried or None)
+        return found if condition == "nudged" else self._net(found, pairs[0], frames, condition)
 
     def _texts(self, condition: str, frames: Places) -> list[str]:
         """Return what a policy was told most often, and in its place most often, under another instruction."""
@@ -431,11 +475,11 @@ class Effects:
             return cannot_say(NO_FRAMES)
         real, other = self._real[:, frames], swapped[:, frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"swapped@{channel}")[frames])
-        found = total_effect(
-            Pairs(half_squares(real, other), self._episodes[frames], theirs), self._variation(), sampled=self._drawn
-        )
+        effect = Pairs(half_squares(real, other), self._episodes[frames], theirs)
+        found = total_effect(effect, self._variation(), sampled=self._drawn)
         p = relabelling_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
-        return self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
+        found = self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
+        return self._net(found, effect, frames, f"swapped@{channel}")
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
         """Return how far what was moved is followed; of two objects, how much farther the first than the second."""

@@ -38,7 +38,8 @@ from eyechart.studies.policy.course import Course
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.studies.policy.scoring import OnePolicy
 from eyechart.verdicts.axes import Judged
-from eyechart.verdicts.channels import OPEN, PolicyVerdict
+from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.labels import USES
 from eyechart.verdicts.uses import IGNORED, USED, ignored, used
 
 _TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
@@ -171,14 +172,15 @@ def _channel(judged: PolicyVerdict, name: str) -> str:
 
 def _colour(one: Statistic, axis: Judged) -> str:
     """Return the colour of a share: grey where it, or its axis, is open."""
-    if axis.label in OPEN:
+    if USES[axis.label].is_open:
         return MUTED
     return BLUE if used(one) else VERMILLION if ignored(one) else MUTED
 
 
 def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
     """Yield a sentence on the channels whose rows are open whatever their intervals are, where there are any."""
-    found = [one.removeprefix(CAMERA) for one, axis in _axes(judged).items() if one in channels and axis.label in OPEN]
+    axes = _axes(judged)
+    found = [one.removeprefix(CAMERA) for one in axes if one in channels and USES[axes[one].label].is_open]
     if found:
         yield f"Open whatever the interval is, because the verdict on it is: {_all(found)}; its line below says why."
 

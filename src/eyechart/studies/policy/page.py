@@ -12,17 +12,18 @@ from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
 from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.studies.policy.settling import CHANNEL_OF, settling
+from eyechart.studies.policy.settling import ASK_ROAD, CHANNEL_OF, IN_WORDS, settling
 from eyechart.studies.policy.tables import (
     channel_table,
     meaning_table,
     parts_table,
     statistics_table,
     steps_table,
-    tone,
     verdict_table,
 )
-from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, MISFIT, STATE_LABELS, PolicyVerdict
+from eyechart.verdicts.axes import Judged
+from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.verdicts.labels import CAMERA, GUARDS, INSTRUCTION, STATE, USES
 
 Shown = tuple[PolicyScore, FrameBank | None]
 """A scored run, and its bank with the pictures where they are at hand."""
@@ -76,11 +77,11 @@ def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[
 
 
 _LOOK = {
-    "sees": ("looks", "look"),
+    "Yes": ("looks", "look"),
     "deaf": ("looks but does not listen", "look but do not listen"),
-    "partly": ("looks in part", "look in part"),
-    "blind": ("does not look", "do not look"),
-    "open": ("is undecided", "are undecided"),
+    "In part": ("looks in part", "look in part"),
+    "No": ("does not look", "do not look"),
+    "Inconclusive": ("is undecided", "are undecided"),
     "none": ("gets no verdict", "get no verdict"),
 }
 """What one policy does, or several, by `_does`."""
@@ -89,8 +90,8 @@ _MOST_NAMED = 4
 
 def _does(one: PolicyVerdict) -> str:
     """Return in a word of `_LOOK` what a policy does."""
-    looks = "none" if one.guards else tone(one.camera.label)
-    return "deaf" if looks == "sees" and tone(one.instruction.label) == "blind" else looks
+    looks = "none" if one.guards else one.answer
+    return "deaf" if looks == "Yes" and INSTRUCTION[one.instruction.label].is_absence else looks
 
 
 def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
@@ -107,7 +108,7 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
 
 def _tone(one: PolicyVerdict) -> str:
     """Return what a policy is shown as: by its cameras, and no better than in part where it does not listen."""
-    return {"deaf": "partly", "none": "open"}.get(_does(one), _does(one))
+    return "partly" if _does(one) == "deaf" else CAMERA[one.camera.label].family
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -154,9 +155,9 @@ def _labels_of(one: PolicyVerdict) -> str:
 def _answer(one: PolicyVerdict) -> str:
     """Return in a few sentences what is said of a policy."""
     if one.guards:
-        return " ".join(f"{name}: {GUARDS[name]}." for name in one.guards) + " Nothing else is said of it."
-    said = (CAMERA_LABELS[one.camera.label], STATE_LABELS[one.state.label], INSTRUCTION_LABELS[one.instruction.label])
-    return " ".join(said)
+        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " Nothing else is said of it."
+    said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
+    return " ".join(label.says for label in said)
 
 
 def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
@@ -178,8 +179,8 @@ def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
 def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
-    labels = {*one.guards, *(each.label for each in axes.values())}
-    found = [advice for label, advice in NEXT.items() if label in labels]
+    found = [GUARDS[name].advice for name in one.guards]
+    found += filter(None, (_of_label(name, each) for name, each in axes.items()))
     still_open = [name for name, each in axes.items() if each.label == "undecided"]
     found += dict.fromkeys(settling(score, one.model, CHANNEL_OF[name]) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
@@ -193,6 +194,13 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     return found or [FINE if one.misfit is None or one.misfit < MISFIT else UNFIT]
 
 
+def _of_label(axis: str, one: Judged) -> str:
+    """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
+    label = USES[one.label]
+    unconnected = one.may_be_unconnected and label.is_absence
+    return ASK_ROAD.format(IN_WORDS[CHANNEL_OF[axis]]) if unconnected else label.advice
+
+
 FINE = (
     "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
     "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
@@ -201,16 +209,3 @@ UNFIT = (
     "it uses what it is given, and does something else than was logged: look at its actions beside the logged ones, "
     "and ask 'eyechart doctor SPEC --frames BANK' for other forms of its pictures, before it is driven."
 )
-NEXT = {
-    "not_scorable": "call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
-    "misfit": "compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
-    "constant": "look at what reaches it: an input that is always the same, or an output that is scaled away.",
-    "self_inconsistent": "empty its queue and its history before every call (reset), or give it a seed.",
-    "ignores_camera": "ask 'eyechart doctor SPEC --frames BANK' whether the picture reaches it; if so, train where "
-    "the state alone does not tell what to do.",
-    "state_shortcut": "take from its state what tells where the object is, or train with that number at random.",
-    "pose_only": "train with objects in more places: what it sees now tells it only where its own arm is.",
-    "camera_presence": "train with pictures that differ where the action does.",
-    "instruction_ignored": "train with several instructions in one scene, so that the picture does not tell the task.",
-}
-"""What somebody who trains policies could do next, by label."""

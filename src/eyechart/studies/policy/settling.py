@@ -8,6 +8,12 @@ from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
 SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
+ASK_ROAD = (
+    "ask 'eyechart doctor SPEC --frames BANK' whether {} reaches it; a policy that is not to read it declares the "
+    "channels that it reads."
+)
+"""What to do about a channel that changes not one bit of any answer."""
+IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
 CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
 """The channel of each axis of its own."""
 
@@ -35,10 +41,7 @@ def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
     statistics = Known(score.models[spec].statistics)
     swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
     if swap.same == 1.0:
-        yield (
-            f"ask 'eyechart doctor SPEC --frames BANK' whether {_in_words(channel)} reaches it; a policy that is not "
-            "to read it declares the channels that it reads."
-        )
+        yield ASK_ROAD.format(_in_words(channel))
     if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
         yield "look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told."
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
@@ -75,4 +78,4 @@ def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
 def _in_words(channel: str) -> str:
     if channel.startswith(CAMERA):
         return f"its picture of the {channel.removeprefix(CAMERA)} camera"
-    return {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}[channel]
+    return IN_WORDS[channel]

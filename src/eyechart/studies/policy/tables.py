@@ -8,28 +8,14 @@ from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns,
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.labels import USES
 
-_TONES = {
-    "object_grounded": "sees",
-    "camera_content": "sees",
-    "pose_only": "partly",
-    "camera_presence": "partly",
-    "ignores_camera": "blind",
-    "instruction_followed": "sees",
-    "instruction_ignored": "blind",
-    "state_shortcut": "blind",
-}
 Verdicts = Mapping[str, PolicyVerdict]
 
 
-def tone(label: str) -> str:
-    """Return the kind of evidence that a label is: sees, partly, blind or open."""
-    return _TONES.get(label, "open")
-
-
 def mark(label: str) -> Mark:
-    """Return a label with its tone."""
-    return Mark(label, tone(label))
+    """Return a label in the colours of its family; the names of guards that failed, as what is open."""
+    return Mark(label, USES[label].family if label in USES else "open")
 
 
 def verdict_table(verdicts: Verdicts) -> Table:

@@ -1,0 +1,108 @@
+"""A look from Python: a model, a callable or a policy, and one answer."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypedDict, Unpack
+
+from eyechart.errors import SpecError, finite_number, speaks_of_arguments, whole_number
+from eyechart.looking import Bill, Look, Pictures, Wanted, Watch, folder_name, is_policy, spec_of
+from eyechart.looking import look as looked
+from eyechart.loops import Progress
+from eyechart.models import Opened, policy_callable, policy_mode
+from eyechart.models.python_callable import hold, name_of
+from eyechart.modes import RequestMode
+
+
+class _Looking(TypedDict, total=False):
+    """Of what a look is and how it is made; see `look`."""
+
+    frames: Path | str | None
+    photos: Path | str | None
+    table: Path | str | None
+    dataset: Path | str | None
+    columns: Mapping[str, str]
+    threshold: float | None
+    unit: str | None
+    base_url: str
+    prompt: str | None
+    seed: int
+    budget: int | None
+    out: Path | str | None
+    yes: bool
+
+
+@speaks_of_arguments
+def look(
+    subject: str | RequestMode | Callable[..., object],
+    *,
+    progress: Progress | None = None,
+    **how: Unpack[_Looking],
+) -> Look:
+    """Find out whether a model, a callable or a policy looks, as ``eyechart look`` does; ``print`` it for the screen.
+
+    ``subject`` is a SPEC, a request mode, or a callable: a policy where ``dataset`` or a bank of motions is given, else
+    a controller. Frames come from the bank ``frames``, from ``photos`` with their ``table``, from the LeRobotDataset
+    ``dataset``, or are ours; ``columns`` maps places to columns of the table, and a distance below ``threshold`` in
+    ``unit`` is near. All that is made lies in ``out`` (``looks/NAME``), and the same look goes on there. ``budget``
+    bounds its calls; where they cost it raises SpecError unless ``yes``. ``progress`` gets (done, of how many).
+
+    Raises BankError, SourceError, SpecError or LedgerError as the steps do.
+    """
+    if unknown := how.keys() - _Looking.__annotations__.keys():
+        raise TypeError(f"look() got an unexpected keyword argument '{min(unknown)}'")
+    places = {name: how.get(name) for name in ("frames", "photos", "table", "dataset")}
+    where = {name: None if one is None else Path(str(one)).absolute() for name, one in places.items()}
+    limit, budget = how.get("threshold"), how.get("budget")
+    pictures = Pictures(
+        where["frames"],
+        where["photos"],
+        where["table"],
+        where["dataset"],
+        how.get("columns", {}),
+        None if limit is None else finite_number("threshold", limit),
+        how.get("unit"),
+    )
+    mode, held = _subject(subject, how.get("base_url", ""), pictures)
+    wanted = Wanted(
+        mode,
+        pictures,
+        Path(how.get("out") or Path("looks") / folder_name(mode.spec)).absolute(),
+        by_file=isinstance(subject, RequestMode),
+        prompt=how.get("prompt"),
+        seed=whole_number("seed", how.get("seed", 0), 0),
+        budget=None if budget is None else whole_number("budget", budget, 1),
+        held=held,
+        options=tuple(word for name, one in where.items() if one is not None for word in (f"--{name}", str(one))),
+    )
+    return looked(wanted, _watch(progress, yes=how.get("yes", False)))
+
+
+def _subject(
+    subject: str | RequestMode | Callable[..., object], base_url: str, pictures: Pictures
+) -> tuple[RequestMode, Opened | None]:
+    """Return how who is looked at is asked, and who it is where it is a callable at hand."""
+    if isinstance(subject, RequestMode):
+        return subject, None
+    if isinstance(subject, str):
+        return RequestMode(spec_of(subject), base_url=base_url), None
+    if not callable(subject):
+        raise SpecError(f"a SPEC, a RequestMode or a callable is looked at, not a {type(subject).__name__}")
+    mode = RequestMode(f"python:{name_of(subject)}")
+    if is_policy(mode.spec, pictures):
+        mode = policy_mode(mode.spec)
+        return mode, Opened(mode, policy_callable.hold(subject, mode))
+    return mode, Opened(mode, hold(subject, mode))
+
+
+def _watch(progress: Progress | None, *, yes: bool) -> Watch:
+    @contextmanager
+    def bar(what: str, unit: str) -> Iterator[Progress]:
+        del what, unit
+        yield progress or (lambda *_: None)
+
+    def agree(bill: Bill) -> None:
+        if not (bill.is_free or yes):
+            raise SpecError(f"this may cost: {bill.words}; give yes=True to agree, or budget=CALLS for less")
+
+    return Watch(lambda *_: None, bar, agree)

@@ -1,0 +1,111 @@
+"""``eyechart look``: one command and one line of answer, whatever is brought."""
+
+import sys
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli.options import Json, Seed, mode_of, read_modes, read_places
+from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
+from eyechart.errors import SpecError
+
+if TYPE_CHECKING:
+    from eyechart.looking import Bill
+    from eyechart.modes import RequestMode
+
+
+def look(
+    spec: Annotated[
+        str, typer.Argument(help="A model's or a policy's SPEC, or a callable's MODULE:FUNCTION.", metavar="SPEC")
+    ],
+    frames: Annotated[Path | None, typer.Option(help="A bank; default: one of ours, made once.")] = None,
+    photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
+    table: Annotated[Path | None, typer.Option(help="Table of the photographs, a row each.")] = None,
+    dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset v3.")] = None,
+    threshold: Annotated[float | None, typer.Option(help="A smaller distance is near.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of the distance.")] = None,
+    map_: Annotated[
+        list[str] | None, typer.Option("--map", help="PLACE=COLUMN, as 'frames import' takes it; again for more.")
+    ] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of the server of the model.")] = None,
+    mode: Annotated[Path | None, typer.Option(help="FILE.toml that says how the model is asked.")] = None,
+    prompt: Annotated[str | None, typer.Option(help="A prompt's name or FILE.toml.")] = None,
+    seed: Seed = 0,
+    budget: Annotated[int | None, typer.Option(min=1, help="At most so many calls, all told.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of all that is made; default: looks/NAME.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before calls that cost.")] = False,
+    json: Json = False,
+    accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
+) -> None:
+    """Find out whether a model, a callable or a policy looks, and say it on one screen.
+
+    Frames come from a bank, from photographs, from a data set, or are ours. A served model is shown drawn pictures
+    first; then it is asked until its verdict is settled, on as few frames as reach every answer. What it takes is said
+    before, and asked where it costs. The same command goes on where it stopped, and asks nothing twice. Exit 0: Yes;
+    1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look scripted:depth
+    """
+    from eyechart.looking import Pictures, Wanted, Watch, folder_name, spec_of
+    from eyechart.looking import look as looked
+
+    if accept not in (None, "part"):
+        raise SpecError(f"--accept takes part, not '{accept}'")
+    pictures = Pictures(frames, photos, table, dataset, read_places(map_ or []), threshold, unit)
+    asked = _asked(spec_of(spec), mode, base_url)
+    place = out or from_here(Path("looks") / folder_name(asked.spec))
+    from_here(Path(f"{as_typed(str(place))}-2"))  # what other words are tried in is said as it would be typed
+    wanted = Wanted(
+        asked,
+        pictures,
+        place,
+        by_file=mode is not None,
+        prompt=prompt,
+        seed=seed,
+        budget=budget,
+        options=_options(locals()),
+    )
+    with resumable():
+        found = looked(wanted, Watch(say, progress, partial(_agree, yes=yes)))
+    if json:
+        print_json(found.as_dict())
+    else:
+        for line in found.lines(as_typed):
+            print_line(line)
+    raise typer.Exit(found.exit_code(accept_part=accept == "part"))
+
+
+def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
+    """Return how a model is asked; raises SpecError where a file says it of another, or both say where it is."""
+    given = {} if base_url is None else {"base_url": base_url}
+    if mode is None:
+        return mode_of(spec, given)
+    (asked,) = read_modes(None, [mode], given).modes
+    if asked.spec != spec:
+        raise SpecError(f"the mode {mode} is one of '{asked.spec}', and '{spec}' is looked at")
+    return asked
+
+
+def _options(given: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the options of this command that were given and that a command that goes on needs again."""
+    found: list[str] = []
+    for name in ("frames", "photos", "table", "dataset", "threshold", "unit", "map_", "base_url", "mode", "prompt"):
+        value = given[name]
+        many = value if isinstance(value, list) else [] if value is None else [value]
+        found += [word for one in many for word in (f"--{name.strip('_').replace('_', '-')}", f"{one}")]
+    found += ["--seed", str(given["seed"])] if given["seed"] else []
+    return (*found, *(["--budget", str(given["budget"])] if given["budget"] else []))
+
+
+def _agree(bill: "Bill", *, yes: bool) -> None:
+    """Say what is to be paid, and ask where it costs; raises SpecError where nobody is there who could answer."""
+    say(f"{bill.mode.spec}: {bill.words}")
+    if bill.is_free or yes:
+        return
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise SpecError(
+            f"this may cost: {bill.words}; give --yes to agree, or --budget CALLS for less (nothing was asked yet)"
+        )
+    if not typer.confirm("Ask them?", err=True):
+        raise SpecError("nothing was asked: --budget CALLS takes less")

@@ -1,0 +1,26 @@
+"""A fixture for pytest that makes the run which a test asks about: ``pytest_plugins = ["eyechart.fixtures"]``."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from eyechart.api import look
+from eyechart.looking import Look
+
+
+@pytest.fixture(scope="session")
+def looked(pytestconfig: pytest.Config) -> Callable[..., Look]:
+    """Return `eyechart.api.look`, whose looks lie in pytest's cache: what is unchanged is not asked again.
+
+    Each has a folder by its ``name`` there, unless ``out`` is given.
+    """
+    cache = pytestconfig.cache
+    if cache is None:
+        pytest.fail("looks are kept in pytest's cache: do not switch off its plugin 'cacheprovider'")
+    folder = Path(cache.mkdir("eyechart"))
+
+    def make(subject: object, name: str, **how: object) -> Look:
+        return look(subject, **{"out": folder / name, **how})  # type: ignore[arg-type]
+
+    return make

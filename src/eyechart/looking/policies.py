@@ -1,0 +1,203 @@
+"""A look at a policy: it is examined on a few frames, then asked about all of them with each channel exchanged."""
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from eyechart.channels import CAMERAS
+from eyechart.costs import assumed, estimate
+from eyechart.frames import open_bank
+from eyechart.importing.bank import Choices
+from eyechart.importing.lerobot import Ahead, import_lerobot
+from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome
+from eyechart.looking.answer import Look, Pictured, Step
+from eyechart.looking.reach import affordable
+from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
+from eyechart.loops import make_calls
+from eyechart.manifest import LEDGER, is_run, read_manifest
+from eyechart.models import Opened, open_policy
+from eyechart.models.prices import read_prices
+from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, examine_policy
+from eyechart.run import spread
+from eyechart.spaces.motion import Motion
+from eyechart.studies import policy
+from eyechart.studies.policy import Extent, PolicyScore
+from eyechart.studies.policy.planning import PolicyRun
+from eyechart.studies.policy.scoring import judge
+from eyechart.studies.policy.settling import settling
+from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.verdicts.labels import CAMERA
+
+_SELDOM = 1_000_000
+"""Of an episode every so many frames are taken for a try: its first one."""
+MOTION_AXES = 2
+
+
+SHOWN = {
+    f"T.swapped@{CAMERAS}": "another episode's pictures",
+    "T.blank": "grey pictures",
+    f"T.matched@{CAMERAS}": "others at a similar state",
+}
+"""The three pictures, by the statistic that says how much a motion changes with them."""
+
+
+def steps_of(wanted: Wanted) -> int:
+    """Return of how many steps a policy's motions are, as it answers once to a moment of its data set; 1 of our own.
+
+    What does not answer with an array is taken to answer with one step, and is found out later.
+    """
+    if wanted.pictures.dataset is None:
+        return 1
+    if (before := wanted.pictures.made_with(wanted.out)) is not None:
+        return before
+    with TemporaryDirectory() as folder:
+        bank, run = Path(folder) / "bank", Path(folder) / "run"
+        import_lerobot(wanted.pictures.dataset, bank, Choices(every=_SELDOM), ahead=Ahead(1))
+        held = wanted.held or open_policy(wanted.spec)
+        make_calls(partial(policy.run, policy.plan(bank, [held], run, extent=Extent(1), conditions=("real",))), None)
+        with Ledger(run / LEDGER) as ledger:
+            ((_, reply),) = ledger.replies(wanted.spec)
+    try:
+        shape = Motion.read(reply.text).shape
+    except ValueError:
+        return 1
+    return shape[0] if len(shape) == MOTION_AXES else 1
+
+
+@dataclass(frozen=True)
+class PolicyLook:
+    """A look at one policy on a bank of motions; see `look`."""
+
+    wanted: Wanted
+    bank: Path
+    watch: Watch
+
+    def look(self) -> Look:
+        """Examine it, ask it, and return the answer."""
+        planned = self._sized()
+        calls, finished, _ = planned.counts()
+        begun = is_run(self.wanted.run)
+        mode, basis = assumed(self._opened.mode)
+        expected = estimate(mode, calls - finished + MOST_CALLS * (not begun), read_prices(), concurrency=1)
+        self.watch.agree(Bill(self._opened.mode, expected, basis))
+        if not begun and (amiss := self._amiss()) is not None:
+            return amiss
+        with self.watch.bar("calls", "calls") as move:
+            outcome = make_calls(partial(policy.run, planned, limits=Limits(self.wanted.budget)), move)
+        return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
+
+    @cached_property
+    def _opened(self) -> Opened:
+        return self.wanted.held or open_policy(self.wanted.spec)
+
+    def _sized(self) -> PolicyRun:
+        """Return the plan on all frames, or on as many as the budget takes of one that draws its answers."""
+        wanted = self.wanted
+        limit = read_manifest(wanted.run).limit if is_run(wanted.run) else None
+        planned = self._plan(limit)
+        if is_run(wanted.run) or wanted.budget is None:
+            return planned
+        frames = len(planned.plan.bank.frames)
+        some = affordable(frames, partial(_most, planned), wanted.budget - MOST_CALLS)
+        if some == frames:
+            return planned
+        self.watch.say(
+            f"asked about {some} of {frames} frames: what fewer episodes show is wider, and may be undecided"
+        )
+        return self._plan(some)
+
+    def _plan(self, limit: int | None) -> PolicyRun:
+        wanted = self.wanted
+        return policy.plan(self.bank, [self._opened], wanted.run, seed=wanted.seed, extent=Extent(limit))
+
+    def _amiss(self) -> Look | None:
+        """Return the end of a look at what answers with no motion; what else is amiss is said."""
+        with self.watch.bar("doctor", "calls") as move:
+            found = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
+        wrong = [one for one in found.findings if one.fine is False]
+        self.watch.say(*(f"amiss: {one.name}: {one.says}" for one in wrong))
+        without = next((one for one in wrong if one.name == "motions"), None)
+        return None if without is None else self._unasked(found, without.says)
+
+    def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
+        wanted = self.wanted
+        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(self.bank)])
+        steps = (Step("see every check", doctor), Step("look again once that is mended", wanted.command()))
+        because = f"It does not answer as a policy on this bank: {why}."
+        return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
+
+    def _answered(self, planned: PolicyRun, outcome: Outcome, *, asked: bool) -> Look:
+        wanted, spec = self.wanted, self.wanted.spec
+        scored = policy.score(wanted.run)
+        verdict = judge(scored)[spec]
+        calls, finished, _ = planned.counts()
+        stopped = outcome.stopped or outcome.set_aside.get(spec, "")
+        because = _because(verdict)
+        if calls > finished:
+            because = f"The run is not finished: {stopped or f'{finished} of {calls} calls'}."
+        answer = "Inconclusive" if verdict.guards or calls > finished else verdict.answer
+        write_report(wanted, self.bank, self.watch, asked=asked)
+        return Look(
+            spec,
+            answer,
+            because,
+            tuple(_holes(verdict)),
+            verdict.camera.label,
+            tuple(_pictures(scored, spec)),
+            f"a mean of {len(planned.plan.frames)} frames",
+            tuple(_steps(self, scored, answer, left=calls > finished)),
+            wanted.report,
+            wanted.run,
+            finished,
+        )
+
+
+def _most(planned: PolicyRun, frames: int) -> int:
+    """Return how many calls so many frames take of a policy that draws its answers."""
+    some = spread(planned.plan.bank.frames, frames)
+    plan = replace(planned.plan, frames=some, drawn=frozenset(planned.plan.models))
+    return sum(1 for _ in plan.keys_of(planned.plan.models[0]))
+
+
+def _because(verdict: PolicyVerdict) -> str:
+    """Return what decided, or which guard failed; of what does something else than was logged, that it does."""
+    if verdict.guards:
+        return verdict.because
+    said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
+    if verdict.misfit is not None and verdict.misfit >= MISFIT:
+        said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
+    return said
+
+
+def _holes(verdict: PolicyVerdict) -> Iterator[str]:
+    """Yield the cameras that could be another episode's where others decide."""
+    if not verdict.guards and verdict.answer in {"Yes", "In part"}:
+        ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
+        yield from (f"Not by the {name} camera: that could be another episode's." for name in ignored)
+
+
+def _pictures(scored: PolicyScore, spec: str) -> Iterator[Pictured]:
+    found = scored.models[spec].statistics
+    for name, words in SHOWN.items():
+        if (one := found.get(name)) is not None:
+            yield Pictured(words, change=one.value, ci=one.ci, n=one.n)
+
+
+def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -> Iterator[Step]:
+    wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
+    if left:
+        yield Step("go on where it stopped", wanted.command())
+        return
+    if answer == "Yes":
+        yield Step("keep it so in CI: exit 0 as long as it holds", f"eyechart gate {run}")
+    elif answer == "Inconclusive":
+        settle = settling(scored, wanted.spec, CAMERAS).partition("; ")[0].rstrip(".")
+        yield Step(f"what would settle it: {settle}", f"eyechart plan {shlex.quote(str(asked.bank))}")
+    else:
+        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
+        yield Step("see whether its pictures reach it", doctor)
+    yield Step("what it does with its state and its instruction", f"eyechart verdict {run}")

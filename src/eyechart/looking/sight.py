@@ -1,0 +1,73 @@
+"""Whether a served model is shown its pictures at all, and how it is best asked: found once, before a run is paid."""
+
+import secrets
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from eyechart.destination import whole
+from eyechart.limits import Spent
+from eyechart.loops import Progress
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode, read_mode, write_mode
+from eyechart.probe import ProbeError, Sample, doctor, is_served, probe
+
+MODE = "mode.toml"
+MOST_CALLS = 28 + 76
+"""So many calls a doctor and a probe may take together."""
+
+Bar = Callable[[str, str], AbstractContextManager[Progress]]
+"""Shows how far something is, by its name and its unit, and yields what moves it."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Why nothing is asked of a model: it was not shown the pictures, or cannot be asked at all."""
+
+    because: str
+    causes: tuple[str, ...]
+    spent: Spent
+
+
+@dataclass(frozen=True)
+class Sights:
+    """Finds out whether a model sees and how it is asked; what is found is kept in the look's folder."""
+
+    out: Path
+    prices: Prices
+    bar: Bar
+
+    def known(self, mode: RequestMode) -> RequestMode | None:
+        """Return the mode in which a model is asked where nothing is to be found out, None where something is."""
+        place = self.out / MODE
+        if place.is_file() and (kept := read_mode(place)).spec == mode.spec:
+            return replace(kept, base_url=mode.base_url, query=mode.query)
+        return None if is_served(mode) else mode
+
+    def find(self, mode: RequestMode, sample: Sample) -> RequestMode | Unseen:
+        """Ask a model about drawn pictures, once, and then how it is best asked; what is found is kept."""
+        seed = secrets.randbelow(10**6)
+        with self.bar("sight", "calls") as tell:
+            seen = doctor(mode, seed=seed, prices=self.prices, tell=tell)
+        if seen.outcome == "blind" or seen.unasked:
+            return Unseen(seen.because, seen.causes, seen.spent)
+        try:
+            with self.bar("probe", "calls") as tell:
+                found = probe(
+                    seen.mode,
+                    fixed=("base_url",),
+                    sample=sample,
+                    seed=seed,
+                    sight=seen.sight,
+                    prices=self.prices,
+                    tell=tell,
+                )
+        except ProbeError as error:
+            spent = Spent.together([seen.spent, error.spent])
+            return Unseen("it cannot be asked as the run would ask it", (str(error),), spent)
+        calls = seen.spent.calls + found.spent.calls
+        pinned = replace(found.mode, measured=replace(found.measured, calls=calls))
+        with whole(self.out / MODE, "request mode") as partly:
+            write_mode(partly, pinned)
+        return pinned

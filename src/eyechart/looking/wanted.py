@@ -1,0 +1,118 @@
+"""What somebody wants looked at, who is told of it, and what it would cost before it is begun."""
+
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.costs import CostEstimate, duration
+from eyechart.looking.pictures import Pictures
+from eyechart.looking.sight import Bar
+from eyechart.models import Opened
+from eyechart.models.http import is_loopback
+from eyechart.models.prices import OWN_MACHINE
+from eyechart.modes import RequestMode
+from eyechart.studies import Reading, study_of
+
+_NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
+UNASKED_CALLS = 100
+"""So many calls whose price nobody knows are made without a question."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A model or a policy, the pictures on which it is looked at, and the folder that keeps all that is made.
+
+    ``by_file`` says that a file of a mode says how it is asked. ``held`` is who is at hand already, as a callable.
+    ``budget`` bounds its calls. ``options`` are those of the command that says the same, without ``--out``.
+    """
+
+    mode: RequestMode
+    pictures: Pictures
+    out: Path
+    by_file: bool = False
+    prompt: str | None = None
+    seed: int = 0
+    budget: int | None = None
+    held: Opened | None = None
+    options: tuple[str, ...] = ()
+
+    @property
+    def spec(self) -> str:
+        """Return who is looked at."""
+        return self.mode.spec
+
+    @property
+    def run(self) -> Path:
+        """Return the folder of the run."""
+        return self.out / "run"
+
+    @property
+    def report(self) -> Path:
+        """Return where the page is written."""
+        return self.out / "report.html"
+
+    def command(self, *more: str, out: Path | None = None) -> str:
+        """Return the command that looks so again, with more options."""
+        return shlex.join(["eyechart", "look", self.spec, *self.options, *more, "--out", str(out or self.out)])
+
+
+def folder_name(spec: str) -> str:
+    """Return the name of the folder of a look at a SPEC."""
+    return _NO_NAME.sub("-", spec).strip("-.") or "look"
+
+
+@dataclass(frozen=True)
+class Bill:
+    """What calls take at most: dollars are None where no price is known, seconds where nothing was measured.
+
+    ``usual`` is how many a model takes that never looks, where it is asked no more once that is settled.
+    """
+
+    mode: RequestMode
+    expected: CostEstimate
+    basis: str
+    usual: int | None = None
+
+    @property
+    def is_own(self) -> bool:
+        """Return whether what answers runs on a machine of one's own, so that nobody sends a bill."""
+        own = self.mode.spec.partition(":")[0] in (*OWN_MACHINE, "python", "trained")
+        return own or bool(self.mode.base_url and is_loopback(self.mode.base_url))
+
+    @property
+    def is_free(self) -> bool:
+        """Return whether nobody need be asked: it costs nothing, or a few calls of no known price."""
+        one = self.expected
+        return self.is_own or not one.calls or (one.cost_usd is None and one.calls <= UNASKED_CALLS)
+
+    @property
+    def words(self) -> str:
+        """Return it in one line."""
+        one = self.expected
+        usual = "" if self.usual is None else f" (about {self.usual} of who never looks)"
+        time = "minutes not known yet" if one.seconds is None else f"about {duration(one.seconds)}"
+        cost = "cost not known" if one.cost_usd is None else f"at most ${one.cost_usd:.2f} {self.basis}"
+        return f"at most {one.calls} calls{usual}, {time}, {'no cost' if self.is_own else cost}"
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who is told what goes on: lines, bars, and the bill, which ``agree`` accepts or raises SpecError about."""
+
+    say: Callable[..., None]
+    bar: Bar
+    agree: Callable[[Bill], None]
+
+
+def write_report(wanted: Wanted, bank: Path, watch: Watch, *, asked: bool) -> None:
+    """Write the page of the run; one that is there stays where nothing was ``asked`` since."""
+    from eyechart.report.page import write_page  # noqa: PLC0415 - it draws figures
+
+    if wanted.report.is_file() and not asked:
+        return
+    with watch.bar("report", "pages") as move:
+        made = study_of(wanted.run, "report").report([wanted.run], [bank], Reading(), lambda _: None)
+        write_page(made.page, wanted.report)
+        move(1, 1)

@@ -1,0 +1,311 @@
+"""Which labels a bank can give, and how many more frames it would take: known controllers that never err are judged.
+
+Each label has a controller that deserves it. What it would answer is made of the bank's text alone, no picture is
+looked at, and the rules of a verdict judge these answers; where they give another label, the bank is made longer.
+"""
+
+import random
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from eyechart.conditions import RANGED, available
+from eyechart.frames import Frame, FrameBank
+from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.controls import SIDES
+from eyechart.studies.battery.depth import AT, BESIDE, TWICE, moved_of
+from eyechart.studies.battery.odds import calls_of
+from eyechart.studies.battery.published import Published, Resampling
+from eyechart.verdicts import LABELS, calibrated_rules, lateral_rules
+from eyechart.verdicts.calibrated import earns_lateral
+from eyechart.verdicts.ruling import Ruling
+
+MOST_TIMES, MOST_FRAMES = 8, 4000
+"""A bank is thought longer up to so many times, and up to so many frames."""
+
+RESAMPLES = 999
+
+NO_ROAD = ("blank", "noise", "text_only")
+_DEPTH = ("lead_near", "lead_far", *RANGED)
+_NEEDS: Mapping[str, tuple[str, ...]] = {
+    "depth_lateral": ("mirrored", *_DEPTH),
+    "depth": _DEPTH,
+    "partial_depth": _DEPTH,
+    "scene_cue": ("shuffled", "cross_scenario"),
+    "content": ("shuffled",),
+    "presence_only": ("shuffled", "blank"),
+    "refusal_effect": ("shuffled", "blank"),
+    "image_invariant": ("shuffled", "blank"),
+}
+"""The conditions without which a label is never given; ``depth_associated`` is also earned by observation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Whether a bank can give a label: ``more`` frames would do where it cannot, None where no number of them would.
+
+    ``lacks`` says in words what is missing, and is empty where nothing is.
+    """
+
+    label: str
+    answer: str
+    reached: bool
+    more: int | None = None
+    lacks: str = ""
+
+    @property
+    def words(self) -> str:
+        """Return in words whether it can be reached."""
+        if self.reached:
+            return "yes"
+        return "no" if self.more is None else f"with about {self.more} more frames"
+
+
+def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
+    """Return of every calibrated label whether a bank can give it."""
+    return tuple(_reach(label, bank) for label in LABELS)
+
+
+def _reach(label: str, bank: FrameBank) -> Reach:
+    answer = LABELS[label].answer
+    if label in {"not_scorable", "undecided"}:
+        return Reach(label, answer, reached=True)
+    if lacks := _lacks(label, bank):
+        return Reach(label, answer, reached=False, lacks=lacks)
+    ruling = _ruled(label, bank, bank.frames)
+    if ruling.label == label:
+        return Reach(label, answer, reached=True)
+    more = _more(label, bank)
+    return Reach(label, answer, reached=False, more=more, lacks=f"who deserves it gets {ruling.label}: {ruling.reason}")
+
+
+def _lacks(label: str, bank: FrameBank) -> str:
+    """Return which conditions no frame can be shown that a label needs, or what else the bank does not say."""
+    calls = calls_of(bank)
+    shown = {name: calls.get(name, any(available(name, frame) for frame in bank)) for name in _NEEDS.get(label, ())}
+    missing = [name for name, count in shown.items() if not count]
+    if missing:
+        return f"no frame can be shown {', '.join(missing)}"
+    if label == "depth_lateral" and not any(
+        all(isinstance(frame.truth.get(name), bool) for name in SIDES) for frame in bank
+    ):
+        return f"the bank does not say which side is clear ({' and '.join(SIDES)})"
+    space = bank.manifest.action_space
+    if "depth" in label and not space.brake:
+        return "no action of this space brakes"
+    if label == "depth_lateral" and not space.directional:
+        return "no action of this space exchanges under reflection"
+    return "" if len(space.actions) > 1 else "the space has one action"
+
+
+def _more(label: str, bank: FrameBank) -> int | None:
+    """Return how many frames more would earn a label, were they like those that there are; None where none would."""
+    count = len(bank)
+
+    def holds(frames: int) -> bool:
+        return _ruled(label, bank, tuple(_longer(bank.frames, frames))).label == label
+
+    times = [many for many in (2, 4, MOST_TIMES) if many * count <= MOST_FRAMES]
+    enough = next((many * count for many in times if holds(many * count)), None)
+    if enough is None:
+        return None
+    least = enough // 2
+    while enough - least > max(1, count // 16):
+        middle = (least + enough) // 2
+        least, enough = (least, middle) if holds(middle) else (middle, enough)
+    return enough - count
+
+
+def _longer(frames: Sequence[Frame], count: int) -> Iterator[Frame]:
+    """Yield so many frames: those of a bank again and again, in other episodes, of the last time the first steps.
+
+    Distances that were drawn are drawn anew over their range, as evenly as a bank is built.
+    """
+    ordered = sorted(frames, key=lambda one: one.step)
+    ranges = {name: _range_of(frames, name) for name in (*AT["drawn"], *AT["own"])}
+    for place in range(count):
+        again, one = divmod(place, len(ordered))
+        frame = ordered[one]
+        part = {name: (place * _GOLDEN + half / 2) % 1 for half, name in enumerate(ranges)}
+        anew = {name: low * (high / low) ** part[name] for name, (low, high) in ranges.items() if frame.truth.get(name)}
+        if again:
+            frame = replace(
+                frame, id=f"{frame.id}+{again}", episode=f"{frame.episode}+{again}", truth={**frame.truth, **anew}
+            )
+        yield frame
+
+
+_GOLDEN = (5**0.5 - 1) / 2
+
+
+def _range_of(frames: Sequence[Frame], column: str) -> tuple[float, float]:
+    """Return the least and the greatest number above 0 in a column, 1 and 1 where there is none."""
+    known = [at for frame in frames if isinstance(at := frame.truth.get(column), int | float) and at > 0]
+    return (min(known), max(known)) if known else (1.0, 1.0)
+
+
+def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
+    """Return the ruling of the controller that deserves a label, were the bank's frames these."""
+    ideal = _Ideal(bank, frames)
+    answers = ideal.answers(_CONTROLLERS[label], without=_DEPTH[2:] if label == "depth_associated" else ())
+    how = Resampling(resamples=RESAMPLES)
+    found = Found(Calibrated(answers, how))
+    turns = False
+    if label == "depth_lateral":
+        known = ChainMap({"mirror_swap_rate": Published(answers, how).swaps()}, found)  # type: ignore[arg-type]
+        turns = earns_lateral(known, lateral_rules(known, answers.directions()).label)
+    return calibrated_rules(found, turns=turns)[0]
+
+
+@dataclass(frozen=True)
+class _Ideal:
+    """What can be answered to each picture of a bank whose frames are ``frames``."""
+
+    bank: FrameBank
+    frames: tuple[Frame, ...]
+
+    def answers(self, choose: "Choose", *, without: Sequence[str]) -> Answers:
+        """Return what a controller answers to all that a run would ask; an empty word is a refusal."""
+        space, gap = self.bank.manifest.action_space, self.bank.manifest.gap
+        asked = [name for name, count in calls_of(self.bank).items() if count]
+        asked += [name for name in (*RANGED, "nudged", "lead_absent") if name not in without]
+        decisions = {
+            name: tuple(
+                _decided(choose(self, name, place)) if available(name, frame) else None
+                for place, frame in enumerate(self.frames)
+            )
+            for name in asked
+        }
+        return Answers("", self.frames, space, gap, {name: one for name, one in decisions.items() if any(one)})
+
+    @cached_property
+    def by_level(self) -> tuple[str, str, str]:
+        """Return an action that goes on, one that brakes, and the one that brakes hardest."""
+        space = self.space
+        order = sorted(space.actions, key=lambda one: space.project(one, "brake") or 0.0)
+        return order[0], order[-2], order[-1]
+
+    @property
+    def space(self) -> Discrete:
+        """Return the bank's actions."""
+        return self.bank.manifest.action_space
+
+    @cached_property
+    def distances(self) -> Mapping[str, np.ndarray]:
+        """Return how far away the lead is under each condition, NaN where nobody says."""
+        shown = moved_of(Answers("", self.frames, self.space, self.bank.manifest.gap, {}))
+        found = {name: shown.distance(picture) for picture, names in TWICE.items() for name in names}
+        found |= {name: shown.distance("far") for name in (BESIDE, "exchange_apart")}
+        return {name: np.where(np.isnan(one), _STANDS.get(name, np.inf), one) for name, one in found.items()}
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Return below which distance it brakes hardest, the near third of the range, and from which it goes on."""
+        known = np.concatenate([self.distances[name] for name in ("lead_drawn", "lead_near", "lead_far")])
+        known, far = known[np.isfinite(known) & (known > 0)], self.distances["lead_far"]
+        if not len(known) or known.min() == known.max():
+            threshold = self.bank.manifest.gap.threshold if self.bank.manifest.gap is not None else 1.0
+            return threshold, 2 * threshold
+        near, least = float(np.geomspace(known.min(), known.max(), 4)[1]), float(far.min())
+        return near, least if np.isfinite(least) else float(known.max())
+
+    def partner(self, condition: str, place: int) -> int:
+        """Return the frame that a condition shows: the next of the scenario, or of another one."""
+        if condition not in {"shuffled", "cross_scenario"}:
+            return place
+        own = self.frames[place].scenario
+        order = (*range(place + 1, len(self.frames)), *range(place))
+        return next((one for one in order if (self.frames[one].scenario == own) == (condition == "shuffled")), place)
+
+
+Choose = Callable[[_Ideal, str, int], str]
+"""(the bank, condition, place of the frame) to an action."""
+
+_STANDS = {"lead_near": 0.0, "lead_near_nudged": 0.0}
+"""Where the lead counts as standing whose distance nobody recorded: else as far as can be."""
+
+
+def _decided(word: str) -> Decision[str]:
+    return Decision(word) if word else Decision(None, "refused")
+
+
+def _depth(of: _Ideal, condition: str, place: int) -> str:
+    go, brake, hard = of.by_level
+    at = _at(of, condition, place)
+    return hard if condition in NO_ROAD or at < of.ends[0] else brake if at < of.ends[1] else go
+
+
+def _at(of: _Ideal, condition: str, place: int) -> float:
+    """Return how far away the lead is in a picture, infinite where there is none."""
+    if condition == "lead_absent":
+        return np.inf
+    return float(of.distances.get(condition, of.distances["real"])[of.partner(condition, place)])
+
+
+def _partial(of: _Ideal, condition: str, place: int) -> str:
+    """Brake by distance, but in the scenario that has the most frames, or where there is one, not far away."""
+    names = [frame.scenario for frame in of.frames]
+    blind = max(sorted(set(names)), key=names.count)
+    said = _depth(of, condition, place)
+    if condition in NO_ROAD:
+        return said
+    if len(set(names)) > 1:
+        return of.by_level[0] if names[of.partner(condition, place)] == blind else said
+    return said if said == of.by_level[2] else of.by_level[0]
+
+
+def _lateral(of: _Ideal, condition: str, place: int) -> str:
+    """Brake by distance, but from two thirds of the range on go to the only clear side, or on."""
+    near, far = of.ends
+    said = _depth(of, condition, place)
+    if condition in NO_ROAD or _at(of, condition, place) < near ** (1 / 4) * far ** (3 / 4):
+        return said
+    frame = of.frames[of.partner(condition, place)]
+    clear = [side for side, name in zip(("left", "right"), SIDES, strict=True) if frame.truth.get(name) is True]
+    turn = next((one for one in of.space.actions if len(clear) == 1 and clear[0] in one.lower()), of.by_level[0])
+    return str(of.space.reflect(turn)) if condition == "mirrored" else turn
+
+
+def _by_number(number: Callable[[_Ideal, str, int], int]) -> Choose:
+    def choose(of: _Ideal, condition: str, place: int) -> str:
+        return of.by_level[2] if condition in NO_ROAD else of.by_level[number(of, condition, place) % 3]
+
+    return choose
+
+
+def _of_picture(of: _Ideal, condition: str, place: int) -> int:
+    return key_seed("picture", of.frames[of.partner(condition, place)].id)
+
+
+def _of_scenario(of: _Ideal, condition: str, place: int) -> int:
+    names = sorted({frame.scenario for frame in of.frames})
+    return names.index(of.frames[of.partner(condition, place)].scenario)
+
+
+def _coin(of: _Ideal, condition: str, place: int) -> str:
+    if condition in NO_ROAD:
+        return of.by_level[2]
+    tossed = random.Random(key_seed("coin", condition, of.frames[place].id))  # noqa: S311 - no secret
+    return tossed.choice(of.space.actions)
+
+
+_CONTROLLERS: Mapping[str, Choose] = {
+    "depth_lateral": _lateral,
+    "depth": _depth,
+    "partial_depth": _partial,
+    "depth_associated": _depth,
+    "content": _by_number(_of_picture),
+    "self_inconsistent": _coin,
+    "scene_cue": _by_number(_of_scenario),
+    "presence_only": lambda of, condition, _: of.by_level[2 if condition in NO_ROAD else 1],
+    "refusal_effect": lambda of, condition, _: "" if condition == "blank" else of.by_level[1],
+    "image_invariant": lambda of, _condition, _place: of.by_level[1],
+}
+"""What deserves each label and never errs."""

@@ -1,0 +1,126 @@
+"""The numbers that depth rests on: what each asks, what it has to reach, what refutes it, and what came of it.
+
+The thresholds are those of the rules' own clauses, so that a page, a card and the docs say what a ruling reads.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.depth import KINDS, NO_FILE, REFUTING, SHOWN, is_drawn
+from eyechart.verdicts.labels import ORDER_OPEN
+from eyechart.verdicts.rules import Clause, Found, Reading
+from eyechart.verdicts.ruling import and_p, number
+
+Outcome = Literal["holds", "not shown", "fails", "not tested"]
+
+SIGNS: Mapping[Outcome, str] = {"holds": "✓", "not shown": "?", "fails": "✗", "not tested": "–"}
+"""What stands beside an outcome, for those who do not tell its colour."""
+
+ASKS: Mapping[str, str] = {
+    "sensitivity": "on which share of frames it brakes harder for the near lead than for the far one, net",
+    "specificity": "what a vehicle beside does to its braking, less half of what the lead does at that distance",
+    "specificity_near": "the same in the near third of the range",
+    "specificity_middle": "the same in the middle third",
+    "specificity_far": "the same in the far third",
+    "order": "which share of pairs of distances comes out the wrong way round",
+    "order_near_far": "the same, near with far",
+    "order_near_drawn": "the same, near with a distance anywhere in the range",
+    "order_drawn": "the same, two distances anywhere in the range",
+    "order_drawn_far": "the same, a distance anywhere in the range with far",
+    "rise": "how much harder it brakes the farther, where along the range it does so most (in standard errors)",
+    "file": "whether it follows the file, and not the picture",
+}
+"""The twelve numbers, and what each asks."""
+
+BESIDE: Mapping[str, str] = {
+    "place_reversed": "how much less hard it brakes for the nearer lead, in the place where that is surest",
+    "place_beside": "specificity, in the place where it is surest that a vehicle beside matters",
+    "drawn_distances": "how many drawn distances a window a factor of 1.2 wide holds, on average and at fewest",
+    "unparsed_controls": "replies to edited pictures that hold no decision",
+}
+"""What is read beside them: by place, and how well it was asked."""
+
+FIRST = ("sensitivity", "specificity", "order", "rise", "file")
+"""One number of each kind, which are said in a line each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One number that depth rests on: ``needs`` and ``refuted_by`` are its thresholds in words, empty without any."""
+
+    name: str
+    asks: str
+    needs: str
+    refuted_by: str
+    statistic: Statistic
+    outcome: Outcome
+
+    @property
+    def words(self) -> str:
+        """Return its value, interval, n, p and outcome in words."""
+        one = self.statistic
+        if one.value is None and one.p is None:
+            return f"{self.outcome} ({one.note})"
+        interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+        needs = self.needs if self.outcome != "fails" else f"refuted: {self.refuted_by}"
+        return f"{number(one)}{interval}, n = {one.n}{and_p(one)}: {SIGNS[self.outcome]} {self.outcome} ({needs})"
+
+
+def numbers_of(found: Found) -> tuple[Number, ...]:
+    """Return the numbers of a run that was asked for the lead along its range, and what is read beside; else none."""
+    if not is_drawn(found):
+        return ()
+    return tuple(
+        Number(name, asks, needs_of(name), refuted_by(name), found[name], _outcome(found, name))
+        for name, asks in {**ASKS, **BESIDE}.items()
+    )
+
+
+def clauses_of(name: str) -> tuple[tuple[Clause, ...], tuple[Clause, ...]]:
+    """Return the clauses that have to be shown of a statistic, and those whose failure refutes."""
+    shown = tuple(one for one in (*SHOWN, NO_FILE) if one.statistic == name)
+    return shown, tuple(one for one in REFUTING if one.statistic == name)
+
+
+def needs_of(name: str) -> str:
+    """Return what depth needs of a statistic: of a kind of pairs, what keeps it from being named as not excluded."""
+    shown, refuting = clauses_of(name)
+    if _is_kind(name):
+        return f"upper end ≤ {ORDER_OPEN:g}, else named"
+    return " and ".join(_all(clause.readings, " or ") for clause in shown or refuting)
+
+
+def refuted_by(name: str) -> str:
+    """Return what refutes depth, or, of the file, leaves it undecided; empty where nothing of it does."""
+    shown, refuting = clauses_of(name)
+    refuting = refuting or tuple(one for one in shown if one is NO_FILE)
+    return "; or ".join(_all([~reading for reading in clause.readings], " and ") for clause in refuting)
+
+
+def _all(readings: Sequence[Reading], joined: str) -> str:
+    return joined.join(map(str, readings))
+
+
+def _is_kind(name: str) -> bool:
+    return name in {f"order_{kind}" for kind in KINDS}
+
+
+def _outcome(found: Found, name: str) -> Outcome:
+    """Return what came of a statistic: refuted first, then not tested, then not shown."""
+    shown, refuting = clauses_of(name)
+    if any(one.outcome(found) is False for one in (*refuting, *(one for one in shown if one is NO_FILE))):
+        return "fails"
+    said = list(_shown(found, name, shown or refuting))
+    if None in said:
+        return "not tested"
+    return "holds" if all(said) else "not shown"
+
+
+def _shown(found: Found, name: str, clauses: Sequence[Clause]) -> Iterator[bool | None]:
+    if _is_kind(name):
+        ends = found[name].ci
+        yield None if ends is None else ends[1] <= ORDER_OPEN
+        return
+    yield from (clause.outcome(found) for clause in clauses)

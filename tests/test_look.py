@@ -1,0 +1,267 @@
+"""``eyechart look``: from whatever is brought to one answer on one screen, and the same as the long way gives."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import brakers
+import eyechart
+import photographs
+from banks import build_bank
+from eyechart.cli.app import app
+from eyechart.errors import SpecError
+from eyechart.ledger import Ledger
+from eyechart.looking import Look
+from eyechart.manifest import LEDGER, read_manifest
+from eyechart.modes import read_mode
+from eyechart.simulators import open_bank_simulator
+from eyechart.testing import assert_looks
+from known import Demo
+from seeing import served
+from stand_ins import rows_in
+
+ANSWERS = ("Yes.", "In part.", "No.", "Inconclusive.")
+
+
+def look(*words: object) -> Result:
+    """Return what a look came to."""
+    return CliRunner().invoke(app, ["look", *map(str, words)])
+
+
+def screen(*words: object, code: int) -> str:
+    """Return a look's screen, which is one of 80 columns and begins with its answer."""
+    done = look(*words)
+    assert done.exit_code == code, done.output
+    lines = done.stdout.splitlines()
+    assert done.stdout.startswith(ANSWERS)
+    assert max(map(len, lines)) <= 80
+    assert len(lines) <= 32
+    return done.stdout
+
+
+def flat(text: str) -> str:
+    """Return a screen as one line, without what breaks its commands."""
+    return " ".join(text.replace("\\\n", " ").split())
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bank of 16 frames."""
+    return build_bank(tmp_path_factory.mktemp("look") / "bank", episodes=4, steps=2).root
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_look_is_the_long_way_and_asks_nothing_twice(small: Path, here: Path) -> None:
+    """The same calls and verdict as of 'run battery --stop-early'; a second look makes no call and says the same."""
+    words = ("scripted:presence", "--frames", small)
+    first = look(*words, "--json")
+    done = CliRunner().invoke(
+        app, ["run", "battery", "--model", "scripted:presence", "--frames", str(small), "--out", "long", "--stop-early"]
+    )
+    assert done.exit_code == 0, done.output
+    runs = [here / "looks/scripted-presence/run", here / "long"]
+    verdicts = [CliRunner().invoke(app, ["verdict", str(run), "--json"]).stdout for run in runs]
+    assert verdicts[0] == verdicts[1]
+    ledgers = []
+    for run in runs:
+        with Ledger(run / LEDGER) as ledger:
+            ledgers.append(ledger.finished())
+    assert ledgers[0] == ledgers[1]
+    again = look(*words, "--json")
+    assert again.stdout == first.stdout
+    assert "at most 0 calls" in again.stderr
+    found = json.loads(first.stdout)
+    assert {"answer", "because", "holes", "next", "report", "run"} <= found.keys()
+    for command in found["next"]:
+        assert command in flat(look(*words).stdout)
+
+
+def test_who_never_looks_gets_no(demo: Demo, here: Path) -> None:
+    """What may be tried next is said beside it, in another folder."""
+    said = screen("scripted:constant", "--frames", demo.bank, code=1)
+    assert said.startswith("No. Its decisions do not come from the camera")
+    assert "a blank picture                 SLOW" in said
+    assert "--prompt FILE.toml --out looks/scripted-constant-2" in flat(said)
+    assert (here / "looks/scripted-constant").is_dir()
+
+
+def test_who_is_blind_in_one_place_looks_in_part(demo: Demo, here: Path) -> None:
+    """The place stands by its name with counts; a callable is named as a module has it."""
+    said = flat(screen("brakers:but_four_lanes", "--frames", demo.bank, code=1))
+    assert said.startswith("In part. Its braking follows distance, but not everywhere")
+    assert "Not in light: it brakes harder for the nearer lead on 0 of" in said
+    assert (here / "looks/python-brakers-but_four_lanes/run").is_dir()
+
+
+def test_part_may_be_accepted() -> None:
+    """By who says so; nothing else is."""
+    part, no = Look("m", "In part", ""), Look("m", "No", "")
+    assert (part.exit_code(), part.exit_code(accept_part=True), no.exit_code(accept_part=True)) == (1, 0, 1)
+
+
+def test_an_endpoint_that_drops_pictures_is_inconclusive_before_a_frame_is_asked(small: Path, here: Path) -> None:
+    """Within 30 calls, with the cause, and no run is begun."""
+    with served(sees=False, counts_pictures=False) as server:
+        said = flat(screen("openai:m", "--base-url", server.base_url, "--frames", small, code=2))
+        assert server.requests <= 30
+    assert said.startswith("Inconclusive. Nothing was asked about the frames")
+    assert "Likely cause:" in said
+    assert "eyechart doctor openai:m --base-url" in said
+    assert not (here / "looks/openai-m/run").exists()
+
+
+def test_drawn_pictures_are_asked_once_and_the_mode_is_kept(small: Path, here: Path) -> None:
+    """The probe takes what the doctor saw; a second look neither probes nor asks again."""
+    with served() as server:
+        words = ("openai:m", "--base-url", server.base_url, "--frames", small)
+        look(*words)
+        colours = sum("RED, GREEN" in str(one["messages"]) for one in server.asked)
+        assert 6 <= colours <= 12  # six pictures, one again without, the first again
+        before = server.requests
+        look(*words)
+        assert server.requests == before
+    mode = read_mode(here / "looks/openai-m/mode.toml")
+    assert mode.measured is not None
+    assert mode.measured.sees_image
+    manifest = read_manifest(here / "looks/openai-m/run")
+    assert manifest.mode("openai:m").same_request(mode)
+    with Ledger(here / "looks/openai-m/run" / LEDGER) as ledger:
+        assert len(ledger.finished()) + (mode.measured.calls or 0) == before
+
+
+def test_photographs_and_a_table_are_enough(here: Path) -> None:
+    """Sixty without the other pictures: it uses the picture, and distance is said to be not tested."""
+    table = photographs.rows(drives=6, ticks=10, places=("yard", "hall", "lane"))
+    photographs.take(here / "photos", table)
+    (here / "photos.csv").write_text(photographs.as_csv(table))
+    words = ["brakers:by_box", "--photos", "photos", "--table", "photos.csv", "--map", "gap=lidar_m"]
+    said = flat(screen(*words, "--threshold", 18, "--unit", "m", code=1))
+    assert said.startswith("In part. It uses the picture")
+    assert "Whether it follows the gap was not tested" in said
+    assert "a picture of another episode" in said
+    assert (here / "looks/python-brakers-by_box/bank/manifest.json").is_file()
+    other = look(*words, "--threshold", 5, "--unit", "m")
+    assert isinstance(other.exception, SpecError)
+    assert "holds a bank of other pictures (threshold)" in str(other.exception)
+
+
+def test_a_look_that_was_killed_goes_on(small: Path, here: Path) -> None:
+    """Neither the probe nor a finished call is made again; what was under way at that moment is."""
+    with served(seconds=0.01) as server:
+        words = ["look", "openai:m", "--base-url", server.base_url, "--frames", str(small)]
+        begun = subprocess.Popen([sys.executable, "-m", "eyechart", *words], stderr=subprocess.DEVNULL, env=os.environ)
+        ledger = here / "looks/openai-m/run" / LEDGER
+        while rows_in(ledger, "attempts") < 20:
+            assert begun.poll() is None
+            time.sleep(0.05)
+        begun.send_signal(signal.SIGKILL)
+        begun.wait()
+        with Ledger(ledger) as read:
+            kept, unknown = read.finished(), len(read.unknown())
+        assert kept
+        done = look(*words[1:], "--json")
+        assert done.exit_code in {1, 2}, done.output
+        calls = read_mode(here / "looks/openai-m/mode.toml").measured
+        assert calls is not None
+        with Ledger(ledger) as read:
+            finished = read.finished()
+        assert kept <= finished
+        assert server.requests == len(finished) + unknown + (calls.calls or 0)
+        assert json.loads(done.stdout)["calls"] == len(finished)
+
+
+def test_a_budget_is_kept_and_what_is_out_of_reach_is_said_before_a_call(demo: Demo, here: Path) -> None:
+    """Fewer frames, and fewer calls than were allowed; too few for any answer are refused."""
+    done = look("scripted:constant", "--frames", demo.bank, "--budget", 300)
+    lines = done.stderr.splitlines()
+    assert lines.index(next(one for one in lines if "out of reach: Yes" in one)) < next(
+        place for place, one in enumerate(lines) if one.startswith("calls:")
+    )
+    assert done.exit_code == 2
+    assert done.stdout.startswith("Inconclusive.")
+    with Ledger(here / "looks/scripted-constant/run" / LEDGER) as ledger:
+        assert 100 < len(ledger.finished()) <= 300
+    few = look("scripted:constant", "--frames", demo.bank, "--budget", 30, "--out", "few")
+    assert isinstance(few.exception, SpecError)
+    assert "no answer is within reach of so few calls" in str(few.exception)
+
+
+def test_what_costs_is_not_begun_where_nobody_agrees(small: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bill stands in the error, which says how to agree; nothing was sent and nothing is there."""
+    monkeypatch.setenv("OPENAI_API_KEY", "not-a-key")
+    done = look("openai:gpt-4o", "--frames", small)
+    assert isinstance(done.exception, SpecError)
+    assert "this may cost: at most" in str(done.exception)
+    assert "give --yes to agree" in str(done.exception)
+    assert not (here / "looks/openai-gpt-4o/run").exists()
+
+
+def test_two_places_for_frames_are_refused(small: Path, here: Path) -> None:
+    """And what belongs to one that is not given."""
+    assert "two places for frames" in str(look("scripted:depth", "--frames", small, "--dataset", here).exception)
+    assert "belong together" in str(look("scripted:depth", "--photos", here).exception)
+    assert "--threshold is said of" in str(look("scripted:depth", "--threshold", 5).exception)
+    assert "unknown model 'gpt-4o'" in str(look("gpt-4o").exception)
+    assert "did you mean 'openai'" in str(look("opnai:gpt-4o").exception)
+
+
+def test_a_policy_on_the_tabletop_looks(here: Path) -> None:
+    """Its pictures stand with the mean change of its motion; what is blind to them is told apart."""
+    bank = open_bank_simulator("tabletop").build(here / "bank", seeds=(0, 1), steps=4)
+    said = flat(screen("trained:sees", "--frames", bank.root, code=0))
+    assert said.startswith("Yes. ")
+    assert "another episode's pictures changes" in said
+    assert "of its motion [" in said
+    assert "eyechart gate looks/trained-sees/run" in said
+    nothing = flat(screen("faulty_arms:with_batch", "--frames", bank.root, code=2))
+    assert "It does not answer as a policy on this bank" in nothing
+
+
+def test_in_python_a_function_at_hand_is_looked_at(small: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the name of its module; its run is what assert_looks asks about, and the screen is what it prints."""
+    monkeypatch.setenv("OPENAI_API_KEY", "not-a-key")
+    found = eyechart.look(brakers.by_box, frames=small)
+    assert found.run == here / "looks/python-brakers-by_box/run"
+    assert str(found).startswith(f"{found.answer}. ")
+    with pytest.raises(AssertionError, match="looks: "):
+        assert_looks(found)
+    with pytest.raises(SpecError, match="give yes=True to agree"):
+        eyechart.look("openai:gpt-4o", frames=small)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frame'"):
+        eyechart.look("scripted:depth", frame=small)
+
+
+def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:
+    """And not with an error of a folder that is not there."""
+    unseen = Look("m", "Inconclusive", "Nothing was asked about the frames.")
+    with pytest.raises(AssertionError, match=r"Inconclusive\. Nothing was asked"):
+        assert_looks(unseen)
+
+
+def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
+    """In pytest's cache: the second session finds it there."""
+    (here / "conftest.py").write_text('pytest_plugins = ["eyechart.fixtures"]\n')
+    (here / "test_it.py").write_text(
+        "def test_it(looked):\n"
+        f"    found = looked('scripted:constant', 'constant', frames={str(small)!r})\n"
+        "    assert found.run.is_dir()\n"
+    )
+    page, written = here / ".pytest_cache/d/eyechart/constant/report.html", []
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-m", "pytest", "-q", here], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+        written.append(page.stat().st_mtime_ns)
+    assert written[0] == written[1]
