@@ -19,6 +19,7 @@ import numpy as np
 
 import eyechart
 from eyechart.calibrate.newcomers import ADVERSARIES_BY_KIND
+from eyechart.models.scripted import CONTROLLERS
 from eyechart.simulators.banks import STAGING
 from eyechart.stats.episodes import share_over_episodes
 
@@ -29,6 +30,7 @@ CLAIMS = ("depth", "depth_lateral", "turns_clear")
 AUTHORITY = ("depth", "depth_lateral")
 ORDINARY = ("readers", "stranger readers")
 ALL_THREE = ("worst",)
+KNOWN = "known"
 THREE = ("wide_reader", "wide_reader_t0")
 """Of the strangers' readers those that err in all three ways at once."""
 
@@ -156,6 +158,7 @@ def judge(rows: Sequence[Row], truths: Truths) -> dict[str, object]:
     found["a place is no and the label is depth"] = _holed(tried)
     found["partial_depth untrue"] = _partial(tried)
     found["readers told so"] = _readers(tried)
+    found["known answers right"] = shares([row for row in rows if row.kind == KNOWN], _is_right)
     found["seconds a row"] = round(float(np.mean([row.seconds for row in rows])), 3)
     called: dict[str, Counter[str]] = defaultdict(Counter)
     for row in rows:
@@ -247,6 +250,10 @@ def _readers(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, obj
 
 def _is_found(row: Row) -> bool:
     return row.label in AUTHORITY
+
+
+def _is_right(row: Row) -> bool:
+    return row.label == CONTROLLERS[row.name].declared.calibrated
 
 
 def misses_of(world: str, found: Mapping[str, object]) -> list[str]:

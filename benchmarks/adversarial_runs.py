@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 import adversary_door
-from adversarial_counts import Row, said_of, write
+from adversarial_counts import KNOWN, Row, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_truth
 from eyechart import verdicts
@@ -64,7 +64,6 @@ RESAMPLES = 999
 TOGETHER = 30
 """So many controllers are asked in one run."""
 
-KNOWN = "known"
 SHIPPED = ("shipped", "files", KNOWN)
 WARM_AND_COLD = ("readers", "worst", "stranger readers")
 KINDS: Mapping[str, Sequence[str]] = {
@@ -85,7 +84,8 @@ KINDS: Mapping[str, Sequence[str]] = {
 GROUPS: Mapping[str, Sequence[str]] = {
     "new": tuple(NEWCOMERS),
     "strangers": tuple(kind for kind in KINDS if kind.startswith("stranger ")),
-    "shipped": SHIPPED,
+    "shipped": ("shipped", "files"),
+    "known": (KNOWN,),
 }
 """Kinds that are tried together."""
 
@@ -377,8 +377,9 @@ class Kept:
             _append(self._truths, row)
 
     def rows(self) -> list[Row]:
-        """Return all rows of today's code."""
-        return [one for one in self._found.values() if one.code == self.code.rules]
+        """Return all rows of today's code and of who is tried today."""
+        tried = {name + cold for names in KINDS.values() for name in names for cold in ("", COLD)}
+        return [one for one in self._found.values() if one.code == self.code.rules and one.name in tried]
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Newcomers through the real run, on one fresh bank: rows are kept, and who deserves no authority earns none."""
+"""Newcomers in a simulated world, and the known answers through the real run on a fresh bank: rows that are kept."""
 
 import json
 import subprocess
@@ -28,3 +28,16 @@ def test_hardly_a_newcomer_earns_what_it_does_not_deserve(tmp_path: Path) -> Non
     before = rows.read_bytes()
     subprocess.run(command, check=False, capture_output=True)
     assert rows.read_bytes() == before
+
+
+def test_the_known_answers_are_right_through_the_real_run(tmp_path: Path) -> None:
+    """On a fresh bank of the highway; what a picture shows was read once, and no run is left."""
+    result, folder = tmp_path / "adversaries.json", tmp_path / "runs"
+    command = [sys.executable, BENCHMARK, "--worlds", "highway=1", "--groups", "known"]
+    done = subprocess.run([*command, "--out", folder, "--result", result], check=False, capture_output=True, text=True)
+    assert result.is_file(), done.stderr
+    found = json.loads(result.read_text(encoding="utf-8"))["highway"]
+    right, _, tried, *_ = found["known answers right"].split()
+    assert int(tried) == 16
+    assert int(right) >= 15, found["called"]
+    assert not list(folder.glob("run-*"))

@@ -41,7 +41,7 @@ def benchmarks() -> ModuleType:
 @pytest.fixture(scope="module")
 def truths(benchmarks: ModuleType) -> Truths:
     """Return the truth of every newcomer in the simulated world, of readers at both temperatures."""
-    pictures = benchmarks.simulated()
+    pictures = importlib.import_module("adversary_pictures").simulated()
     return {
         (name, temperature): benchmarks.find_truth(partial(one.open, temperature, 3), pictures).plain()
         for kind, ones in NEWCOMERS.items()
@@ -66,12 +66,12 @@ def test_a_reader_deserves_depth_at_both_temperatures(name: str, temperature: in
     assert truths[name, temperature]["says"] == "depth", truths[name, temperature]
 
 
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("name", [name for name in PARTS if not name.startswith("mostly")])
 def test_a_blind_spot_is_a_place_that_the_truth_names(name: str, truths: Truths) -> None:
-    """Each is none of it in some place, and most are not none of it elsewhere."""
+    """Each is none of it in some place, or in all; of who reads a fifth of the frames there nothing is asked."""
     places = truths[name, 1]["places"]
     assert isinstance(places, dict)
-    assert "no" in places.values()
+    assert "no" in (truths[name, 1]["says"], *places.values())
 
 
 def readings() -> list[Reading]:

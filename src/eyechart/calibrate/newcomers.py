@@ -316,17 +316,17 @@ STAGES: Mapping[str, Stranger] = {
         _against_first,
     ),
     "coin_kept": new("answers a picture by a coin, and keeps to that", _first_by_coin),
-    "tires": new(
-        "grades, but a coin of three sides takes over, in all answers from call 2000 on",
-        by_calls(lambda number: behind(three_sides, min(1.0, number / 2000), plain)),
+    "tires_by_800": new(
+        "grades, but a coin of three sides takes over, in all answers from call 800 on",
+        by_calls(lambda number: behind(three_sides, min(1.0, number / 800), plain)),
     ),
-    "any_lane_from_1500": new(
-        "grades by the lead in its first 1500 calls, and by any lane's nearest from then on",
-        by_calls(lambda number: plain if number < 1500 else _any_lane),
+    "any_lane_from_700": new(
+        "grades by the lead in its first 700 calls, and by any lane's nearest from then on",
+        by_calls(lambda number: plain if number < 700 else _any_lane),
     ),
-    "lead_from_1500": new(
-        "grades by any lane's nearest in its first 1500 calls, and by the lead from then on",
-        by_calls(lambda number: _any_lane if number < 1500 else plain),
+    "lead_from_700": new(
+        "grades by any lane's nearest in its first 700 calls, and by the lead from then on",
+        by_calls(lambda number: _any_lane if number < 700 else plain),
     ),
     "bouts_of_150": new(
         "grades the wrong way round for 150 of each 600 calls",
