@@ -182,6 +182,17 @@ def test_a_kind_of_pairs_is_named_above_a_quarter() -> None:
     assert list(open_kinds(by_hand(order_near_far=_order(0.05, 0.0, 0.25 + OVER))))
 
 
+def test_a_place_that_is_neither_shown_nor_a_hole_keeps_depth_back() -> None:
+    """None of 18 frames of it brakes, which bounds nothing below the margin; a part of the range is only named."""
+    place = replace(HOLE, frames=18, high=0.153, low=-0.153)
+    open_ = Places(1.0, 7, note=f"{place.where} (0 of 18)", places=(place,))
+    ruling = ruled(place_open=open_)
+    assert ruling.label == "depth_associated"
+    assert "that it does so in `blocked` (0 of 18) is not shown" in str(ruling.reason)
+    far = Places(0.0, 7, places=(replace(place, of="range", name="24 to 49 m"),))
+    assert ruled(place_open=far).label == "depth"
+
+
 def test_a_hole_is_said_first_with_its_counts() -> None:
     """And what holds elsewhere after it."""
     reason = str(ruled(holes=Places(1.0, 7, places=(HOLE,))).reason)

@@ -183,6 +183,17 @@ REFUTING: tuple[Clause, ...] = (
 """What shows that it does not hold: `content`."""
 
 NO_HOLES = compared("holes", "value", "<=", 0.0)
+HOLES = compared("holes", "value", ">", 0.0)
+NO_OPEN_PLACE = compared(
+    "place_open",
+    "value",
+    "<=",
+    0.0,
+    but="that it does so {note} is not shown",
+    needs="an effect that is shown in every scenario and in what else is recorded",
+    untested=True,
+)
+"""A place in which the effect is neither shown nor bounded may be a hole: more frames of it tell."""
 FILE = p_below("file", FILE_ALPHA)
 NO_FILE = compared("file", "p", ">=", FILE_ALPHA, untested=False)
 
@@ -260,15 +271,15 @@ def _refuted(found: Found, clause: Clause | None) -> Reason:
 RULES: tuple[Rule, ...] = (
     Rule("content", "", (MOVED, UNFOLLOWED), _refuted, broken=REFUTING),
     Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
-    Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, TURNS), _depth),
-    Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES), _depth),
-    Rule("partial_depth", "holes", (MOVED, *_HOLDS), _partial),
+    Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE, TURNS), _depth),
+    Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE), _depth),
+    Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), _partial),
     Rule(
         "depth_associated",
         "depth_interventional",
         (MOVED, UNFOLLOWED),
         f"{HARDER}; {{but}}",
-        open_to=(*SHOWN, NO_RISE),
+        open_to=(*SHOWN, NO_RISE, NO_OPEN_PLACE),
     ),
 )
 """The rules of who brakes harder for the nearer lead, in their order."""
@@ -276,4 +287,4 @@ RULES: tuple[Rule, ...] = (
 
 def earns_depth(found: Found) -> bool:
     """Return whether all that depth needs holds."""
-    return all(clause.holds(found) for clause in (MOVED, *_HOLDS, NO_HOLES))
+    return all(clause.holds(found) for clause in (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE))

@@ -11,7 +11,7 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
-from eyechart.verdicts.depth import NO_RISE, REFUTING, SHOWN, STAGE, is_refuted
+from eyechart.verdicts.depth import NO_OPEN_PLACE, NO_RISE, REFUTING, SHOWN, STAGE, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, UNPARSED_CUT
@@ -187,11 +187,13 @@ def _not_depth(evidence: Evidence) -> WhyNot:
             settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
             return WhyNot("depth", name, found[name], "an answer", settle)
         return _missing("depth", name, evidence, tuple(one for one in (*MOVED, *STAGE) if one not in evidence.replies))
-    clause = next(one for one in (*SHOWN, NO_RISE) if one.holds(found) is not True)
+    clause = next(one for one in (*SHOWN, NO_RISE, NO_OPEN_PLACE) if one.holds(found) is not True)
     one = clause.read(found)
     missing = tuple(name for name in clause.conditions if name not in evidence.replies)
     if clause.outcome(found) is None and missing:
         return _missing("depth", clause.statistic, evidence, missing)
+    if clause is NO_OPEN_PLACE:
+        return WhyNot("depth", clause.statistic, one, clause.needs, f"more frames {one.note.partition(' (')[0]}")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
     if clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"

@@ -274,10 +274,17 @@ class Moved:
         return tuple(one for one in self.places if one not in self.holes() and (one.low is None or one.low <= 0))
 
     def _of_places(self, what: str, which: Callable[[], tuple[Place, ...]]) -> Statistic:
+        """Return how many places are of a kind, with all of them.
+
+        Open parts of the range are not counted: who drives on where the lead is far need not answer to it.
+        """
         method = f"places whose effect is {what}"
         if not self.places:
             return cannot_say("no place has frames enough", method=method)
-        return Places(float(len(which())), len(self.places), method=method, places=which())
+        found = which()
+        counted = [one for one in found if what != "open" or one.of != "range"]
+        where = f"{counted[0].where} ({counted[0].harder} of {counted[0].frames})" if counted else ""
+        return Places(float(len(counted)), len(self.places), method=method, note=where, places=found)
 
     def _reversed(self) -> Statistic:
         """Return the place that is most surely the wrong way round: by how much it brakes less hard for the nearer."""
