@@ -279,3 +279,14 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
         assert done.returncode == 0, done.stdout
         written.append(page.stat().st_mtime_ns)
     assert written[0] == written[1]
+
+
+def test_a_record_that_cannot_be_read_is_refused(small: Path, here: Path) -> None:
+    """Nobody knows then of what the folder's bank is made."""
+    place = here / "looks/scripted-depth"
+    (place / "bank").mkdir(parents=True)
+    for text in ("", "[]", "{}"):
+        (place / "look.json").write_text(text)
+        done = look("scripted:depth")
+        assert isinstance(done.exception, SpecError)
+        assert "another --out" in str(done.exception)
