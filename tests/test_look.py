@@ -281,7 +281,7 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
     assert written[0] == written[1]
 
 
-def test_a_record_that_cannot_be_read_is_refused(small: Path, here: Path) -> None:
+def test_a_record_that_cannot_be_read_is_refused(here: Path) -> None:
     """Nobody knows then of what the folder's bank is made."""
     place = here / "looks/scripted-depth"
     (place / "bank").mkdir(parents=True)
