@@ -247,15 +247,15 @@ def test_a_policy_on_the_tabletop_looks(here: Path) -> None:
 def test_in_python_a_function_at_hand_is_looked_at(small: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the name of its module; its run is what assert_looks asks about, and the screen is what it prints."""
     monkeypatch.setenv("OPENAI_API_KEY", "not-a-key")
-    found = eyechart.look(brakers.by_box, frames=small)
+    found = eyechart.look(brakers.by_box, bank=small)
     assert found.run == here / "looks/python-brakers-by_box/run"
     assert str(found).startswith(f"{found.answer}. ")
     with pytest.raises(AssertionError, match="looks: "):
         assert_looks(found)
     with pytest.raises(SpecError, match="give yes=True to agree"):
-        eyechart.look("openai:gpt-4o", frames=small)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'frame'"):
-        eyechart.look("scripted:depth", frame=small)
+        eyechart.look("openai:gpt-4o", bank=small)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frames'"):
+        eyechart.look("scripted:depth", frames=small)
 
 
 def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:
@@ -270,7 +270,7 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
     (here / "conftest.py").write_text('pytest_plugins = ["eyechart.fixtures"]\n')
     (here / "test_it.py").write_text(
         "def test_it(looked):\n"
-        f"    found = looked('scripted:constant', 'constant', frames={str(small)!r})\n"
+        f"    found = looked('scripted:constant', 'constant', bank={str(small)!r})\n"
         "    assert found.run.is_dir()\n"
     )
     page, written = here / ".pytest_cache/d/eyechart/constant/report.html", []
@@ -279,3 +279,14 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
         assert done.returncode == 0, done.stdout
         written.append(page.stat().st_mtime_ns)
     assert written[0] == written[1]
+
+
+def test_a_record_that_cannot_be_read_is_refused(here: Path) -> None:
+    """Nobody knows then of what the folder's bank is made."""
+    place = here / "looks/scripted-depth"
+    (place / "bank").mkdir(parents=True)
+    for text in ("", "[]", "{}"):
+        (place / "look.json").write_text(text)
+        done = look("scripted:depth")
+        assert isinstance(done.exception, SpecError)
+        assert "another --out" in str(done.exception)

@@ -143,6 +143,14 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
         "eyechart.bundle.validating",
         "_read_results",
     ): "reads results that differ in their bytes; mutated bundles: tests/mutated_files.py",
+    (
+        "eyechart.looking",
+        "look",
+    ): "writes its summary beside what the steps wrote, which are driven: tests/test_look.py",
+    ("eyechart.looking.pictures", "Pictures.bank"): "writes its record beside the bank that an import or a build made",
+    ("eyechart.looking.pictures", "Pictures._record"): "reads its record; a damaged one is refused: tests/test_look.py",
+    ("eyechart.looking.pictures", "Pictures._said"): "reads a table that the import has read",
+    ("eyechart.looking.policies", "steps_of"): "makes a run of one call in a folder of its own, by the usual way",
     ("eyechart.cli.options", "_json"): "reads what the user types after --body",
     ("eyechart.destination", "_head"): "reads a marker where a destination exists: tests/cli",
     (

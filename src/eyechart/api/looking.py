@@ -5,7 +5,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypedDict, Unpack
 
+from eyechart.api.asked import placed
 from eyechart.errors import SpecError, finite_number, speaks_of_arguments, whole_number
+from eyechart.frames import FrameBank
 from eyechart.looking import Bill, Look, Pictures, Wanted, Watch, folder_name, is_policy, spec_of
 from eyechart.looking import look as looked
 from eyechart.loops import Progress
@@ -17,7 +19,7 @@ from eyechart.modes import RequestMode
 class _Looking(TypedDict, total=False):
     """Of what a look is and how it is made; see `look`."""
 
-    frames: Path | str | None
+    bank: FrameBank | Path | str | None
     photos: Path | str | None
     table: Path | str | None
     dataset: Path | str | None
@@ -42,7 +44,7 @@ def look(
     """Find out whether a model, a callable or a policy looks, as ``eyechart look`` does; ``print`` it for the screen.
 
     ``subject`` is a SPEC, a request mode, or a callable: a policy where ``dataset`` or a bank of motions is given, else
-    a controller. Frames come from the bank ``frames``, from ``photos`` with their ``table``, from the LeRobotDataset
+    a controller. Frames come from ``bank``, from ``photos`` with their ``table``, from the LeRobotDataset
     ``dataset``, or are ours; ``columns`` maps places to columns of the table, and a distance below ``threshold`` in
     ``unit`` is near. All that is made lies in ``out`` (``looks/NAME``), and the same look goes on there. ``budget``
     bounds its calls; where they cost it raises SpecError unless ``yes``. ``progress`` gets (done, of how many).
@@ -51,8 +53,13 @@ def look(
     """
     if unknown := how.keys() - _Looking.__annotations__.keys():
         raise TypeError(f"look() got an unexpected keyword argument '{min(unknown)}'")
-    places = {name: how.get(name) for name in ("frames", "photos", "table", "dataset")}
-    where = {name: None if one is None else Path(str(one)).absolute() for name, one in places.items()}
+    given = {
+        "frames": how.get("bank"),
+        "photos": how.get("photos"),
+        "table": how.get("table"),
+        "dataset": how.get("dataset"),
+    }
+    where = {name: None if one is None else placed(one) for name, one in given.items()}
     limit, budget = how.get("threshold"), how.get("budget")
     pictures = Pictures(
         where["frames"],
