@@ -4,7 +4,9 @@
     python benchmarks/old_rulings.py
 
 Digests of blocks of 1000 evidences were recorded of the functions (`tests/old_rulings.json` of a battery's axes,
-`tests/old_rulings_policies.json` of those of a policy); the tests compare the first blocks, and this all 60 an axis.
+`tests/old_rulings_policies.json` of those of a policy); the tests compare the first blocks, and this all of an axis.
+Of policies those evidences are left out that a rule reads which was changed since: how many these are, and which labels
+became others, is recorded in `tests/changed_rulings_policies.json` and stands beside.
 Each axis is written to ``benchmarks/results/old_rulings.json`` as soon as it is done, and is not done again; ``--anew``
 begins anew. Exit 1 where a block differs.
 """
@@ -33,6 +35,14 @@ def blocks_of(axis: str) -> tuple[list[str], list[str]]:
     return policies.OLD[axis], list(policies.said(axis, len(policies.OLD[axis])))
 
 
+def changed(axis: str) -> dict[str, object]:
+    """Return how many evidences of an axis are read otherwise since, and which labels became others."""
+    if axis not in policies.CHANGED:
+        return {}
+    found = policies.CHANGED[axis]
+    return {"read otherwise since": found["read otherwise"]["all"], "became": found["became, of all"]}
+
+
 def main() -> int:
     """Compare the axes that have no row yet; return 1 where any block differs."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -44,10 +54,11 @@ def main() -> int:
             old, now = blocks_of(axis)
             differ = sum(one != other for one, other in zip(old, now, strict=True))
             rows[axis] = {"evidences": 1000 * len(old), "blocks": len(old), "blocks that differ": differ}
+            rows[axis] |= changed(axis)
             print(axis, rows[axis], flush=True)
             date = dt.datetime.now(dt.UTC).date().isoformat()
             told = {"version": eyechart.__version__, "date": date, "axes": rows}
-            RESULT.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+            RESULT.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return int(any(one["blocks that differ"] for one in rows.values()))
 
 
