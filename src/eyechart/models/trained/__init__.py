@@ -100,7 +100,8 @@ class Network:
             raise ValueError(f"it was trained with {len(own['state_mean'])} numbers of state, and got {len(state)}")
         pose = (state - own["state_mean"]) / (own["state_std"] + 1e-6)
         named = [float(colour in told) for colour in ("red", "blue")]
-        looks = (self._look(name, images[name].tobytes(), images[name].shape) for name in ("top", "wrist"))
+        shown = {name: images[name] for name in ("top", "wrist")}
+        looks = (self._look(name, one.tobytes(), one.shape, one.dtype.str) for name, one in shown.items())
         seen = np.concatenate([*looks, pose, named])
         found = self._move(seen)
         motion: npt.NDArray[np.floating] = found[:NUMBERS]
@@ -110,13 +111,13 @@ class Network:
         return np.asarray(motion * (own["action_std"] + 1e-6) + own["action_mean"], np.float32).reshape(HORIZON, 3)
 
     @cached_property
-    def _look(self) -> Callable[[str, bytes, tuple[int, ...]], Floats]:
+    def _look(self) -> Callable[[str, bytes, tuple[int, ...], str], Floats]:
         """Return `_features`, which remembers the last pictures: most conditions show one that another showed too."""
         return lru_cache(maxsize=_REMEMBERED)(self._features)
 
-    def _features(self, camera: str, pixels: bytes, shape: tuple[int, ...]) -> Floats:
+    def _features(self, camera: str, pixels: bytes, shape: tuple[int, ...], kind: str) -> Floats:
         """Return the places of eight features of a picture and how much of each there is, shape (24,)."""
-        picture = np.frombuffer(pixels, np.uint8).reshape(shape)
+        picture = np.frombuffer(pixels, kind).reshape(shape)
         maps = picture.transpose(2, 0, 1).astype(np.float32) / np.float32(127.5) - 1
         maps = np.maximum(self._convolve(f"{camera}_first", maps, 2), 0)
         maps = np.maximum(self._convolve(f"{camera}_second", maps, 1), 0)
