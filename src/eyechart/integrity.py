@@ -318,6 +318,20 @@ _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenar
 """Conditions without a picture of their own: a server that counts only what no cache held may count no picture."""
 
 
+def _dropped(tokens: Mapping[str, Mapping[str, int]]) -> str:
+    """Return how many prompts with a picture of a condition have the tokens of their words alone, "" where none has."""
+    bare = tokens.get("text_only", {})
+    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):  # some from a cache
+        return ""
+    for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
+        both = counts.keys() & bare.keys()
+        lost = sum(counts[frame] == bare[frame] for frame in both)
+        if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
+            named = "" if condition == "real" else f", of {condition},"
+            return f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
+    return ""
+
+
 def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
     """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens.
 
@@ -325,18 +339,9 @@ def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike:
     one, of whichever condition, that has the tokens of its words alone came without it.
     """
     found, shown, bare = mode.measured, tokens.get("real", {}), tokens.get("text_only", {})
-    whole = min(bare.values(), default=0) >= max(FEWEST_TOKENS, max(bare.values(), default=0) / 2)  # none from a cache
-    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and whole and not unlike:
-        for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
-            both = counts.keys() & bare.keys()
-            lost = sum(counts[frame] == bare[frame] for frame in both)
-            if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
-                named = "" if condition == "real" else f", of {condition},"
-                words = (
-                    f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
-                )
-                words = f"{words}, where the probe's picture added {found.image_tokens}"
-                return Guard("picture", False, f"pictures were dropped on the way: {words}")
+    if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and not unlike and (words := _dropped(tokens)):
+        words = f"{words}, where the probe's picture added {found.image_tokens}"
+        return Guard("picture", False, f"pictures were dropped on the way: {words}")
     if found is not None and found.sees_image is not None and not unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"

@@ -145,7 +145,7 @@ def open_bank(root: Path) -> FrameBank:
     for frame in bank:
         for file in files_of(frame):
             inside(root, file)
-    return bank
+    return replace(bank, unchecked=False)
 
 
 def read_bank_manifest(root: Path) -> BankManifest:
@@ -284,9 +284,10 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
 
 
 def open_unchecked(root: Path) -> FrameBank:
-    """Open a bank whose ground truth may differ from what its manifest recorded; ``check`` says how."""
+    """Open a bank whose ground truth and pictures may differ from what its manifest recorded; ``check`` says how."""
     manifest = read_bank_manifest(root)
-    return FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest), manifest=manifest)
+    frames = read_metadata(root / "metadata.jsonl", manifest)
+    return FrameBank(root=root, frames=frames, manifest=manifest, unchecked=True)
 
 
 def check(root: Path, files: Collection[str] | None = None) -> list[str]:
