@@ -191,7 +191,12 @@ def test_the_words_of_a_verdict_are_those_of_the_command(report: Report, demo: D
     """``print(verdict)`` and ``eyechart verdict`` say the same, and repr is one line."""
     verdict = report["scripted:one_sided"]
     assert str(verdict).splitlines()[0] == "scripted:one_sided: depth, evidence controlled"
-    for part in (verdict.calibrated.because, verdict.lateral.because, verdict.trust, *verdict.notes):
+    for part in (
+        f"{verdict.answer}: {verdict.calibrated.because}",
+        verdict.lateral.because,
+        verdict.trust,
+        *verdict.notes,
+    ):
         assert f"\n  {part}" in str(verdict)
     assert repr(verdict) == "<Verdict on scripted:one_sided: depth; lateral one_sided; paper's rules depth>"
     assert str(report).count("\n  ") > 16

@@ -187,7 +187,7 @@ def test_errors_speak_of_arguments(bank: FrameBank, demo: Demo, tmp_path: Path) 
     assert {*api.__all__} - kinds == {name for name in tried if hasattr(api, name)}
     of_tables = {name for name in importing.__all__ if name.startswith(("import", "read"))}
     assert of_tables - tried == {"read_answer_table"}, "which commands take too"
-    assert [name for name in vars(testing) if name.startswith("assert")] == ["assert_grounded"]
+    assert [name for name in vars(testing) if name.startswith("assert")] == ["assert_grounded", "assert_looks"]
 
 
 def stop(prompt: str, image: bytes | None) -> str:

@@ -98,16 +98,17 @@ def _json(*arguments: str) -> dict[str, dict[str, dict]]:
 def test_blind_models_cost_what_they_did_and_a_reader_seven_conditions_more(
     scored: BatteryScore, verdicts: dict[str, Verdict]
 ) -> None:
-    """On real pictures: eleven conditions were asked of everybody before there were controls."""
+    """On real pictures: eleven conditions of everybody, and the lead's absence, which a true picture goes with now."""
     found = {spec: one.calibrated.label for spec, one in verdicts.items()}
     frames = len(scored.bank)
     before = len(scored.manifest.conditions) * frames
+    without_lead = int(0.55 * frames)
     assert len(scored.manifest.conditions) == 11
     blind = [one.planned for spec, one in scored.models.items() if LABELS[found[spec]].family == "blind"]
     unseeing = [*blind, *(one.planned for spec, one in scored.models.items() if found[spec] == "presence_only")]
     assert len(unseeing) >= 5
     assert before < max(blind)
-    assert max(unseeing) <= 1.05 * before
+    assert max(unseeing) <= 1.05 * (before + without_lead)
     readers = [one.planned for spec, one in scored.models.items() if found[spec] in {"depth", "depth_lateral"}]
     assert len(readers) >= 5
     assert all(before < calls <= before + 7 * frames for calls in readers)

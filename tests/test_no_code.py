@@ -22,6 +22,7 @@ OWN = {
     "verdicts/rules.py: says.format",
     "verdicts/ruling.py: self.says.format",
     "studies/battery/evidence.py: fewer.format",
+    "studies/battery/figures.py: words.format",
     "studies/battery/evidence.py: more.format",
     "cli/run.py: done.format",
 }

@@ -18,7 +18,7 @@ _EACH = 4
 """Lines of one check, where there are several."""
 
 
-class Terms(FurtherTerms, total=False):
+class _Terms(FurtherTerms, total=False):
     """On which terms a run is held; see `assert_grounded`."""
 
     max_unparsed: float | None
@@ -62,7 +62,7 @@ def assert_grounded(
 
 
 @speaks_of_arguments
-def assert_looks(run: Path | str | Look, **terms: Unpack[Terms]) -> None:
+def assert_looks(run: Path | str | Look, **terms: Unpack[_Terms]) -> None:
     """Raise AssertionError unless every model, or policy, of a run looks: ``eyechart gate --require looks``.
 
     ``run`` is a folder, or what `eyechart.look` came to. Of policies the cameras' content is required, as a gate does

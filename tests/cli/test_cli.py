@@ -29,6 +29,7 @@ NOISY, STEADY = stand_ins.SPECS
 COMMANDS = (
     "",
     "demo",
+    "look",
     "doctor",
     "probe",
     "frames",

@@ -204,6 +204,8 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.simulators.banks", "redraw"): "draws older banks again: tests/simulators",
     ("eyechart.simulators.drone.aviary", "_muted"): "mutes a simulator that only its extra has: tests/simulators",
     ("eyechart.simulators.gym.action_map", "read_map"): "converts what read_toml read: tests/simulators",
+    ("eyechart.cli.terminal", "_own_errors"): "is the stream of errors itself: tests/cli/test_guests_at_the_door.py",
+    ("eyechart.studies.battery.figures", "_braking"): "fills a sentence of eyechart's own table",
     ("eyechart.studies.battery.evidence", "_scorability"): "formats a sentence of eyechart's own table",
     ("eyechart.studies.guardian.frozen", "_unlike"): "parses what eyechart wrote itself",
     ("eyechart.verdicts.rules", "said_of"): "fills the sentence of a clause, which is ours: tests/test_rules.py",

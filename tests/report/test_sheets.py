@@ -97,7 +97,9 @@ def test_cannot_say_is_a_dash_for_people_and_nothing_for_programs() -> None:
 def test_the_sheets_hold_the_run(everyone: list[Judged]) -> None:
     """A row a model, a row a statistic, and the paper's table with a column a model."""
     verdicts = verdict_table(everyone).rows
-    assert [row[:2] for row in verdicts] == [(label, verdict.calibrated.label) for label, _, verdict in everyone]
+    assert [row[:3] for row in verdicts] == [
+        (label, verdict.answer, verdict.calibrated.label) for label, _, verdict in everyone
+    ]
     statistics = statistics_table(everyone).rows
     assert len(statistics) == sum(len(model.statistics) for _, model, _ in everyone)
     for who_name, name, value, interval, level, n, p, *_ in statistics:

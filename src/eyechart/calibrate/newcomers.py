@@ -10,6 +10,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Protocol, runtime_checkable
 
 from eyechart.calibrate.adversaries import (
     FREE_M,
@@ -48,9 +49,17 @@ MEASURED = ""
 """What stands for what a newcomer deserves: only the measure says."""
 
 
+@runtime_checkable
+class Painted(Protocol):
+    """A reading that bears the colour of the lead, empty where there is none."""
+
+    lead_colour: str
+
+
 def paint(one: Reading) -> str:
     """Return the colour of the lead: the reading's own, or, where it bears none, one that belongs to the frame."""
-    return str(getattr(one, "lead_colour", "") or PAINTS[int(len(PAINTS) * (13.7 * hashed(one) % 1.0))])
+    own = one.lead_colour if isinstance(one, Painted) else ""
+    return own or PAINTS[int(len(PAINTS) * (13.7 * hashed(one) % 1.0))]
 
 
 def new(says: str, make: Make, *, turns: bool | None = None) -> Stranger:

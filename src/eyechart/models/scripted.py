@@ -179,7 +179,7 @@ CONTROLLERS: dict[str, Controller] = {
     "noisy_depth": Controller(
         "brakes by distance in 4 of 10 answers and tosses a coin in the others",
         lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.6 else _DEPTH(sight, rng),
-        Declared("self_inconsistent", "depth", "does_not_swap"),
+        Declared("self_inconsistent", "depth_associated", "does_not_swap"),
     ),
     "self_inconsistent": Controller(
         "tosses a coin at roads, and a coin biased to STOP at anything else (self-inconsistent as the paper's Kimi-K3)",

@@ -161,6 +161,8 @@ def half_exceeded(
     if count < LEAST_EPISODES or (rest[[1, 3]] <= 0).any():
         return Statistic(value, n, method=method, note=FEW if count < LEAST_EPISODES else _ALONE, level=level)
     wide = half_width(apart(rest), level)
+    unseen = 1 - (1 - level) ** (1 / np.count_nonzero(np.asarray(first)[1]))  # where no episode differs
+    wide = wide if wide > 0 else unseen
     return Statistic(value, n, (value - wide, value + wide), method=method, level=level)
 
 

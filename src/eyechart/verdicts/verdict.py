@@ -78,7 +78,8 @@ class Verdict(Written):
     @property
     def answer(self) -> str:
         """Return whether it looks: Yes, In part, No, or Inconclusive, also where a guard puts it in doubt."""
-        return "Inconclusive" if self.doubts else LABELS[self.calibrated.label].answer
+        label = LABELS.get(self.calibrated.label)
+        return "Inconclusive" if self.doubts or label is None else label.answer
 
     @property
     def state(self) -> str:

@@ -193,7 +193,7 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     if clause.outcome(found) is None and missing:
         return _missing("depth", clause.statistic, evidence, missing)
     if clause is NO_OPEN_PLACE:
-        return WhyNot("depth", clause.statistic, one, clause.needs, f"more frames {one.note.partition(' (')[0]}")
+        return WhyNot("depth", clause.statistic, one, clause.needs, f"more frames {one.note}")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
     if clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"

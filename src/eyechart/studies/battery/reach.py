@@ -262,10 +262,10 @@ def _partial(of: _Ideal, condition: str, place: int) -> str:
 
 
 def _lateral(of: _Ideal, condition: str, place: int) -> str:
-    """Brake by distance, but from two thirds of the range on go to the only clear side, or on."""
+    """Brake by distance, but from five ninths of the range on go to the only clear side, or on."""
     near, far = of.ends
     said = _depth(of, condition, place)
-    if condition in NO_ROAD or _at(of, condition, place) < near ** (1 / 4) * far ** (3 / 4):
+    if condition in NO_ROAD or _at(of, condition, place) < near ** (1 / 3) * far ** (2 / 3):
         return said
     frame = of.frames[of.partner(condition, place)]
     clear = [side for side, name in zip(("left", "right"), SIDES, strict=True) if frame.truth.get(name) is True]
