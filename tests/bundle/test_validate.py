@@ -332,7 +332,7 @@ def _number_after(name: str, marker: str, digits: int = 3) -> Change:
         (_number_after("tables/frontier.md", "IDI"), r"tables/frontier\.md, line \d+ \(IDI"),
         (_number_after("tables/frontier.tex", r"IDI\_adj"), r"tables/frontier\.tex, line \d+ \(IDI\\_adj"),
         (edit("tables/verdicts.csv", MODEL, "standin:other"), r"tables/verdicts\.csv, standin:noisy, model: printed"),
-        (edit("tables/verdicts.tex", "interval", "Interval"), r"tables/verdicts\.tex, line \d+ \(model verdict\)"),
+        (edit("tables/verdicts.tex", "interval", "Interval"), r"tables/verdicts\.tex, line \d+ \(model answer\)"),
     ],
 )
 def test_a_changed_number_in_the_page_or_a_table_is_named(changed: Try, change: Change, where: str) -> None:

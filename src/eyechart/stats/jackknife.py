@@ -162,7 +162,7 @@ def half_exceeded(
         return Statistic(value, n, method=method, note=FEW if count < LEAST_EPISODES else _ALONE, level=level)
     wide = half_width(apart(rest), level)
     unseen = 1 - (1 - level) ** (1 / np.count_nonzero(np.asarray(first)[1]))  # where no episode differs
-    wide = wide if wide > 0 else unseen
+    wide = float(wide if wide > 0 else unseen)
     return Statistic(value, n, (value - wide, value + wide), method=method, level=level)
 
 
