@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eyechart.calibrate.adversaries import ADVERSARIES, Adversary, ahead, hashed
+from eyechart.calibrate.newcomers import NEWCOMERS
 from eyechart.calibrate.strangers import (
     ENDS,
     LANES,
@@ -395,6 +396,7 @@ def test_the_door_asks_strangers_about_real_pictures(tmp_path: Path, monkeypatch
         for name in ("lead_near", "lead_far")
     )
     measured = {name: asyncio.run(levels(name)) for name in door.NAMES}
-    assert set(measured) == {name + cold for name in STRANGERS for cold in ("", "_t0")}
+    known = {*STRANGERS, *(name for kind in NEWCOMERS.values() for name in kind)}
+    assert set(measured) == {name + cold for name in known for cold in ("", "_t0")}
     for name in READERS:
         assert min(measured[one][0] - measured[one][1] for one in (name, name + "_t0")) > 0.4

@@ -133,7 +133,7 @@ def test_the_card_of_an_early_depth_shows_its_test_and_that_of_an_absence_its_e_
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     cards = {text.partition("</bdi>")[0]: text for text in page.split("<h3><bdi>")[1:]}
     depth, blind = (cards[f"scripted:{name}"].partition("</article>")[0] for name in ("depth", "constant"))
-    assert "<dt>98 % interval</dt>" in depth
+    assert "<dt>90 % interval</dt>" in depth
     assert "<dt>e-value</dt>" not in depth
     assert "<dt>e-value</dt>" in blind
     assert "each under 11 conditions and up to 8 controls; prompt" in page

@@ -224,8 +224,9 @@ def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) ->
     """Return the statistics that the same answers would give on a bank without counterfactual pictures."""
     kept = {name: column for name, column in answers.decisions.items() if name not in DRAWN}
     missing = cannot_say("the bank has no counterfactual pictures")
-    pooled = Calibrated(replace(answers, decisions=kept), Resampling()).kappa_pooled()
-    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), "kappa_pooled": pooled}
+    bare = Calibrated(replace(answers, decisions=kept), Resampling()).tests()
+    of_all = {name: bare[name]() for name in ("kappa_pooled", "turns_boxed")}
+    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), **of_all}
 
 
 def _outcome(
