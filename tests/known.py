@@ -70,7 +70,7 @@ def demo(shared: Path) -> Demo:
 
 
 def thin(bank: Path, out: Path) -> FrameBank:
-    """Write every second frame of a bank into another, and return that: its distances are not those of so few frames."""
+    """Write every second frame of a bank into another, whose distances are not those of so few frames; return that."""
     whole = open_bank(bank)
     with BankWriter(out, replace(whole.manifest, span=None)) as writer:
         for frame in whole.frames[::2]:

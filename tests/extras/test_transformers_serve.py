@@ -112,12 +112,13 @@ def test_a_served_organism_gets_the_label_that_it_was_trained_for(served: dict[s
 
     96 frames give some fifteen pairs of directions of a sampled organism: too few to bound a coin's rate below .65, so
     that "no_power" is as right of it as "does_not_swap". 48 frames hold too few turns with one clear side to show where
-    they go, so that "swaps", and depth without authority over turns, are as right of one that turns to the clear side.
+    they go, so that "swaps" is as right of one that turns to the clear side; and too few distances for depth.
     """
     verdict = judge(study.score(served[name]))[f"openai:{name}"]
     asked = next(conditions for names, (_, conditions) in ASKED.items() if name in names)
     lateral = ORGANISMS[name].lateral if "mirrored" in asked else "not_tested"
-    fewer = {"depth_lateral": {"depth_lateral", "depth"}, "turns_clear": {"turns_clear", "swaps"}}
+    few = {"depth_associated"}
+    fewer = {"depth_lateral": few, "depth": few, "turns_clear": {"turns_clear", "swaps"}}
     label = ORGANISMS[name].calibrated
     assert verdict.calibrated.label in fewer.get(label, {label})
     assert verdict.lateral.label in fewer.get(lateral, {lateral, "no_power"} if ORGANISMS[name].sampled else {lateral})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.conditions import ABSENT as LEAD_ABSENT
-from eyechart.conditions import AGAIN
+from eyechart.conditions import AGAIN, FEWEST
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import Trend, exchange_mi_test, exchange_test, iid_trend_test
@@ -225,8 +225,13 @@ class Calibrated:
         return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
 
     def _bound_alone(self, other: str) -> Statistic:
-        """Bound by how much more a picture changes the decision than a repeat; no decision is no other decision."""
+        """Bound by how much more a picture changes the decision than a repeat; no decision is no other decision.
+
+        True pictures of its own stage are too few where a run is small: then it is held against those of the first.
+        """
         names = self._true("real_repeat", other)
+        if names[0] == AGAIN and np.count_nonzero(self.answers.actions(AGAIN) != ABSENT) < FEWEST:
+            names = ("real", "real_repeat")
         real, repeat = map(self.answers.actions, names)
         given, replied = self.answers.actions(other), self.answers.responses(other) != ABSENT
         have = (real != ABSENT) & (repeat != ABSENT) & replied
