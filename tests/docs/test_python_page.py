@@ -53,7 +53,7 @@ def test_the_page_runs_as_it_stands(demo: Demo, folder: Path, capsys: pytest.Cap
     assert "presence_only because real and blank differ" in printed
     assert f"{3 * len(open_bank(demo.half))} calls, 0 of them made already" in printed
     assert (folder / "run" / "ledger.sqlite").exists()
-    run_battery("bank", "scripted:depth", "run-of-the-controller", limit=48)
+    run_battery("bank", "scripted:depth", "run-of-the-controller", limit=72)
     exec(compile(suite, "docs/python.md", "exec"), {})  # noqa: S102
 
 
