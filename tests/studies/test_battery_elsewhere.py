@@ -513,7 +513,7 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
     ("changed", "said"),
     [
         ({"call": "0123abcd-0000"}, "call '0123abcd-0000' is of another export: give the bank, --prompt and --seed"),
-        ({"call": "own"}, "is not that of frame 'dense-1-2' under real: keep that column"),
+        ({"call": "own"}, "is not that of frame '{frame}' under real: keep that column"),
         ({"frame": "moon-1"}, "has frame 'moon-1', and its call is about"),
         ({"call": "x", "frame": "moon-1"}, "frame 'moon-1' is not of the bank boxes-tiny"),
         ({"condition": "blank"}, "has condition 'blank', and its call is about 'real'"),
@@ -536,6 +536,7 @@ def test_a_row_that_is_no_answer_to_a_call_is_named(
 ) -> None:
     """With its number; nothing is written."""
     rows = [dict(row) for row in noisy[2] if row["condition"] == "real"]
+    said = said.replace("{frame}", rows[2]["frame"])
     rows[2] |= changed | ({"call": rows[2]["call"][:9]} if changed.get("call") == "own" else {})
     with pytest.raises(SourceError, match=re.escape(said)) as raised:
         imported(

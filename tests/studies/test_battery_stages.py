@@ -296,7 +296,7 @@ def test_shards_ask_the_first_stage_and_the_merged_run_the_rest(bank: FrameBank,
     said = CliRunner().invoke(app, ["merge", *shards, "--out", str(tmp_path / "merged")]).stderr
     more = sum(study.begun(tmp_path / "merged").more_by_model().values())
     assert f"{2 * LEADS} calls are left, and up to {more} of controls" in said
-    assert more == 2 * LEADS + ABSENT + FRAMES
+    assert more == 2 * LEADS + ABSENT + AGAIN + FRAMES
     for check in hold(study.score(tmp_path / "1", resamples=99), ["depth"]).checks:
         assert check.holds is None
         assert "a shard asks no controls, the merged run, resumed, does" in check.because
@@ -353,7 +353,7 @@ def test_every_count_and_estimate_before_says_up_to(bank: FrameBank, tmp_path: P
     """The dry run, the estimate of what it costs, and the shard that leaves them to the merged run."""
     words = ["run", "battery", "--frames", str(bank.root), "--model", READER, "--model", BLIND, "--dry-run"]
     dry = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "run")])
-    most = 2 * (4 * LEADS + ABSENT + FRAMES)
+    most = 2 * (4 * LEADS + ABSENT + AGAIN + FRAMES)
     assert f"controls: up to {most} calls more" in dry.stderr
     assert f"{READER}: up to {8 * FRAMES + 3 * LEADS + most // 2} calls" in dry.stderr
     shard = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "run"), "--shard", "1/2"])
