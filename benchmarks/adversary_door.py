@@ -9,18 +9,18 @@ import os
 import pickle
 import random
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from eyechart.calibrate.adversaries import ADVERSARIES, REVERSED, Adversary, Rule, graded, lead, road
+from eyechart.calibrate.newcomers import Painted
 from eyechart.calls import Reply
 from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
-from eyechart.models.scripted import Answer, Reading, Sight, see
-from eyechart.spaces.scene import Other, Scene
+from eyechart.models.scripted import Answer, Sight, see
 
 Ask = Callable[[str, bytes | None], Awaitable[str | Reply]]
 SHADES = ("STOP", "SLOW", "STRAIGHT")
@@ -44,27 +44,6 @@ def frame_numbers() -> dict[bytes, int]:
 def _key(pixels: np.ndarray) -> bytes:
     """Return what tells a picture from others, and not from the same one nudged: all but its first and last row."""
     return hashlib.sha256(pixels[1:-1].tobytes()).digest()
-
-
-@dataclass(frozen=True, slots=True)
-class Painted:
-    """A reading with the number of its frame, and the lead's colour, which a bank or a world tells and no reader."""
-
-    scene: Scene
-    ego_colour: str
-    stripe_phase: float | None
-    place: int
-    lanes: int
-    lane_from_left: int
-    others: tuple[Other, ...]
-    flipped: bool | None
-    lead_colour: str
-
-    @classmethod
-    def of(cls, one: Reading, number: float | None, colour: str) -> "Painted":
-        """Return a reading of a frame of this number; without one it keeps the phase of its marks."""
-        kept = {name: getattr(one, name) for name in cls.__slots__ if name != "lead_colour"}
-        return cls(**kept | {"stripe_phase": one.stripe_phase if number is None else number}, lead_colour=colour)
 
 
 def see_frame(image: bytes | None) -> Sight:

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from adversary_door import Painted, looks
-from eyechart.calibrate.newcomers import paint
+from adversary_door import looks
+from eyechart.calibrate.newcomers import Painted, paint
 from eyechart.calibrate.world import LANE_M, SETTINGS, SPAN, make_world
 from eyechart.frames import RGB, encode
 from eyechart.models.scripted import Sight, see

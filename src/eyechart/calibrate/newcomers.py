@@ -9,8 +9,8 @@ import math
 import random
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, runtime_checkable
 
 from eyechart.calibrate.adversaries import (
     FREE_M,
@@ -41,6 +41,7 @@ from eyechart.calibrate.strangers import (
     three_sides,
 )
 from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.spaces.scene import Other, Scene
 
 PAINTS = ("blue", "orange", "magenta")
 """The lead's colours where a reading bears none."""
@@ -49,17 +50,31 @@ MEASURED = ""
 """What stands for what a newcomer deserves: only the measure says."""
 
 
-@runtime_checkable
-class Painted(Protocol):
-    """A reading that bears the colour of the lead, empty where there is none."""
+@dataclass(frozen=True, slots=True)
+class Painted:
+    """A reading with the number of its frame, and the lead's colour, which a bank or a world tells and no reader."""
 
+    scene: Scene
+    ego_colour: str
+    stripe_phase: float | None
+    place: int
+    lanes: int
+    lane_from_left: int
+    others: tuple[Other, ...]
+    flipped: bool | None
     lead_colour: str
+
+    @classmethod
+    def of(cls, one: Reading, number: float | None, colour: str) -> "Painted":
+        """Return a reading of a frame of this number; without one it keeps the phase of its marks."""
+        kept = {name: getattr(one, name) for name in cls.__slots__ if name != "lead_colour"}
+        return cls(**kept | {"stripe_phase": one.stripe_phase if number is None else number}, lead_colour=colour)
 
 
 def paint(one: Reading) -> str:
     """Return the colour of the lead: the reading's own, or, where it bears none, one that belongs to the frame."""
-    own = one.lead_colour if isinstance(one, Painted) else ""
-    return own or PAINTS[int(len(PAINTS) * (13.7 * hashed(one) % 1.0))]
+    told = one.lead_colour if isinstance(one, Painted) else ""
+    return told or PAINTS[int(len(PAINTS) * (13.7 * hashed(one) % 1.0))]
 
 
 def new(says: str, make: Make, *, turns: bool | None = None) -> Stranger:
