@@ -42,7 +42,7 @@ def screen(*words: object, code: int) -> str:
     assert done.exit_code == code, done.output
     lines = done.stdout.splitlines()
     assert done.stdout.startswith(ANSWERS)
-    assert max(map(len, lines)) <= 80
+    assert max(len(line) for line in lines if max(map(len, line.split()), default=0) < 70) <= 80  # a path stays whole
     assert len(lines) <= 32
     return done.stdout
 
@@ -130,7 +130,7 @@ def test_drawn_pictures_are_asked_once_and_the_mode_is_kept(small: Path, here: P
         words = ("openai:m", "--base-url", server.base_url, "--frames", small)
         look(*words)
         colours = sum("RED, GREEN" in str(one["messages"]) for one in server.asked)
-        assert 6 <= colours <= 12  # six pictures, one again without, the first again
+        assert 6 <= colours <= 14  # six pictures, one again without, some again at once and at the bank's size
         before = server.requests
         look(*words)
         assert server.requests == before
