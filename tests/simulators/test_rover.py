@@ -373,7 +373,7 @@ def test_a_bank_is_whole_declares_its_distances_and_is_the_same_in_every_process
 ON_EVERY_RUN = ("depth_lateral", "nuisance", "crash_colour", "scene_only")
 """Of the sixteen, those whose label hangs on what the reader sees; docs/simulators.md counts all of them."""
 
-BLINDER = ("left_side", "distance", "stopping")
+BLINDER = ("distance", "stopping")
 
 
 def require_declared(bank: FrameBank, known: Mapping[str, Controller], out: Path) -> None:
