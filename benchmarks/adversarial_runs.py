@@ -40,7 +40,7 @@ from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
 from eyechart.frames import LEAD_GAP
 from eyechart.models import Opened
-from eyechart.models.scripted import CONTROLLERS, Answer
+from eyechart.models.scripted import CONTROLLERS, Answer, Sight
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, STAGING
@@ -93,6 +93,7 @@ NOT_FORWARD = frozenset({"stops_at_flipped", "second_nearest", "rearmost", "own_
 """What makes no sense of a picture seen forward, or was written for the pixels of the other."""
 
 Look = Callable[[bytes | None], str]
+See = Callable[[bytes | None], Sight]
 
 
 @dataclass(frozen=True)
@@ -247,6 +248,7 @@ class Door:
     one: Adversary
     rng: random.Random
     look: Look | None = None
+    see: See = adversary_door.see_frame
     version: str = "1"
 
     def __post_init__(self) -> None:
@@ -255,7 +257,7 @@ class Door:
 
     async def answer(self, query: Query) -> Reply:
         """Answer from the query's picture."""
-        said = self.look(query.image) if self.look else self.one.decide(adversary_door.see_frame(query.image), self.rng)
+        said = self.look(query.image) if self.look else self.one.decide(self.see(query.image), self.rng)
         return said if isinstance(said, Reply) else Reply(text=said, finish_reason="stop")
 
     async def close(self) -> None:
@@ -267,7 +269,8 @@ def door_of(name: str, kind: str, seed: int) -> Opened:
     pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
     rng = random.Random(f"{seed}/{name}")  # noqa: S311 - no secret
     look = partial(adversary_door.look, name) if pixels else None
-    return Opened(RequestMode(f"python:{name}"), Door(opened(name, kind, seed), rng, look))
+    sees = adversary_door.see_plain if kind == KNOWN else adversary_door.see_frame
+    return Opened(RequestMode(f"python:{name}"), Door(opened(name, kind, seed), rng, look, sees))
 
 
 def judge_rendered(bank: Bank, named: Sequence[tuple[str, str]], folder: Path) -> Iterator[Row]:

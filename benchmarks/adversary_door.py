@@ -57,8 +57,18 @@ def see_frame(image: bytes | None) -> Sight:
         return Sight("no_picture", None)
     digest = hashlib.sha256(image).digest()
     if digest not in _NUMBERED:
-        _NUMBERED[digest] = _numbered(see(image), image)
+        _NUMBERED[digest] = _numbered(see_plain(image), image)
     return _NUMBERED[digest]
+
+
+def see_plain(image: bytes | None) -> Sight:
+    """Read a picture as the known answers do, who see the phase of the marks; a picture is read once."""
+    if image is None:
+        return Sight("no_picture", None)
+    digest = hashlib.sha256(image).digest()
+    if digest not in _PLAIN:
+        _PLAIN[digest] = see(image)
+    return _PLAIN[digest]
 
 
 def _numbered(sight: Sight, image: bytes) -> Sight:
@@ -78,8 +88,10 @@ def _bank_numbers() -> tuple[float, tuple[str, ...]]:
     return first, tuple(str(frame.strata.get("lead_colour") or "") for frame in bank)
 
 
+_PLAIN: dict[bytes, Sight] = {}
+"""What is read of each file, by its digest."""
 _NUMBERED: dict[bytes, Sight] = {}
-"""What was made of each file, by its digest."""
+"""What was made of each, with the number of its frame."""
 _LOOKED: dict[bytes, dict[str, str]] = {}
 """What the rules of the pixels answer to each file, by its digest."""
 
@@ -87,7 +99,8 @@ _LOOKED: dict[bytes, dict[str, str]] = {}
 def recall(file: Path) -> None:
     """Know what was made of files before, as far as `keep` wrote it down."""
     if file.is_file():
-        numbered, looked = pickle.loads(file.read_bytes())  # noqa: S301 - written by `keep`
+        plain, numbered, looked = pickle.loads(file.read_bytes())  # noqa: S301 - written by `keep`
+        _PLAIN.update(plain)
         _NUMBERED.update(numbered)
         _LOOKED.update(looked)
 
@@ -95,7 +108,7 @@ def recall(file: Path) -> None:
 def keep(file: Path) -> None:
     """Write down what was made of files, so that no other process decodes them."""
     part = file.with_suffix(".part")
-    part.write_bytes(pickle.dumps((_NUMBERED, _LOOKED)))
+    part.write_bytes(pickle.dumps((_PLAIN, _NUMBERED, _LOOKED)))
     part.replace(file)
 
 
@@ -106,6 +119,7 @@ def turn_to(bank: Path) -> None:
     known_files.cache_clear()
     true_files.cache_clear()
     _bank_numbers.cache_clear()
+    _PLAIN.clear()
     _NUMBERED.clear()
     _LOOKED.clear()
 
