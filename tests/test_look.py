@@ -193,7 +193,8 @@ def test_a_look_that_was_killed_goes_on(small: Path, here: Path) -> None:
         with Ledger(ledger) as read:
             finished = read.finished()
         assert kept <= finished
-        assert server.requests == len(finished) + unknown + (calls.calls or 0)
+        least = len(finished) + (calls.calls or 0)
+        assert least <= server.requests <= least + unknown  # what was under way may have been killed before it was sent
         assert json.loads(done.stdout)["calls"] == len(finished)
 
 
