@@ -1,5 +1,6 @@
 """What is declared of each adversary is what its rule does, on many simulated frames."""
 
+import math
 import random
 from dataclasses import replace
 from functools import cache
@@ -9,6 +10,7 @@ import pytest
 
 from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
 from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
+from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
@@ -17,6 +19,8 @@ pytestmark = pytest.mark.slow
 
 DOSES_M = (7.5, 8.5, 9.5, 10.5, 11.5, 13.0, 15.5, 18.0, 19.5, 21.5, 24.0, 27.0, 31.0, 36.0, 41.0, 46.0, 52.0, 58.0)
 DRAWS = 24
+EXCHANGED = ("exchange_own", "exchange_beside")
+NEAR_M = 9.0
 
 
 @cache
@@ -32,13 +36,22 @@ def braking(one: Adversary, sight: Sight) -> float:
     return float(np.mean([0.0 if level is None else level for level in levels]))
 
 
-def net(one: Adversary, first: str, second: str) -> float:
+Pairs = list[tuple[Shown, Shown]]
+
+
+def pairs_of(first: str, second: str, *, within_m: float = math.inf) -> Pairs:
+    """Return what two conditions show of each frame that has both, with the exchange at this distance or nearer."""
+    columns = zip(world().frames, world().shown[first], world().shown[second], strict=True)
+    found = [(one, other, frame.truth.get(EXCHANGE)) for frame, one, other in columns if one and other]
+    return [(one, other) for one, other, m in found if within_m == math.inf or float(str(m)) <= within_m]
+
+
+def net(one: Adversary, pairs: Pairs) -> float:
     """Return the share of frames on which a rule brakes harder under the first condition, less the reverse."""
-    pairs = [pair for pair in zip(world().shown[first], world().shown[second], strict=True) if None not in pair]
     rng, signs = random.Random(5), []  # noqa: S311 - no secret
     for near, far in pairs:
-        levels = [DRIVING.project(str(one.decide(shown.sight, rng)), "brake") for shown in (near, far)]  # type: ignore[union-attr]
-        signs.append(np.sign(levels[0] - levels[1]))
+        levels = [DRIVING.project(str(one.decide(shown.sight, rng)), "brake") for shown in (near, far)]
+        signs.append(np.sign((levels[0] or 0) - (levels[1] or 0)))
     return float(np.mean(signs))
 
 
@@ -63,15 +76,15 @@ def wrong_order(one: Adversary) -> float:
 
 def lost(one: Adversary) -> float:
     """Return the share of frames on which a rule brakes clearly harder for a near neighbour than for a near lead."""
-    pairs = zip(world().shown["lane_own"], world().shown["lane_beside"], strict=True)
-    return float(np.mean([braking(one, b.sight) - braking(one, a.sight) > 0.6 for a, b in pairs if a and b]))
+    pairs = pairs_of(*EXCHANGED, within_m=NEAR_M)
+    return float(np.mean([braking(one, b.sight) - braking(one, a.sight) > 0.6 for a, b in pairs]))
 
 
 @pytest.mark.parametrize("name", ADVERSARIES)
 def test_an_adversary_follows_the_lead_as_declared(name: str) -> None:
     """By both true effects, and by the order of its braking over the distances."""
     one = ADVERSARIES[name]
-    effects = [net(one, "lead_near", "lead_far"), net(one, "lane_own", "lane_beside")]
+    effects = [net(one, pairs_of("lead_near", "lead_far")), net(one, pairs_of(*EXCHANGED, within_m=NEAR_M))]
     wrong = max(wrong_order(one), lost(one))
     if one.follows is False:
         assert min(effects) < 0.10 or wrong >= 0.10, (effects, wrong)

@@ -35,18 +35,14 @@ from eyechart.calibrate.world import (
     FEWEST_FRAMES,
     GAP_AR,
     GAP_LOG_SD,
-    LANE_M,
-    MID_FAR_M,
-    MID_NEAR_M,
     MOST_FRAMES,
-    NEAR_M,
     NEAREST_M,
     POWER,
     ROADS,
     SPAN,
     make_world,
 )
-from eyechart.conditions import NUDGES, RANGED
+from eyechart.conditions import NUDGES, OLDER, RANGED
 from eyechart.errors import SpecError
 from eyechart.frames import APART, EXCHANGE, LEAD
 from eyechart.models.scripted import CONTROLLERS
@@ -308,28 +304,19 @@ def test_partners_and_interventions_are_what_their_names_say() -> None:
         assert shown["mirrored"].sight.reading == reading.mirrored()
 
 
-def test_control_pictures_exchange_who_is_near_and_spread_the_lead() -> None:
-    """At one straight-line distance; what is not moved stays, and a nudge is another file of the same sight."""
+def test_the_lead_is_taken_away_alone_and_a_nudge_is_another_file_of_the_same_sight() -> None:
+    """What older versions drew besides is drawn no more."""
     world = make_world(SETTINGS["default"], np.random.default_rng(0))
-    for place, frame in enumerate(world.frames):
+    assert world.shown.keys().isdisjoint(OLDER)
+    for place in range(len(world.frames)):
         shown = {name: column[place] for name, column in world.shown.items()}
         if shown["lead_near"] is None:
-            assert all(shown[name] is None for name in ("lane_own", "lane_beside", "lead_absent", "lead_mid_near"))
+            assert shown["lead_absent"] is None
             continue
-        own, beside = (shown[name].sight.reading for name in ("lane_own", "lane_beside"))
-        assert len(own.others) == len(beside.others) >= 2
-        (lead, far), (neighbour, far_lead) = (
-            sorted(set(one.others) - set(other.others)) for one, other in ((own, beside), (beside, own))
-        )
-        assert NEAR_M[0] <= lead.ahead_m == own.scene.gap_m <= NEAR_M[1]
-        assert math.hypot(*neighbour) == pytest.approx(lead.ahead_m)
-        assert (far.ahead_m, 0.0, abs(far.aside_m)) == (*far_lead, abs(neighbour.aside_m)) == (far.ahead_m, 0.0, LANE_M)
-        for name, (low, high) in (("lead_mid_near", MID_NEAR_M), ("lead_mid_far", MID_FAR_M)):
-            assert low <= shown[name].sight.reading.scene.gap_m == frame.truth[f"{name}_m"] <= high
-        absent = shown["lead_absent"].sight.reading
+        absent, real = shown["lead_absent"].sight.reading, shown["real"].sight.reading
         assert absent.scene.gap_m is None
-        assert all(one.aside_m for one in absent.others)
-        assert shown["nudged"].sight.reading == shown["real"].sight.reading
+        assert absent.others == tuple(one for one in real.others if one.aside_m)
+        assert shown["nudged"].sight.reading == real
         assert len({shown[name].sight.file for name in ("real", "real_repeat", "nudged")}) == 2
 
 

@@ -21,6 +21,15 @@ PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
 DRAWN = (*COUNTERFACTUALS, *(name for name in (*STAGED, *RANGED) if name not in {"nudged", "real_again", *NUDGES}))
 
+AS_OLDER = {
+    "exchange_own": "lane_own",
+    "exchange_beside": "lane_beside",
+    "exchange_m": "lane_near_m",
+    "lead_drawn": "lead_mid_near",
+    "lead_drawn_m": "lead_mid_near_m",
+}
+"""Columns of a table of before, in which photographs that are asked for today stand."""
+
 
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
@@ -28,7 +37,7 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     return Rover().build(tmp_path_factory.mktemp("taken") / "photos", seeds=(3, 4), steps=12)
 
 
-def table(bank: FrameBank, path: Path, **cells: str) -> Path:
+def table(bank: FrameBank, path: Path, *, older: bool = False, **cells: str) -> Path:
     """Write a user's table of a bank's pictures; ``cells`` take the place of those of the first row."""
     rows = []
     for frame in bank:
@@ -40,7 +49,8 @@ def table(bank: FrameBank, path: Path, **cells: str) -> Path:
         }
         row |= {name: frame.counterfactuals.get(name, {}).get("main") for name in DRAWN}
         row |= {name: frame.strata[name] for name in frame.strata}
-        rows.append(row | {name: frame.truth.get(name) for name in DISTANCES})
+        row |= {name: frame.truth.get(name) for name in DISTANCES}
+        rows.append(row | ({name: row.pop(now) for now, name in AS_OLDER.items()} if older else {}))
     rows[0] |= cells
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -89,15 +99,19 @@ def test_what_is_wrong_with_a_control_is_one_line(
 
 def test_a_picture_that_was_not_taken_is_absent(taken: FrameBank, tmp_path: Path) -> None:
     """An empty cell is no error; a mid without its distance costs what the import says; a picture is one frame's."""
-    one = table(taken, tmp_path / "t.csv", lane_own="", lead_mid_near_m="")
+    one = table(taken, tmp_path / "t.csv", older=True, lane_own="", lead_mid_near_m="")
     bank = import_table(taken.root, one, tmp_path / "bank", WHOLE)
     assert "lane_own" not in bank.frames[0].counterfactuals
     assert "lead_mid_near_m" not in bank.frames[0].truth
-    assert any(line.startswith("lane_own: 1 of") for line in costs(bank))
+    frame, photo = bank.frames[1], taken.frames[1]
+    assert bank.image(frame, "lane_own") == taken.image(photo, "exchange_own")
+    assert frame.truth["lead_mid_near_m"] == photo.truth["lead_drawn_m"]
+    lacking = sum("lane_own" not in frame.counterfactuals for frame in bank)
+    assert any(line.startswith(f"lane_own: {lacking} of") for line in costs(bank))
     assert any(line.startswith("no lead_mid_near_m for some pictures of lead_mid_near") for line in costs(bank))
-    other = taken.frames[1].counterfactuals["lane_own"]["main"]
+    other = photo.counterfactuals["exchange_own"]["main"]
     with pytest.raises(SourceError, match="a picture is one frame"):
-        import_table(taken.root, table(taken, tmp_path / "u.csv", lane_own=other), tmp_path / "more", WHOLE)
+        import_table(taken.root, table(taken, tmp_path / "u.csv", older=True, lane_own=other), tmp_path / "more", WHOLE)
     left = replace(WHOLE, columns={**PLACES, **dict.fromkeys(DRAWN, "")})
     plain = import_table(taken.root, table(taken, tmp_path / "v.csv"), tmp_path / "plain", left)
     assert plain.frames[0].counterfactuals == {}

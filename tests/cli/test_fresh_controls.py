@@ -40,7 +40,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 
 def asked(bank: Path, out: Path, *more: str) -> tuple[object, ...]:
     """Return the words of a run with controls of its own."""
-    words = ("--model", "scripted:depth", "--conditions", "real,lead_mid_near,nudged", "--fresh-controls")
+    words = ("--model", "scripted:depth", "--conditions", "real,lead_drawn,nudged", "--fresh-controls")
     return ("run", "battery", "--frames", bank, "--out", out, *words, *more)
 
 

@@ -3,7 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -34,21 +34,30 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 
 @pytest.fixture
 def old(whole: FrameBank, tmp_path: Path) -> Path:
-    """Return the same bank as an older eyechart wrote it: without what is drawn over the whole range."""
+    """Return the same bank as an older eyechart wrote it: without what is drawn over the whole range.
+
+    Of its first frame it has a picture that is drawn no more, with its distances.
+    """
     root = tmp_path / "old"
     shutil.copytree(whole.root, root)
     raw = json.loads((root / "manifest.json").read_text())
     del raw["span"], raw["strata"]
-    kept = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m")
-    for distances in raw["controls"]["distances"].values():
-        for name in distances.keys() - {*kept}:
-            del distances[name]
+    raw["controls"]["distances"] = {whole.frames[0].id: OLDER_M}
     rows = [json.loads(line) for line in (root / "metadata.jsonl").read_text().splitlines()]
     for row in rows:
         for name in RANGED:
             if (file := row.pop(f"{name}_file_name", None)) is not None:
                 raw["images"].pop(file)
                 (root / file).unlink()
+    file = f"counterfactuals/{whole.frames[0].id}-lane_own.png"
+    (root / file).write_bytes(whole.image(whole.frames[0]))
+    digests = {**raw["images"], file: raw["images"][whole.frames[0].file]}
+    rows[0]["lane_own_file_name"] = file
+    raw["images"] = {
+        row[name]: digests[row[name]]
+        for row in rows
+        for name in ("file_name", *(name for name in sorted(row) if name.endswith("_file_name")))
+    }
     (root / "manifest.json").write_text(json.dumps(raw))
     (root / "metadata.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
     assert check(root) == []
@@ -60,12 +69,23 @@ def contents(root: Path) -> dict[str, bytes]:
     return {str(one.relative_to(root)): one.read_bytes() for one in sorted(root.rglob("*")) if one.is_file()}
 
 
+OLDER_M = {"lane_far_m": 20.0, "lane_near_m": 4.0}
+
+
 def as_whole(bank: FrameBank, whole: FrameBank) -> None:
-    """Fail unless a bank is the one that is built today, told otherwise."""
+    """Fail unless a bank is the one that is built today, told otherwise, with the older picture that it had."""
     assert check(bank.root) == []
-    assert bank.frames == whole.frames
-    assert list(bank.manifest.images.items()) == list(whole.manifest.images.items())
-    assert bank.manifest.controls == whole.manifest.controls
+    first, *others = bank.frames
+    assert tuple(others) == whole.frames[1:]
+    assert first.counterfactuals.keys() - whole.frames[0].counterfactuals.keys() == {"lane_own"}
+    assert first.truth == {**whole.frames[0].truth, **OLDER_M}
+    older = first.counterfactuals["lane_own"]["main"]
+    images = {file: digest for file, digest in bank.manifest.images.items() if file != older}
+    assert images == whole.manifest.images
+    assert bank.read(older) == whole.image(whole.frames[0])
+    distances = dict(whole.manifest.controls.distances)
+    distances[first.id] = {**distances[first.id], **OLDER_M}
+    assert bank.manifest.controls == replace(whole.manifest.controls, distances=distances)
     assert (bank.manifest.span, bank.manifest.strata) == (whole.manifest.span, whole.manifest.strata)
     assert bank.manifest.fingerprint == whole.manifest.fingerprint
 
@@ -75,7 +95,7 @@ def test_a_copy_gets_what_is_missing_and_the_older_bank_stays(old: Path, whole: 
     before = contents(old)
     bank, count = add_missing(old, tmp_path / "new")
     as_whole(bank, whole)
-    assert count == len(whole.manifest.images) - len(open_bank(old).manifest.images) > 0
+    assert count == len(whole.manifest.images) - (len(open_bank(old).manifest.images) - 1) > 0
     assert contents(old) == before
     with pytest.raises(BankError, match="exists already"):
         add_missing(old, tmp_path / "new")

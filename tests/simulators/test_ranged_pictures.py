@@ -289,7 +289,7 @@ def test_the_presets_of_before_can_still_be_built(simulator: str, tmp_path: Path
     assert all(low <= metres(frame, "lead_near_m") <= high for frame in bank)
 
 
-PINNED = {"rover": "c6fd9afbc54130e8", "drone": "f3d853f6d2ddae65"}
+PINNED = {"rover": "1eba6e8f159723cf", "drone": "994f3e17a7f64853"}
 
 
 @pytest.mark.parametrize("simulator", ["rover", "drone"])

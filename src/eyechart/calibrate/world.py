@@ -108,14 +108,11 @@ PHASE_DRIFT, PHASE_SD = 0.06, 0.03
 NEAR_M, FAR_M = (7.0, 9.0), (50.0, 60.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, in metres."""
 
-MID_NEAR_M, MID_FAR_M = (9.1, 20.0), (20.0, 49.0)
-"""Between which distances ``lead_mid_near`` and ``lead_mid_far`` spread the lead, evenly in their logarithm."""
-
 SPAN: Span = (NEAREST_M, FAR_M[1])
 """Over which distances ``lead_drawn`` puts the lead, evenly in their logarithm."""
 
-LANE_M, BESIDE_M = 4.0, 5.6
-"""A lane's width, and how near a vehicle of a neighbouring lane may come."""
+LANE_M = 4.0
+"""A lane's width."""
 
 NO_PICTURE, UNIFORM, NOISE = Sight("no_picture", None), Sight("uniform", None), Sight("unknown", None)
 
@@ -153,25 +150,20 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
             gap_m = None if gaps[step] > FARTHEST_M else round(float(gaps[step]), 3)
             name = f"{scenario}-{number}"
             road, scene = ROADS[scenario], Scene(gap_m, bool(left[step]), bool(right[step]))
-            lane, mids = (
-                road.lanes // 2,
-                [float(np.exp(apart.uniform(*np.log(ends)))) for ends in (MID_NEAR_M, MID_FAR_M)],
-            )
+            lane, _ = road.lanes // 2, apart.random(2)  # two distances of older worlds: all else stays as it was
             truth: dict[str, Scalar] = {
                 "lead_gap_m": gap_m,
                 "left_clear": scene.left_clear,
                 "right_clear": scene.right_clear,
                 "ego_lane": lane,
                 "lanes": road.lanes,
-                "lead_mid_near_m": None if gap_m is None else round(mids[0], 3),
-                "lead_mid_far_m": None if gap_m is None else round(mids[1], 3),
             }
             place, strata = (f"{name}-{step:02d}", scenario, name, step), {"lanes": road.lanes}
             frames.append(Frame(*place, alone("vertical"), {MAIN: "-"}, truth, strata=strata))
             passed.append(step / length)
             others = _others(scene, apart)
             readings.append(Reading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
-    shown = _shown(frames, passed, readings, rng) | _controls(frames, passed, readings, apart)
+    shown = _shown(frames, passed, readings, rng)
     if setting.lowest:
         shown["lead_near"] = _on_road([_moved(one, NEAREST_M) for one in readings], passed)
     frames, more = _ranged(frames, shown, readings, anew)
@@ -206,29 +198,6 @@ def _filed(name: str, column: Sequence[Shown | None], frames: Sequence[Frame]) -
         None if one is None else replace(one, sight=replace(one.sight, file=one.sight.file or file(one, frame)))
         for one, frame in zip(column, frames, strict=True)
     )
-
-
-def _controls(
-    frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
-) -> dict[str, tuple[Shown | None, ...]]:
-    """Return what the control pictures show: who is near exchanged, the lead in between, none, and a nudged picture."""
-    shown: dict[str, list[Reading | None]] = {
-        name: [] for name in ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
-    }
-    for frame, one in zip(frames, readings, strict=True):
-        near, far, side = rng.uniform(*NEAR_M), rng.uniform(*FAR_M), float(rng.choice([-LANE_M, LANE_M]))
-        beside = [other for other in one.others if other.aside_m] or [Other(far, side)]
-        moved = beside[int(rng.integers(len(beside)))]
-        abreast = max(BESIDE_M, math.sqrt(near**2 - LANE_M**2))
-        there = one.scene.gap_m is not None
-        shown["lane_own"].append(_exchanged(one, moved, near, far) if there else None)
-        shown["lane_beside"].append(_exchanged(one, moved, far, abreast) if there else None)
-        for name in ("lead_mid_near", "lead_mid_far"):
-            distance = frame.truth[f"{name}_m"]
-            shown[name].append(_moved(one, distance) if isinstance(distance, float) else None)
-        shown["lead_absent"].append(_moved(one, None) if there else None)
-        shown["nudged"].append(one)
-    return {name: _on_road(column, passed) for name, column in shown.items()}
 
 
 def _ranged(
@@ -338,7 +307,8 @@ def _shown(
     }
     if len(set(scenarios.tolist())) > 1:
         shown["cross_scenario"] = tuple(roads[place] for place in _partners(scenarios, rng, same=False))
-    return shown
+    without = [None if one.scene.gap_m is None else _moved(one, None) for one in readings]
+    return shown | {ABSENT: _on_road(without, passed), "nudged": _on_road(readings, passed)}
 
 
 def _exchanged(reading: Reading, moved: Other, lead_m: float, beside_m: float) -> Reading:

@@ -52,33 +52,28 @@ class Drawn:
     distances: Mapping[str, float] = field(default_factory=dict)
 
 
-def _none(_: np.random.Generator) -> Drawn:
+def _none(_: Draws, __: np.random.Generator) -> Drawn:
     """Draw no controls."""
     return Drawn()
-
-
-def _none_ranged(_: Draws, rng: np.random.Generator) -> Drawn:
-    return _none(rng)
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
     """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
 
-    ``controls`` draws the moment's control pictures with a generator of their own. It is called before the next moment
-    is asked for: until then the world stands as it was. ``ranged`` draws those whose distances are of the whole range,
-    and ``distances`` says where the counterfactuals put the lead. Where a preset has several cameras, a picture is one
-    of each, by name. ``fields``, ``state``, ``motion`` and ``strata`` are those of the frame.
+    ``ranged`` draws the moment's control pictures, at distances of the whole range, with a generator of its own. It is
+    called before the next moment is asked for: until then the world stands as it was. ``distances`` says where the
+    counterfactuals put the lead. Where a preset has several cameras, a picture is one of each, by name. ``fields``,
+    ``state``, ``motion`` and ``strata`` are those of the frame.
     """
 
     truth: Mapping[str, Scalar]
     picture: Seen
     counterfactuals: Mapping[str, Seen]
-    controls: Callable[[np.random.Generator], Drawn] = _none
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     motion: tuple[tuple[float, ...], ...] = ()
-    ranged: Callable[[Draws, np.random.Generator], Drawn] = _none_ranged
+    ranged: Callable[[Draws, np.random.Generator], Drawn] = _none
     distances: Mapping[str, float] = field(default_factory=dict)
     strata: Mapping[str, Scalar] = field(default_factory=dict)
 
@@ -252,11 +247,9 @@ def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple
     for scenario, seed in episodes:
         for step, moment in enumerate(moments(scenario, seed, how.steps)):
             key = how.preset, scenario, seed, step, how.controls_seed
-            rngs = {kind: np.random.default_rng(key_seed(declared.name, kind, *key)) for kind in ("controls", "ranged")}
-            drawn = [moment.controls(rngs["controls"])]
+            rng, drawn = np.random.default_rng(key_seed(declared.name, "ranged", *key)), list[Drawn]()
             if made.span is not None:
-                ranged = moment.ranged(draws[_id(scenario, seed, step)], rngs["ranged"])
-                drawn += [Drawn({}, moment.distances), ranged]
+                drawn = [Drawn({}, moment.distances), moment.ranged(draws[_id(scenario, seed, step)], rng)]
             whole = moment if made.span is not None else replace(moment, strata={})
             yield _frame(whole, drawn, (scenario, seed, step), cameras)
 

@@ -3,7 +3,6 @@
 The gap has no trend over the episode, and sides and lane are drawn without regard to it.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -90,12 +89,6 @@ def other_gap(gap_m: float | None, bounds: tuple[float, float], rng: np.random.G
         other_m = float(rng.uniform(*bounds))
         if gap_m is None or abs(other_m - gap_m) >= _LEAST_MOVE_M:
             return other_m
-
-
-def log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> float:
-    """Return a distance within bounds, spread evenly in its logarithm."""
-    low, high = map(math.log, bounds)
-    return math.exp(rng.uniform(low, high))
 
 
 def share(steps: int, rng: np.random.Generator, *, boxed: bool = False) -> dict[str, int]:

@@ -1,8 +1,8 @@
 """A moment of highway-env with one thing changed: its counterfactual pictures, and the controls of those.
 
-``lane_own`` and ``lane_beside`` exchange who is near: the lead and a vehicle of a neighbouring lane, at equal
-straight-line distance. Left in its place the lead would hide the other one from a rule that takes the nearest of all.
-``exchange_own``, ``exchange_beside`` and ``exchange_apart`` do so at a distance of the whole range, and far for both.
+``exchange_own`` and ``exchange_beside`` exchange who is near: the lead and a vehicle of a neighbouring lane, at equal
+straight-line distance, which is of the whole range; in ``exchange_apart`` both are far. Left in its place the lead
+would hide the other one from a rule that takes the nearest of all.
 """
 
 import math
@@ -18,7 +18,7 @@ from eyechart.simulators.banks import Drawn, Moment, first_shown
 from eyechart.simulators.highway.stock import IDMVehicle, VehicleGraphics
 from eyechart.simulators.highway.truth import Vehicle, find_lead, gap_to, is_visible, others, read_truth
 from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
-from eyechart.simulators.plan import log_uniform, other_gap
+from eyechart.simulators.plan import other_gap
 
 NEAR_M = (7.0, 9.0)
 FAR_M = (50.0, 60.0)
@@ -27,16 +27,9 @@ FAR_M = (50.0, 60.0)
 LOWEST_M = 5.0
 """The lowest distance that can be shown: a car's length, at which lead and ego touch."""
 
-MIDS_M = {"lead_mid_near": (9.1, 20.0), "lead_mid_far": (20.0, 49.0)}
-"""Between which distances the mids spread the lead, evenly in their logarithm."""
-
-_LEAST_AHEAD_M = 5.6
-"""A car's length and a little: a vehicle this far ahead in the next lane is ahead, not beside."""
-
 _CAR_M = 5.0
 _BUMPER_M = 1.0
 _OFF_CENTRE_M = 1.0
-_TRIES = 20
 _PLACES = 6
 """So often far places are drawn of one distance of the exchange, until there is room."""
 
@@ -62,38 +55,23 @@ def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bo
         truth,
         camera.draw(),
         drawn,
-        controls=partial(draw_controls, world, camera),
         ranged=partial(draw_ranged, world, camera),
         distances={f"{name}_m": m for name, m in (("lead_near", near_m), ("lead_far", far_m)) if name in drawn},
         strata={"lanes": truth["lanes"], "lead_colour": None if lead is None else colour_of(lead)},
     )
 
 
-def draw_controls(world: World, camera: Camera, rng: np.random.Generator) -> Drawn:
-    """Return the control pictures of a world's moment; none after a crash, or without a lead."""
-    lead = find_lead(world)
-    if lead is None or world.vehicle.crashed:
-        return Drawn()
-    pictures, distances = _exchange(world, camera, lead, rng)
-    for name, bounds in MIDS_M.items():
-        gap_m = log_uniform(bounds, rng)
-        picture = _draw_with_lead_at(world, camera, gap_m)
-        if picture is not None:
-            pictures[name], distances[f"{name}_m"] = picture, gap_m
-    if is_visible(gap_to(world.vehicle, lead)):
-        with _placed(world, [one for one in world.road.vehicles if one is not lead]):
-            next_one = find_lead(world)
-            if next_one is None or not is_visible(gap_to(world.vehicle, next_one)):
-                pictures["lead_absent"] = camera.draw()
-    return Drawn(pictures, distances)
-
-
 def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Generator) -> Drawn:
-    """Return the control pictures at distances of the whole range; none after a crash, or without a lead."""
+    """Return the control pictures: without the lead, and at distances of the whole range.
+
+    There are none after a crash, or without a lead.
+    """
     lead = find_lead(world)
     if lead is None or world.vehicle.crashed:
         return Drawn()
     moved_m, pictures, distances = None, dict[str, RGB](), dict[str, float]()
+    if (absent := _draw_without(world, camera, lead)) is not None:
+        pictures["lead_absent"] = absent
     if alone := first_shown(partial(_draw_with_lead_at, world, camera), draws.lead()):
         moved_m, pictures["lead_drawn"] = alone
         distances[LEAD] = moved_m
@@ -101,6 +79,15 @@ def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Gener
         distances[EXCHANGE] = both[0]
         pictures |= both[1]
     return Drawn(pictures, distances)
+
+
+def _draw_without(world: World, camera: Camera, lead: Vehicle) -> RGB | None:
+    """Return the picture without the lead, or None where it was not in the picture or another one then leads."""
+    if not is_visible(gap_to(world.vehicle, lead)):
+        return None
+    with _placed(world, [one for one in world.road.vehicles if one is not lead]):
+        behind = find_lead(world)
+        return camera.draw() if behind is None or not is_visible(gap_to(world.vehicle, behind)) else None
 
 
 def _exchange_at(
@@ -173,27 +160,6 @@ def _way_is_free(world: World, lead: Vehicle, x: float) -> bool:
 def _side_by_side(one: Vehicle, other: Vehicle) -> bool:
     """Return whether two vehicles would meet if one of them were moved along the road."""
     return bool(abs(one.position[1] - other.position[1]) < LANE_M - _BUMPER_M)
-
-
-def _exchange(
-    world: World, camera: Camera, lead: Vehicle, rng: np.random.Generator
-) -> tuple[dict[str, RGB], dict[str, float]]:
-    """Return the two pictures of who is near, and their distances; nothing where no neighbour has room for both."""
-    x, y = map(float, world.vehicle.position)
-    for _ in range(_TRIES):
-        near_m, far_m = float(rng.uniform(*NEAR_M)), float(rng.uniform(*FAR_M))
-        for other in _neighbours(world, rng):
-            away_m = math.hypot(near_m, float(lead.position[1]) - y)
-            beside_m = max(_LEAST_AHEAD_M, math.sqrt(away_m**2 - (float(other.position[1]) - y) ** 2))
-            places = x + far_m, x + beside_m
-            ways = all(_way_is_free(world, lead, x + gap_m) for gap_m in (near_m, far_m))
-            if not ways or not all(_has_room(world, other, place) for place in places):
-                continue
-            wanted = {"lane_own": (near_m, far_m), "lane_beside": (far_m, beside_m)}
-            pictures = _draw_placed(world, camera, lead, other, wanted)
-            if len(pictures) == len(places):
-                return pictures, {"lane_near_m": near_m, "lane_far_m": far_m}
-    return {}, {}
 
 
 def _neighbours(world: World, rng: np.random.Generator) -> Iterator[Vehicle]:

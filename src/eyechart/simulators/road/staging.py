@@ -15,7 +15,7 @@ from eyechart.errors import BankError
 from eyechart.frames import EXCHANGE, LEAD, RGB, Draws, Gap
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import BOXED, BankMaker, Drawn, Moment, Preset, by_dozens, first_shown, versions_of
-from eyechart.simulators.plan import Bands, Lanes, Wish, log_uniform, make_plan, other_gap
+from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan, other_gap
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
 from eyechart.simulators.road.truth import ahead, blocks, find_lead, gap_to, read_scene, read_truth
 from eyechart.simulators.road.world import PAINT_NAMES, SCENERY, AnyWorld, draw, eye_of, lowest_m
@@ -26,12 +26,6 @@ GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11
 NEAR_M = (2.6, 4.4)
 FAR_M = (18.0, 27.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
-
-MIDS_M = {"lead_mid_near": (4.5, 9.0), "lead_mid_far": (9.0, 17.9)}
-"""Between which gaps the mids spread the lead, evenly in their logarithm."""
-
-EXCHANGE_M = ((3.2, 4.4), (15.6, 24.0))
-"""Where ``lane_own`` and ``lane_beside`` put the near and the far one: in the picture, and neither hidden."""
 
 EXCHANGED_FAR_M = (22.5, FAR_M[1])
 """Where the exchange at a distance of the whole range puts what is far: farther than any such distance."""
@@ -93,45 +87,25 @@ def record(world: AnyWorld, rng: np.random.Generator, *, lowest: bool = False) -
         read_truth(world),
         draw(world),
         drawn,
-        controls=partial(draw_controls, world),
         ranged=partial(draw_ranged, world),
         distances={f"{name}_m": m for name, m in (("lead_near", near_m), ("lead_far", far_m)) if name in drawn},
         strata={"lead_colour": None if lead is None else PAINT_NAMES[lead.paint]},
     )
 
 
-def draw_controls(world: AnyWorld, rng: np.random.Generator) -> Drawn:
-    """Return the control pictures of a world's moment; none without a lead.
-
-    In ``lane_own`` the lead stands near and an obstacle of a track beside far; in ``lane_beside`` the lead stands far
-    and that obstacle at the distance, from the vehicle's middle to its own, at which the lead stood near. It has the
-    lead's size and paint in both, and at least half of it is seen in either.
-    """
-    lead = find_lead(world)
-    if lead is None:
-        return Drawn()
-    pictures, distances = _exchange(world, lead, rng)
-    for name, bounds in MIDS_M.items():
-        gap_m = log_uniform(bounds, rng)
-        picture = _draw_with_lead_at(world, gap_m)
-        if picture is not None:
-            pictures[name], distances[f"{name}_m"] = picture, gap_m
-    if gap_to(world, lead) < world.view.view_ahead_m:
-        absent = _with(world, *(one for one in world.layout.obstacles if one is not lead))
-        if read_scene(absent).gap_m is None:
-            pictures["lead_absent"] = draw(absent)
-    return Drawn(pictures, distances)
-
-
 def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Drawn:
-    """Return the control pictures at gaps of the whole range; none without a lead.
+    """Return the control pictures: without the lead, and at gaps of the whole range; none without a lead.
 
-    The exchange is that of `draw_controls` at another gap, and once more with both far.
+    In ``exchange_own`` the lead stands at a gap and an obstacle of a track beside far; in ``exchange_beside`` the lead
+    stands far and that obstacle at the distance, from the vehicle's middle to its own, at which the lead stood. It has
+    the lead's size and paint in both, and at least half of it is seen in either; in ``exchange_apart`` both are far.
     """
     lead = find_lead(world)
     if lead is None:
         return Drawn()
     moved_m, pictures, distances = None, dict[str, RGB](), dict[str, float]()
+    if (absent := _draw_without(world, lead)) is not None:
+        pictures["lead_absent"] = absent
     if alone := first_shown(partial(_draw_with_lead_at, world), draws.lead()):
         moved_m, pictures["lead_drawn"] = alone
         distances[LEAD] = moved_m
@@ -139,6 +113,14 @@ def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Draw
         distances[EXCHANGE] = both[0]
         pictures |= both[1]
     return Drawn(pictures, distances)
+
+
+def _draw_without(world: AnyWorld, lead: Obstacle) -> RGB | None:
+    """Return the picture without the lead, or None where it was not in the picture or another one then leads."""
+    if gap_to(world, lead) >= world.view.view_ahead_m:
+        return None
+    absent = _with(world, *(one for one in world.layout.obstacles if one is not lead))
+    return draw(absent) if read_scene(absent).gap_m is None else None
 
 
 def _exchange_at(world: AnyWorld, lead: Obstacle, rng: np.random.Generator, own_m: float) -> dict[str, RGB] | None:
@@ -197,22 +179,6 @@ def _at_gap(world: AnyWorld, one: Obstacle, gap_m: float) -> Obstacle:
 def _with(world: AnyWorld, *obstacles: Obstacle) -> AnyWorld:
     """Return the same moment among these obstacles."""
     return replace(world, layout=replace(world.layout, obstacles=obstacles))
-
-
-def _exchange(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> tuple[dict[str, RGB], dict[str, float]]:
-    """Return the two pictures of who is near, and their gaps; nothing where no obstacle beside could stand so."""
-    for number in range(_TRIES):
-        near_m, far_m = (float(rng.uniform(*bounds)) for bounds in EXCHANGE_M)
-        for taken, y in _beside(world, lead, rng):
-            leaning = lead if number < _TRIES / 10 else _lean_from(world, lead, y, rng)
-            near, far = _at_gap(world, leaning, near_m), _at_gap(world, leaning, far_m)
-            beside = _abreast(world, near, y)
-            if beside is None:
-                continue
-            shown = {"lane_own": (near, replace(far, y=y)), "lane_beside": (far, beside)}
-            if pictures := _draw_exchanged(world, shown, [lead, *([] if taken is None else [taken])]):
-                return pictures, {"lane_near_m": near_m, "lane_far_m": far_m}
-    return {}, {}
 
 
 def _beside(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> Iterator[tuple[Obstacle | None, float]]:
