@@ -28,7 +28,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("calls", "conditions", "modes"),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras", "loops"),
+    ("stats", "cameras", "loops", "formats"),
     ("errors", "seeds", "records", "keys"),
     ("patterns", "processes", "scratch"),
 )
@@ -123,6 +123,7 @@ OPENS_BY_NAME = {
     "eyechart.models.python_callable",
     "eyechart.policies",
     "eyechart.simulators",
+    "eyechart.formats",
     "eyechart.studies",
     "eyechart.importing.parquet",
 }
