@@ -67,5 +67,5 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra() -> None:
 
 def test_a_format_that_nobody_has_is_named() -> None:
     """With the nearest that there is."""
-    with pytest.raises(SpecError, match="--format takes table or .*, not 'lerobo'.*mean 'lerobot'"):
+    with pytest.raises(SpecError, match=r"--format takes table or .*, not 'lerobo'.*mean 'lerobot'"):
         find_format("lerobo", Path(), [])

@@ -252,8 +252,7 @@ def check(
 
 def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
     """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
-    from eyechart.channels import unshown_channels
-    from eyechart.conditions import undrawn_controls
+    from eyechart.conditions import undrawn_controls, unshown_channels
     from eyechart.frames import open_bank
     from eyechart.importing.notes import notes
 
@@ -349,16 +348,18 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
     from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
-    from eyechart.channels import channels_of, conditions_of, shown, subset_conditions
+    from eyechart.channels import channels_of
     from eyechart.cli.terminal import print_each
-    from eyechart.conditions import by_reason
+    from eyechart.conditions import available, by_reason, conditions_of, subset_conditions
     from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
 
     conditions, left_out = conditions_of(bank)
     further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]
-    calls, more = (sum(shown(name, frame, bank) for name in many for frame in bank) for many in (conditions, further))
+    calls, more = (
+        sum(available(name, frame, bank) for name in many for frame in bank) for many in (conditions, further)
+    )
     episodes = len({frame.drive for frame in bank})
     bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
     whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
