@@ -18,25 +18,27 @@ from eyechart.channels import (
     STATE,
     TOLD,
     channels_of,
-    conditions_of,
     far_off,
-    find_exchange,
     flat_state,
-    further_conditions,
     instruction_column,
-    listed_conditions,
     logs,
     partner_of,
     partners,
     rare,
     reflected,
-    show,
-    shown,
-    sources,
     told,
-    unshown_channels,
 )
 from eyechart.cli.app import app
+from eyechart.conditions import (
+    available,
+    conditions_of,
+    find_condition,
+    further_conditions,
+    listed_conditions,
+    show,
+    sources,
+    unshown_channels,
+)
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode
 from eyechart.importing import costs
@@ -101,7 +103,7 @@ def test_a_match_is_the_nearest_state_of_another_episode(bank: FrameBank) -> Non
     states = np.array([flat_state(frame.state) for frame in bank])
     spread = states.std(axis=0)
     for place, frame in enumerate(bank):
-        if not shown("matched@cameras", frame, bank):
+        if not available("matched@cameras", frame, bank):
             continue
         other = partner_of(frame, bank, "matched", CAMERAS)
         assert far_apart(frame, other, spread) <= 0.1
@@ -167,8 +169,8 @@ def test_the_files_of_a_condition_are_those_that_it_shows(bank: FrameBank) -> No
     """So that a bundle holds them all."""
     frame = bank.frames[0]
     for name in conditions_of(bank)[0]:
-        assert shown(name, frame, bank) or name.startswith(("matched", "near"))
-        if not shown(name, frame, bank):
+        assert available(name, frame, bank) or name.startswith(("matched", "near"))
+        if not available(name, frame, bank):
             continue
         files = sources(name, frame, bank, 0)
         seen = {bank.read(file) for file in files}
@@ -182,7 +184,7 @@ def test_an_unknown_condition_is_refused_with_what_is_known(bank: FrameBank) -> 
     """Also a camera that is not there, and a bank whose instruction nobody can tell."""
     for name in ("swapped", "swapped@nose", "named_plus@state", "shuffled"):
         with pytest.raises(SpecError, match="known are real"):
-            find_exchange(name)
+            find_condition(name, "policy")
     with pytest.raises(BankError, match="has no camera 'left'"):
         show("swapped@camera:left", bank.frames[0], bank, 0)
     several = replace(bank, manifest=replace(bank.manifest, prompt_columns=("task", "hint")))
@@ -243,7 +245,7 @@ def test_a_partners_picture_differs_where_it_can(tmp_path: Path) -> None:
             == bank.frames[partners(bank.frames, "swapped", CAMERAS)[bank.frames.index(frame)]]
         )
         for how in ("matched", "near"):
-            if shown(f"{how}@camera:side", frame, bank):
+            if available(f"{how}@camera:side", frame, bank):
                 other = partner_of(frame, bank, how, "camera:side")
                 assert digests[other.pictures["side"]] != digests[frame.pictures["side"]]
 

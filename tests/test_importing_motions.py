@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from arm_logs import arm_bank
 from eyechart.calibrate.policies import power
-from eyechart.channels import reflected, show
+from eyechart.channels import reflected
 from eyechart.cli.app import app
+from eyechart.conditions import show
 from eyechart.errors import SourceError, SpecError
 from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 from eyechart import __version__
-from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError, raising, text_file, why
 from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
@@ -544,9 +543,8 @@ def _require_legal(made: RunManifest) -> None:
         raise ValueError(f"conditions are {len(made.conditions)}, more than the {MOST_CONDITIONS} that a run may have")
     if not 1 <= made.answers <= MOST_ANSWERS:
         raise ValueError(f"answers is {made.answers}, not a number from 1 to {MOST_ANSWERS}")
-    find = find_exchange if isinstance(made.prompt.space, MotionSpace) else find_condition
     for condition in made.conditions:
-        find(condition)
+        find_condition(condition, made.prompt.who)
     if made.controls not in CONTROLS_ASKED:
         raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
     if made.encoding not in ENCODINGS:

@@ -58,6 +58,11 @@ class Prompt:
         """Return the versions of the rules by which a reply to it can be read here, today's last."""
         return (self.space or Discrete).readers
 
+    @property
+    def who(self) -> str:
+        """Return who is asked so: a ``model``, or a ``policy``."""
+        return (self.space or Discrete).who
+
     @cached_property
     def key(self) -> str:
         """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, TypedDict, Unpack
 
-from eyechart import channels
 from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
+from eyechart.channels import reflected
 from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
@@ -87,7 +87,7 @@ class Plan:
 
     def shows(self, condition: str, frame: Frame) -> bool:
         """Return whether a frame can be shown under a condition."""
-        return available(condition, frame)
+        return available(condition, frame, self.bank)
 
     def seen(self, condition: str, frame: Frame) -> Stimulus:
         """Return what a condition shows of a frame, through the view if there is one."""
@@ -147,25 +147,9 @@ class MotionPlan(Plan):
         assert isinstance(self.space, MotionSpace)
         return self.space
 
-    def shows(self, condition: str, frame: Frame) -> bool:
-        """Return whether a frame can be shown under a condition."""
-        return channels.shown(condition, frame, self.bank)
-
-    def seen(self, condition: str, frame: Frame) -> Stimulus:
-        """Return what a condition shows of a frame."""
-        return channels.show(condition, frame, self.bank, self.seed)
-
-    def sources(self, condition: str, frame: Frame) -> tuple[str, ...]:
-        """Return the files of the bank of which a condition's pictures of a frame are made."""
-        return channels.sources(condition, frame, self.bank, self.seed)
-
-    def stimuli(self) -> Stimuli:
-        """Return what shows the conditions, each once."""
-        return Stimuli(self.bank, self.seed, shows=channels.show)
-
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a policy is given in a call."""
-        given = channels.reflected(seen, self.motions) if key.condition == "mirrored" else seen
+        given = reflected(seen, self.motions) if key.condition == "mirrored" else seen
         again = key.condition == "real_repeat"
         repeat, other = (0, False) if again and key.repeat else (key.repeat, again)
         seed = key_seed("policy", self.seed, repeat, other)

@@ -1,11 +1,10 @@
 """Pictures as a run shows them: each read and made once for all models and conditions, within a bound of memory."""
 
-from collections.abc import Callable
 from dataclasses import fields
 from functools import cached_property
 
 from eyechart.conditions import show
-from eyechart.frames import Frame, FrameBank, Kept, Stimulus
+from eyechart.frames import FrameBank, Kept, Stimulus
 from eyechart.perception.view import View, through
 
 _MOST_BYTES = 128_000_000
@@ -26,18 +25,10 @@ class _Remembering(FrameBank):
         return self._read.get(file, lambda: read(file))
 
 
-Show = Callable[[str, Frame, FrameBank, int], Stimulus]
-"""Returns what a condition of this name shows of a frame of a bank, by the run's seed."""
-
-
 class Stimuli:
-    """What each condition shows for a frame, through a view if there is one, made once for all models.
+    """What each condition shows for a frame, through a view if there is one, made once for all models."""
 
-    ``shows`` knows the conditions; those of pictures unless another is given.
-    """
-
-    def __init__(self, bank: FrameBank, seed: int, view: View | None = None, *, shows: Show = show) -> None:
-        self._show = shows
+    def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
         self._bank = _Remembering(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
         self._seed = seed
         self._view = view
@@ -49,8 +40,6 @@ class Stimuli:
         """Return what a condition shows of a frame."""
 
         def make() -> Stimulus:
-            return through(
-                self._view, self._show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id
-            )
+            return through(self._view, show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id)
 
         return self._made.get((condition, frame_id), make)

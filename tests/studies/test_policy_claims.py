@@ -117,7 +117,7 @@ def test_a_verdict_needs_no_picture(bank: FrameBank, tmp_path: Path, monkeypatch
         raise AssertionError("pictures were compared")
 
     monkeypatch.setattr(FrameBank, "read", read)
-    monkeypatch.setattr("eyechart.channels._unlike_pair", compared)
+    monkeypatch.setattr("eyechart.conditions.policies._unlike_pair", compared)
     found = judge(policy.score(tmp_path / "run"))["python:arms:poses"]
     assert found.camera.because == "Its cameras cannot be judged: the run did not ask swapped@cameras."
 

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 import arms
 from eyechart import channels
-from eyechart.channels import subset_conditions
 from eyechart.cli.app import app
+from eyechart.conditions import subset_conditions
 from eyechart.errors import BankError
 from eyechart.frames import FrameBank
 from eyechart.simulators import open_bank_simulator

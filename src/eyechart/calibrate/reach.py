@@ -2,19 +2,8 @@
 
 from collections.abc import Iterator
 
-from eyechart.channels import (
-    CAMERA,
-    CAMERAS,
-    EXCHANGED,
-    INSTRUCTION,
-    MOVES,
-    STATE,
-    channels_of,
-    conditions_of,
-    own_pictures,
-    partners,
-)
-from eyechart.conditions import OVER
+from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, own_pictures, partners
+from eyechart.conditions import EXCHANGED, OVER, conditions_of
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.verdicts.channels import AXES

@@ -1,17 +1,19 @@
 """``eyechart frames``: build, import, check and show frame banks; ``eyechart plan``: what a bank can decide."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json, Model, read_places
+from eyechart.cli.options import Json, Model, expanded, read_places
 from eyechart.cli.terminal import print_json, print_line, progress, say
 from eyechart.errors import SpecError, perhaps
+from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
     from eyechart.frames import FrameBank, MirrorAxis, Shared
-    from eyechart.importing import Ahead, Convert
+    from eyechart.importing import Ahead, Choices, Convert
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
 
@@ -67,6 +69,125 @@ def _add_to(root: Path, out: Path | None) -> None:
     say(f"{said}; {len(bank)} frames in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
+@dataclass(frozen=True)
+class Described:
+    """What the owner of pictures says of them; which of it a format takes, its row of `FORMATS` says."""
+
+    table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet; a row a picture.")] = None
+    map_: Annotated[
+        list[str] | None,
+        typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario, mirror; lead_near, …."),
+    ] = None
+    mirror: Annotated[str, typer.Option(help="vertical (seen from above), horizontal (forward camera) or none.")] = (
+        "none"
+    )
+    actions: Annotated[Path | None, typer.Option(help="TOML file of the action space; default: the driving one.")] = (
+        None
+    )
+    threshold: Annotated[float | None, typer.Option(help="A smaller gap is near.")] = None
+    unit: Annotated[str | None, typer.Option(help="Unit of the gap.")] = None
+    picture: Annotated[str, typer.Option(help="What the pictures are, in words.")] = "pictures of a camera"
+    prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may say, with commas.")] = ""
+    strata: Annotated[
+        str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
+    ] = ""
+    independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
+    format_: Annotated[
+        str | None,
+        typer.Option("--format", help=f"{' or '.join(FORMATS)}; default: as --table or a file of the folder tells."),
+    ] = None
+    camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of several cameras: column and mirror axis of each; state, motion, reflection."),
+    ] = None
+    horizon: Annotated[
+        int | None,
+        typer.Option(min=1, help=f"Of {takers('ahead')}: a bank for policies that answer with so many steps."),
+    ] = None
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: told by data."
+        ),
+    ] = None
+    every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
+    convert: Annotated[
+        bool, typer.Option("--convert", help="Make upright 8-bit RGB of pictures that are not; else they are refused.")
+    ] = False
+    background: Annotated[
+        str | None, typer.Option(help="With --convert: what transparent pixels show, white or #rrggbb; default: white.")
+    ] = None
+    longest: Annotated[
+        int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
+    ] = None
+    keep_repeats: Annotated[
+        bool,
+        typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
+    ] = False
+    no_lead: Annotated[
+        str | None,
+        typer.Option(help="Numbers or words of the gap that mean nothing ahead, as -1,inf,999; empty: none does."),
+    ] = None
+    numbers: Annotated[
+        str, typer.Option(help="How numbers are written: 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
+    ] = ""
+    strip: Annotated[str, typer.Option(help="What the pictures' paths of another machine begin with.")] = ""
+
+    def choices(self) -> "Choices":
+        """Return what every format takes, with what was given in ways that cannot be."""
+        from eyechart.errors import finite_number
+        from eyechart.importing.bank import Choices
+        from eyechart.importing.columns import read_rig
+        from eyechart.importing.faults import Faults
+        from eyechart.spaces.discrete import DRIVING, read_space
+
+        wrong, space, near = Faults(), DRIVING, self.threshold
+        axis = _axis(self.mirror, wrong)
+        if self.rig is not None and self.mirror != "none":
+            wrong.add("--rig says the mirror axis of each camera: leave out --mirror")
+        with wrong.noted():
+            space = DRIVING if self.actions is None else read_space(self.actions)
+        with wrong.noted():
+            near = None if self.threshold is None else 0.0
+            near = None if self.threshold is None else finite_number("--threshold", self.threshold)
+        return Choices(
+            columns=read_places(self.map_ or []),
+            mirror=axis,
+            rig=None if self.rig is None else read_rig(self.rig, of_table=self.table is not None),
+            space=space,
+            threshold=near,
+            unit=self.unit,
+            picture=self.picture,
+            prompt_columns=_names(self.prompt_columns),
+            strata=_names(self.strata),
+            independent=self.independent,
+            every=self.every,
+            convert=_convert(self.background, self.longest, asked=self.convert),
+            keep_repeats=self.keep_repeats,
+            numerals=_numerals(self.numbers, self.no_lead, wrong),
+            strip=self.strip,
+            wrong=wrong.lines,
+        )
+
+    def format_of(self, folder: Path) -> Format:
+        """Return the format of a folder; raises SpecError where it does not take what was given."""
+        ahead = (self.horizon, self.kind) != (None, None)
+        used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
+        return find_format(self.format_, folder, [name for name, given in used.items() if given])
+
+    def own(self) -> dict[str, object]:
+        """Return what some formats alone take."""
+        return {"table": self.table, "camera": self.camera, "ahead": _ahead(self.horizon, self.kind)}
+
+
+_UNDESCRIBED = Described()
+
+
+def _names(words: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in words.split(",") if name.strip())
+
+
 @app.command(
     "import",
     epilog="Example: eyechart frames import photos --table photos.csv --map gap=lidar_m --map episode=drive "
@@ -74,115 +195,21 @@ def _add_to(root: Path, out: Path | None) -> None:
     "--out bank\n\nExample of a robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank\n\n"
     "Example for a policy: eyechart frames import so100 --format lerobot --horizon 50 --every 30 --out bank",
 )
+@expanded
 def import_(
-    folder: Annotated[Path, typer.Argument(help="Folder of the pictures, or of a LeRobotDataset v3.")],
+    folder: Annotated[
+        Path, typer.Argument(help=f"Folder of {', or of '.join(one.folder for one in FORMATS.values())}.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
-    table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet; a row a picture.")] = None,
-    map_: Annotated[
-        list[str] | None,
-        typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario, mirror; lead_near, …."),
-    ] = None,
-    mirror: Annotated[
-        str, typer.Option(help="vertical (seen from above), horizontal (forward camera) or none.")
-    ] = "none",
-    actions: Annotated[
-        Path | None, typer.Option(help="TOML file of the action space; default: the driving one.")
-    ] = None,
-    threshold: Annotated[float | None, typer.Option(help="A smaller gap is near.")] = None,
-    unit: Annotated[str | None, typer.Option(help="Unit of the gap.")] = None,
-    picture: Annotated[str, typer.Option(help="What the pictures are, in words.")] = "pictures of a camera",
-    prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may say, with commas.")] = "",
-    strata: Annotated[
-        str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
-    ] = "",
-    independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False,
-    format_: Annotated[str, typer.Option("--format", help="table or lerobot.")] = "table",
-    camera: Annotated[str | None, typer.Option(help="Camera of a LeRobotDataset.")] = None,
-    rig: Annotated[
-        Path | None,
-        typer.Option(help="TOML file of several cameras: column and mirror axis of each; state, motion, reflection."),
-    ] = None,
-    horizon: Annotated[
-        int | None,
-        typer.Option(min=1, help="Of a LeRobotDataset: a bank for policies that answer with so many steps."),
-    ] = None,
-    kind: Annotated[
-        str | None,
-        typer.Option(
-            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: told by data."
-        ),
-    ] = None,
-    every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
-    convert: Annotated[
-        bool, typer.Option("--convert", help="Make upright 8-bit RGB of pictures that are not; else they are refused.")
-    ] = False,
-    background: Annotated[
-        str | None, typer.Option(help="With --convert: what transparent pixels show, white or #rrggbb; default: white.")
-    ] = None,
-    longest: Annotated[
-        int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
-    ] = None,
-    keep_repeats: Annotated[
-        bool,
-        typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
-    ] = False,
-    no_lead: Annotated[
-        str | None,
-        typer.Option(help="Numbers or words of the gap that mean nothing ahead, as -1,inf,999; empty: none does."),
-    ] = None,
-    numbers: Annotated[
-        str, typer.Option(help="How numbers are written: 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
-    ] = "",
-    strip: Annotated[str, typer.Option(help="What the pictures' paths of another machine begin with.")] = "",
+    described: Described = _UNDESCRIBED,
 ) -> None:
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
-    from eyechart.errors import finite_number
-    from eyechart.importing.bank import Choices, import_table
-    from eyechart.importing.columns import read_rig
     from eyechart.importing.costs import costs, taken
-    from eyechart.importing.faults import Faults
-    from eyechart.importing.lerobot import import_lerobot
-    from eyechart.spaces.discrete import DRIVING, read_space
 
-    wrong, space, near = Faults(), DRIVING, threshold
-    axis = _axis(mirror, wrong)
-    if rig is not None and mirror != "none":
-        wrong.add("--rig says the mirror axis of each camera: leave out --mirror")
-    with wrong.noted():
-        space = DRIVING if actions is None else read_space(actions)
-    with wrong.noted():
-        near = None if threshold is None else 0.0
-        near = None if threshold is None else finite_number("--threshold", threshold)
-    choices = Choices(
-        columns=read_places(map_ or []),
-        mirror=axis,
-        rig=None if rig is None else read_rig(rig, of_table=table is not None),
-        space=space,
-        threshold=near,
-        unit=unit,
-        picture=picture,
-        prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
-        strata=tuple(name.strip() for name in strata.split(",") if name.strip()),
-        independent=independent,
-        every=every,
-        convert=_convert(background, longest, asked=convert),
-        keep_repeats=keep_repeats,
-        numerals=_numerals(numbers, no_lead, wrong),
-        strip=strip,
-        wrong=wrong.lines,
-    )
-    if format_ not in {"table", "lerobot"}:
-        raise SpecError(f"--format takes table or lerobot, not '{format_}'{perhaps(format_, ('table', 'lerobot'))}")
-    if (format_ == "table") != (table is not None):
-        raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
-    if convert and table is None:
-        raise SpecError("--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos")
-    ahead = _ahead(horizon, kind, of_table=table is not None)
+    choices, source, own = described.choices(), described.format_of(folder), described.own()
+    options = {name: own[name] for name in source.options if name in own}
     with progress("import", "rows and frames") as move:
-        if table is None:
-            bank = import_lerobot(folder, out, choices, camera=camera, ahead=ahead, reads=move, progress=move)
-        else:
-            bank = import_table(folder, table, out, choices, reads=move, progress=move)
+        bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
     say(*taken(bank), *costs(bank))
 
@@ -225,8 +252,7 @@ def check(
 
 def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
     """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
-    from eyechart.channels import unshown_channels
-    from eyechart.conditions import undrawn_controls
+    from eyechart.conditions import undrawn_controls, unshown_channels
     from eyechart.frames import open_bank
     from eyechart.importing.notes import notes
 
@@ -322,16 +348,18 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
     from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
-    from eyechart.channels import channels_of, conditions_of, shown, subset_conditions
+    from eyechart.channels import channels_of
     from eyechart.cli.terminal import print_each
-    from eyechart.conditions import by_reason
+    from eyechart.conditions import available, by_reason, conditions_of, subset_conditions
     from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
 
     conditions, left_out = conditions_of(bank)
     further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]
-    calls, more = (sum(shown(name, frame, bank) for name in many for frame in bank) for many in (conditions, further))
+    calls, more = (
+        sum(available(name, frame, bank) for name in many for frame in bank) for many in (conditions, further)
+    )
     episodes = len({frame.drive for frame in bank})
     bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
     whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
@@ -380,13 +408,11 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     return Convert(background or "white", longest) if asked else None
 
 
-def _ahead(horizon: int | None, kind: str | None, *, of_table: bool) -> "Ahead | None":
-    """Return what makes a bank for policies of a LeRobotDataset, None where no horizon was given."""
+def _ahead(horizon: int | None, kind: str | None) -> "Ahead | None":
+    """Return what makes a bank for policies of a data set, None where no horizon was given."""
     from eyechart.importing import Ahead
     from eyechart.spaces.motion import read_kind
 
-    if of_table and (horizon, kind) != (None, None):
-        raise SpecError("--horizon and --kind are for --format lerobot; of a --table, [motion] of --rig says them")
     if horizon is None and kind is not None:
         raise SpecError("--kind says what the actions of --horizon are: give --horizon too")
     return None if horizon is None else Ahead(horizon, read_kind(kind))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -184,6 +184,32 @@ class Stimulus:
     def of(cls, image: bytes | None) -> "Stimulus":
         """Return the stimulus of one picture and nothing else, or of none."""
         return cls({} if image is None else {MAIN: image})
+
+
+class Source(Protocol):
+    """Where a condition finds pictures: a bank of frames, or one moment of a world that is driven."""
+
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """All frames, in order."""
+
+    @property
+    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
+        """The frames of each scenario, in order."""
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The prompt columns that the prompt says of a frame."""
+
+    @property
+    def stores_noise(self) -> bool:
+        """Whether noise is made as a PNG that is not compressed: no compression makes it smaller."""
+
+    def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
+        """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
+
+    def shapes(self, frame: Frame) -> Mapping[str, tuple[int, ...]]:
+        """Return the shape (h, w, 3) of a frame's pictures by camera."""
 
 
 def _canonical(value: Scalar) -> Scalar | list[str]:

@@ -170,7 +170,14 @@ def import_table(
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
     photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip)
-    kept = keep(_opened(table, reads, choices), choices)
+    return import_rows(_opened(table, reads, choices), photographs, out, choices, progress)
+
+
+def import_rows(
+    table: Table, photographs: Photographs, out: Path, choices: Choices, progress: Progress | None = None
+) -> FrameBank:
+    """Make a bank at ``out`` of the rows of a table that is open, whose pictures are files; see `import_table`."""
+    kept = keep(table, choices)
     cells = cells_of(kept, choices, photographs.locate)
     if kept.faults:
         for where, file in cells.files():
@@ -185,7 +192,7 @@ def import_table(
         kept.faults.require_none(table.name)
 
     frames = frames_of(kept, choices, cells)
-    source = Source(folder, pictures, _told(choices.rig, kept), converted=photographs.done)
+    source = Source(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done)
     return write(out, source, frames, kept=kept, choices=choices, progress=progress)
 
 

@@ -34,6 +34,7 @@ class Discrete:
     SpecError for an unknown, repeated, unreadable or contradictory name.
     """
 
+    who: ClassVar[str] = "model"
     readers: ClassVar[tuple[int, ...]] = READERS
     name: str
     actions: tuple[str, ...]

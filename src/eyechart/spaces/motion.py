@@ -168,6 +168,7 @@ class MotionSpace:
     pairs that an instruction exchanges there, such as left and right.
     """
 
+    who: ClassVar[str] = "policy"
     reader: ClassVar[int] = MOTION_READER
     readers: ClassVar[tuple[int, ...]] = (MOTION_READER,)
     actions: ClassVar[tuple[str, ...]] = ()

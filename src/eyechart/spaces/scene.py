@@ -221,6 +221,7 @@ class SceneDecision(Decision[Estimate]):
 class SceneSpace:
     """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world."""
 
+    who: ClassVar[str] = "model"
     reader: ClassVar[int] = SCENE_READER
     readers: ClassVar[tuple[int, ...]] = (SCENE_READER,)
     name: ClassVar[str] = "scene"

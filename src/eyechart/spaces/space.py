@@ -76,6 +76,10 @@ class Space(Protocol[A]):
     """
 
     @property
+    def who(self) -> str:
+        """Whose answers these are: a ``model``'s, or a ``policy``'s."""
+
+    @property
     def reader(self) -> int:
         """The version of the rules of reading, which a run records."""
 

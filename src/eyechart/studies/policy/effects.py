@@ -18,7 +18,6 @@ from eyechart.channels import (
     INSTRUCTION,
     MOVES,
     OBJECTS,
-    PARTNERS,
     STATE,
     TOLD,
     channels_of,
@@ -26,10 +25,9 @@ from eyechart.channels import (
     instruction_column,
     own_pictures,
     rare,
-    subset_conditions,
     told,
 )
-from eyechart.conditions import OVER
+from eyechart.conditions import OVER, PARTNERS, subset_conditions
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import PLACES
 from eyechart.stats.agreement import rate

@@ -9,17 +9,8 @@ from typing import Unpack
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import (
-    PARTNERS,
-    channels_of,
-    conditions_of,
-    find_exchange,
-    further_conditions,
-    instruction_column,
-    require_channels,
-    subset_conditions,
-)
-from eyechart.conditions import OVER
+from eyechart.channels import channels_of, instruction_column, require_channels
+from eyechart.conditions import OVER, PARTNERS, conditions_of, find_condition, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
@@ -165,7 +156,7 @@ def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -
         raise BankError(f"the bank {bank.root} has no channel but its cameras, and --shapley divides among several")
     asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
     for name in asked:
-        find_exchange(name)
+        find_condition(name, "policy")
         if name not in {*supplied, *further} and not (name in every.values() and name not in left_out):
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name) or _unknown(name, bank)}")
     return tuple(asked)

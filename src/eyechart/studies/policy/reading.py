@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, logs, partners, relative_log, whose
-from eyechart.conditions import OVER
+from eyechart.channels import CAMERAS, STATE, flat_state, logs, partners, relative_log, whose
+from eyechart.conditions import OVER, PARTNERS
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import reflect
 from eyechart.stats.partners import NOBODY, Places

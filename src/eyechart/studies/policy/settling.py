@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, conditions_of
-from eyechart.conditions import OVER
+from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
+from eyechart.conditions import OVER, conditions_of
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.uses import ALPHA, USED, Known, used
 

@@ -2,46 +2,22 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Protocol
+from functools import lru_cache, partial
 
 import numpy as np
 
+from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, OVER, STATE, TOLD, partner_of, partner_place
 from eyechart.errors import BankError, SpecError, meant, require_known
-from eyechart.frames import RGB, Camera, Frame, Stimulus, decode, encode, stored
+from eyechart.frames import RGB, Camera, Frame, Source, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
+from eyechart.stats.partners import NOBODY
 
 MID_GREY = 128
-OVER = "@"
-"""Stands between a condition and the one camera over which it is shown, as in ``blank@wrist``."""
-
-Shape = tuple[int, ...]
-
-
-class Source(Protocol):
-    """Where a condition finds pictures: a bank of frames, or one moment of a world that is driven."""
-
-    @property
-    def frames(self) -> Sequence[Frame]:
-        """All frames, in order."""
-
-    @property
-    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
-        """The frames of each scenario, in order."""
-
-    @property
-    def said(self) -> tuple[str, ...]:
-        """The prompt columns that the prompt says of a frame."""
-
-    @property
-    def stores_noise(self) -> bool:
-        """Whether noise is made as a PNG that is not compressed: no compression makes it smaller."""
-
-    def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
-        """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
-
-    def shapes(self, frame: Frame) -> Mapping[str, Shape]:
-        """Return the shape (h, w, 3) of a frame's pictures by camera."""
+AGAIN, ABSENT = "real_again", "lead_absent"
+"""The true picture in the stage of the picture without the lead, of frames that have the latter."""
+EXCHANGED = "exchanged"
+"""The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
+MODELS, POLICIES = frozenset({"model"}), frozenset({"policy"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +28,19 @@ class Condition:
     is the frame's own, so the order of calls has no say. ``needs`` are what a source must have: an ``axis`` of
     reflection, a ``partner`` in the scenario, a ``stranger`` of another, a ``counterfactual`` picture of the same
     moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``. A ``control`` is asked
-    to take a claim away, never to make one.
+    to take a claim away, never to make one. ``drawn`` is the counterfactual that it is made of, where that has another
+    name. ``over`` says what may stand behind its name: a ``camera``, nothing (""), or a ``channel``, which must, and is
+    then what ``make`` is called with first. ``asked`` are who may be asked so: a ``model``, a ``policy``, or both.
     """
 
     name: str
     image: str
     asks: str
-    make: Callable[[Frame, Source, int], Stimulus]
+    make: Callable[..., Stimulus]
     needs: frozenset[str] = frozenset()
+    drawn: str = ""
+    over: str = "camera"
+    asked: frozenset[str] = MODELS
 
 
 def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
@@ -146,16 +127,49 @@ def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     return replace(_real(frame, source, seed), fields=speaker(frame, source, seed).fields)
 
 
+def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what makes a counterfactual, of which another episode's instruction is told."""
+    return lambda frame, source, _: replace(
+        _shown(frame, source.images(frame, name)), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
+    )
+
+
+def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
+    """Return what shows a frame with one channel of its partner, or, if kept, with all of the partner's but one."""
+
+    def make(channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
+        own, other = frame, partner_of(frame, source, base, channel)
+        given, taken = (other, own) if base == "kept" else (own, other)
+        images = dict(source.images(given))
+        if channel == CAMERAS:
+            images = dict(source.images(taken))
+        elif channel.startswith(CAMERA):
+            name = channel.removeprefix(CAMERA)
+            require_picture(name, frame, images)
+            images[name] = source.images(taken)[name]
+        fields = taken.fields if channel == INSTRUCTION else given.fields
+        return Stimulus(images, fields, taken.state if channel == STATE else given.state)
+
+    return make
+
+
+def require_picture(camera: str, frame: Frame, images: Mapping[str, bytes]) -> None:
+    """Raise BankError where a frame has no picture of a camera."""
+    if camera not in images:
+        raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
+
+
 _AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
 _CONTROL = frozenset({"control"})
+_BOTH = MODELS | POLICIES
 
-CONDITIONS: dict[str, Condition] = {
+TABLE: dict[str, Condition] = {
     one.name: one
     for one in (
-        Condition("real", "true frame", "reference", _real),
-        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real),
-        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank),
-        Condition("noise", "uniform random RGB", "is any content used?", _noise),
+        Condition("real", "true frame", "reference", _real, asked=_BOTH),
+        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real, asked=_BOTH),
+        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank, asked=_BOTH),
+        Condition("noise", "uniform random RGB", "is any content used?", _noise, asked=_BOTH),
         Condition(
             "shuffled", "other frame, same scenario", "is this frame used?", _other("shuffled"), frozenset({"partner"})
         ),
@@ -167,10 +181,43 @@ CONDITIONS: dict[str, Condition] = {
             frozenset({"stranger"}),
         ),
         Condition("text_only", "none", "prompt alone sufficient?", lambda frame, *_: _shown(frame, {})),
-        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS),
+        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS, asked=_BOTH),
         Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN),
         Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN),
-        Condition("recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN),
+        *(
+            Condition(
+                f"{TOLD}{name}" if told else name,
+                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if told else ''}",
+                "is the named one followed?" if told else "is the object followed?",
+                _told(name) if told else _drawn(name),
+                _DRAWN,
+                name,
+                over="",
+                asked=POLICIES,
+            )
+            for told in (False, True)
+            for name in MOVES
+        ),
+        Condition(
+            EXCHANGED,
+            "same moment, the objects' colours exchanged",
+            "does it know which is which?",
+            _drawn(EXCHANGED),
+            _DRAWN,
+            asked=POLICIES,
+        ),
+        Condition(
+            "recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN, asked=_BOTH
+        ),
+        Condition(
+            "decoys",
+            "same moment, further objects",
+            "do others distract it?",
+            _drawn("decoys"),
+            _DRAWN,
+            over="",
+            asked=POLICIES,
+        ),
         *(
             Condition(name, f"same moment, {image}", asks, _drawn(name), _DRAWN | _CONTROL)
             for name, image, asks in (
@@ -181,8 +228,12 @@ CONDITIONS: dict[str, Condition] = {
                 ("lead_absent", "no lead vehicle", "does any lead decide, however far?"),
             )
         ),
-        Condition("real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _again, _CONTROL),
-        Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL),
+        Condition(
+            "real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _again, _CONTROL, ABSENT
+        ),
+        Condition(
+            "nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL, asked=_BOTH
+        ),
         *(
             Condition(
                 f"{name}_nudged" if again else name,
@@ -190,6 +241,7 @@ CONDITIONS: dict[str, Condition] = {
                 "does it repeat what it said?" if again else asks,
                 _nudged(f"{name}_nudged", name) if again else _drawn(name),
                 _DRAWN | _CONTROL,
+                name,
             )
             for name, image, asks, both in (
                 ("lead_near", "lead vehicle near", "does distance decide?", (True,)),
@@ -201,7 +253,26 @@ CONDITIONS: dict[str, Condition] = {
             for again in both
         ),
         Condition(
-            "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
+            "text_swapped",
+            "true frame, other text",
+            "does the text decide?",
+            _text_swapped,
+            frozenset({"text"}),
+            over="",
+        ),
+        *(
+            Condition(base, image, asks, _exchanged(base), over="channel", asked=POLICIES)
+            for base, image, asks in (
+                ("swapped", "another episode's", "does the channel decide?"),
+                ("matched", "that of another episode at a similar state", "does it tell more than the state?"),
+                (
+                    "near",
+                    "that of its own episode, as far off in its state as the matched one or farther",
+                    "is it no more than the pose?",
+                ),
+                ("kept", "its own, all others another episode's", "is the channel enough?"),
+                (ALONE, "that of the moment whose pictures are swapped", "what is its Shapley share?"),
+            )
         ),
         Condition(
             "frozen",
@@ -212,7 +283,13 @@ CONDITIONS: dict[str, Condition] = {
         ),
     )
 }
-"""All conditions, of banks and of worlds that are driven."""
+"""All conditions: of banks, of worlds that are driven, and of the channels of a policy."""
+
+CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= MODELS}
+"""Those of models."""
+
+PARTNERS: tuple[str, ...] = tuple(name for name, one in TABLE.items() if one.over == "channel")
+"""Those that show another frame's channel: any, one of a similar state, of the own episode; all but one."""
 
 BATTERY: tuple[str, ...] = (
     "real",
@@ -231,9 +308,6 @@ CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "c
 
 NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
 """Controls that show a counterfactual again, one value off by one: made of its picture, or given with a bank."""
-
-AGAIN, ABSENT = "real_again", "lead_absent"
-"""The true picture in the stage of the picture without the lead, of frames that have the latter."""
 
 RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
 """Controls with distances over all that a world can show, and what is asked with them."""
@@ -291,24 +365,28 @@ def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulu
 
     The stimulus is seeded from (condition, frame, run seed), so every model sees the same one.
     """
-    return find_condition(condition).make(frame, source, seed_of(condition, frame, run_seed))
+    who = min(_row(condition).asked)
+    return find_condition(condition, who).make(frame, source, seed_of(condition, frame, run_seed))
 
 
 def seed_of(condition: str, frame: Frame, run_seed: int) -> int:
     """Return the seed of a frame's stimulus under a condition."""
-    kind = "text" if "text" in find_condition(condition).needs else "stimulus"
+    kind = "text" if "text" in _row(condition).needs else "stimulus"
     return key_seed(kind, run_seed, condition, frame.id)
 
 
 def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
     """Return the files of the bank of which a condition's pictures of a frame are made, none where it shows none."""
-    base, over, _ = name.partition(OVER)
-    needs, files = find_condition(base).needs, frame.pictures
-    if base == "text_only":
+    base, over, camera = name.partition(OVER)
+    row, files = _row(name), frame.pictures
+    if row.over == "channel":
+        files = partner_of(frame, source, base, camera).pictures
+    elif base == "text_only":
         files = {}
-    elif "counterfactual" in needs:
-        files = frame.counterfactuals[base if base in frame.counterfactuals else NUDGES.get(base, base)]
-    elif needs & {"partner", "stranger"}:
+    elif "counterfactual" in row.needs:
+        files = frame.counterfactuals[base if base in frame.counterfactuals else row.drawn or base]
+        files = {camera: files[camera]} if over else files
+    elif row.needs & {"partner", "stranger"}:
         files = partner(frame, source, seed_of(name, frame, run_seed), base).pictures
     return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
 
@@ -327,14 +405,42 @@ def speaker(frame: Frame, source: Source, seed: int) -> Frame:
     return near[int(np.random.default_rng(seed).integers(len(near)))]
 
 
-def find_condition(name: str) -> Condition:
-    """Return the condition of this name, also over one camera; raises SpecError that lists the known ones."""
-    if name in CONDITIONS:
-        return CONDITIONS[name]
-    base, over, camera = name.partition(OVER)
-    if base not in CONDITIONS or ("text" in CONDITIONS[base].needs and over):
-        raise SpecError(f"unknown condition '{name}';{meant(base, CONDITIONS)} known are {', '.join(CONDITIONS)}")
-    return _over(CONDITIONS[base], camera) if over else CONDITIONS[base]
+def find_condition(name: str, who: str = "model") -> Condition:
+    """Return the condition of this name, also over one camera or channel; raises SpecError that lists the known ones.
+
+    ``who`` is asked so: a ``model``, or a ``policy``.
+    """
+    base, over, what = name.partition(OVER)
+    row = TABLE.get(base)
+    if row is None or who not in row.asked or not _may_be_over(row, over, what):
+        of = " of a policy" if who == "policy" else ""
+        known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
+        raise SpecError(f"unknown condition '{name}'{of};{meant(base, known)} known are {', '.join(known)}")
+    return row if not over else _exchange(row, what) if row.over == "channel" else _over(row, what)
+
+
+def asked_of(who: str) -> list[Condition]:
+    """Return the conditions that a ``model`` or a ``policy`` may be asked."""
+    return [one for one in TABLE.values() if who in one.asked]
+
+
+def _may_be_over(row: Condition, over: str, what: str) -> bool:
+    """Return whether what stands behind a condition's name may stand there."""
+    if row.over == "channel":
+        return what in {CAMERAS, STATE, INSTRUCTION} or what.startswith(CAMERA)
+    return not over or bool(row.over)
+
+
+def _row(name: str) -> Condition:
+    """Return the row of a condition, whoever is asked so; raises SpecError where there is none."""
+    row = TABLE.get(name.partition(OVER)[0])
+    return row or find_condition(name)
+
+
+def _exchange(row: Condition, channel: str) -> Condition:
+    """Return a condition over a channel."""
+    name, image = f"{row.name}{OVER}{channel}", f"{channel}: {row.image}"
+    return replace(row, name=name, image=image, make=partial(row.make, channel))
 
 
 def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
@@ -368,15 +474,14 @@ def _over(whole: Condition, camera: str) -> Condition:
 
     def make(frame: Frame, source: Source, seed: int) -> Stimulus:
         made, images = whole.make(frame, source, seed), {**source.images(frame)}
-        if camera not in images:
-            raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
+        require_picture(camera, frame, images)
         if camera in made.images:
             images[camera] = made.images[camera]
         else:
             del images[camera]
         return replace(made, images=images)
 
-    return Condition(f"{whole.name}{OVER}{camera}", f"{whole.image}, over {camera}", whole.asks, make, whole.needs)
+    return replace(whole, name=f"{whole.name}{OVER}{camera}", image=f"{whole.image}, over {camera}", make=make)
 
 
 def require_partners(names: Sequence[str], source: Source) -> None:
@@ -390,18 +495,19 @@ def require_partners(names: Sequence[str], source: Source) -> None:
             speaker(source.frames[0], source, 0)
 
 
-def available(name: str, frame: Frame) -> bool:
-    """Return whether a frame can be shown under a condition.
+def available(name: str, frame: Frame, source: Source | None = None) -> bool:
+    """Return whether a frame can be shown under a condition; one over a channel is asked of the ``source`` too.
 
     A counterfactual picture that was not drawn and a missing mirror axis are absences that scoring reports.
     A bank too small for ``shuffled`` or ``cross_scenario`` is an error, raised when its picture is made.
     """
-    base = name.partition(OVER)[0]
-    needs = find_condition(ABSENT if base == AGAIN else name).needs
-    if "counterfactual" in needs:
-        base = ABSENT if base == AGAIN else base
-        return base in frame.counterfactuals or NUDGES.get(base) in frame.counterfactuals
-    return not ("axis" in needs and frame.mirror_axis == "none")
+    base, _, what = name.partition(OVER)
+    row = _row(name)
+    if row.over == "channel":
+        return source is not None and partner_place(frame, source, base, what) != NOBODY
+    if row.drawn or "counterfactual" in row.needs:
+        return base in frame.counterfactuals or row.drawn in frame.counterfactuals
+    return not ("axis" in row.needs and frame.mirror_axis == "none")
 
 
 SAMPLED, SHARE = (ABSENT, AGAIN), 0.05

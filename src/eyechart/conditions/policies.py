@@ -1,0 +1,142 @@
+"""Which conditions a bank can show a policy, and why it cannot show the others."""
+
+from collections.abc import Sequence
+
+from eyechart.channels import (
+    ALONE,
+    BY_STATE,
+    CAMERA,
+    CAMERAS,
+    INSTRUCTION,
+    OVER,
+    STATE,
+    TOLD,
+    channels_of,
+    instruction_column,
+    partners,
+    whose,
+)
+from eyechart.conditions.table import EXCHANGED, PARTNERS, TABLE, available
+from eyechart.frames import FrameBank
+from eyechart.stats.partners import NOBODY
+from eyechart.stats.shapley import Subset, subsets
+
+LEAST_MATCHED = 0.25
+"""Of fewer frames with a partner at a similar state nothing is asked of those that have one."""
+_DRAWN = tuple(name for name, one in TABLE.items() if "counterfactual" in one.needs and "policy" in one.asked)
+
+
+def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the conditions that a policy is asked on a bank, and why it is not asked the others.
+
+    Without ``reading`` no picture is opened, which a run has no copy of: ``mirrored`` is not among them.
+    """
+    every, left_out = ["real", "real_repeat", "nudged"], {}
+    for channel in channels_of(bank):
+        over = channel.removeprefix(CAMERA) if channel.startswith(CAMERA) else ""
+        every += [f"{name}{OVER}{channel}" for name in PARTNERS if name != ALONE and not (over and name == "kept")]
+        if channel == CAMERAS:
+            every += ["blank", "noise"]
+        elif over:
+            every.append(f"blank{OVER}{over}")
+            every += [f"{EXCHANGED}{OVER}{over}"] if all(EXCHANGED in frame.counterfactuals for frame in bank) else []
+    every += [*(["mirrored"] if reading else []), *_DRAWN]
+    for name in every:
+        if why := _lacking(name, bank):
+            left_out[name] = why
+    return tuple(name for name in every if name not in left_out), left_out
+
+
+def further_conditions(bank: FrameBank) -> tuple[str, ...]:
+    """Return the conditions that a bank can show and that are asked only where they are named.
+
+    Noise in place of one camera's pictures, and that camera's alone kept; of several cameras.
+    """
+    names = [one.removeprefix(CAMERA) for one in channels_of(bank) if one.startswith(CAMERA)]
+    wanted = [one for name in names for one in (f"noise{OVER}{name}", f"kept{OVER}{CAMERA}{name}")]
+    return tuple(one for one in wanted if not _lacking(one, bank))
+
+
+def listed_conditions() -> dict[str, str]:
+    """Return the conditions of policies that stand over a channel or a camera, or are drawn, each in words."""
+    every = {f"{name}{OVER}CHANNEL": TABLE[name] for name in PARTNERS} | {name: TABLE[name] for name in _DRAWN}
+    listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
+    for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
+        listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
+    return listed
+
+
+def unshown_channels(bank: FrameBank) -> dict[str, str]:
+    """Return the channels of a bank that cannot be exchanged, with why: of a camera, that its pictures are alike."""
+    left_out = conditions_of(bank)[1]
+    names = {channel: f"swapped{OVER}{channel}" for channel in channels_of(bank)}
+    return {channel: left_out[name] for channel, name in names.items() if name in left_out}
+
+
+def subset_conditions(bank: FrameBank) -> dict[Subset, str]:
+    """Return under which condition each subset of the channels is the partner's: cameras, state and instruction.
+
+    None of them is ``real``; all of them is the partner's own moment, which is no condition, and is left out. The
+    partner is the same for all. Empty where the bank has no channel but its cameras.
+    """
+    whole = [name for name in channels_of(bank) if not name.startswith(CAMERA)]
+    if len(whole) < 2:
+        return {}
+    return {some: _subset_condition(some, whole) for some in subsets(whole)[:-1]}
+
+
+def _subset_condition(some: Subset, whole: Sequence[str]) -> str:
+    if not some:
+        return "real"
+    if some == {CAMERAS}:
+        return f"swapped{OVER}{CAMERAS}"
+    if len(some) == len(whole) - 1:
+        return f"kept{OVER}{next(name for name in whole if name not in some)}"
+    return f"{ALONE}{OVER}{next(iter(some))}"
+
+
+def _lacking(name: str, bank: FrameBank) -> str:
+    """Return why a bank cannot show a condition, nothing where it can."""
+    base, _, channel = name.partition(OVER)
+    if base in PARTNERS:
+        return _unpartnered(base, channel, bank)
+    if base.startswith(TOLD) and instruction_column(bank) is None:
+        return "the bank has no instruction"
+    if name == "mirrored" and (bank.manifest.motion is None or not bank.manifest.motion.mirrored):
+        return "the bank does not say what a reflected motion is"
+    if name == "mirrored" and (pair := _unlike_pair(bank)):
+        return f"the pictures of {pair}, which exchange places, have other sizes"
+    lacking = sum(not available(name, frame, bank) for frame in bank)
+    what = "mirror axis" if name == "mirrored" else "such picture"
+    return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
+
+
+def _unlike_pair(bank: FrameBank) -> str:
+    """Return two cameras that exchange places under reflection and whose pictures have other sizes, in words."""
+    first = bank.frames[0]
+    pairs = [(one.name, one.mirrors) for one in first.cameras if one.mirrors]
+    shapes = bank.shapes(first) if pairs else {}
+    return next((f"'{one}' and '{other}'" for one, other in pairs if shapes[one] != shapes[other]), "")
+
+
+def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
+    """Return why not every frame has a partner, or of a similar state hardly one; nothing where they have."""
+    if base in BY_STATE and channel in {STATE, INSTRUCTION}:
+        return "only pictures are matched by the state"
+    if base in BY_STATE and not bank.manifest.state:
+        return "the bank has no state to match by"
+    without = _alone("swapped", channel, bank)
+    if without:
+        return f"{without} of {len(bank)} frames have no frame of another episode that differs in {_its_name(channel)}"
+    if base in BY_STATE and (without := _alone(base, channel, bank)) > (1 - LEAST_MATCHED) * len(bank):
+        return f"{without} of {len(bank)} frames have no frame of another episode at a similar state"
+    return ""
+
+
+def _its_name(channel: str) -> str:
+    return f"the {channel.removeprefix(CAMERA)} camera" if channel.startswith(CAMERA) else f"its {channel}"
+
+
+def _alone(base: str, channel: str, bank: FrameBank) -> int:
+    """Return how many frames have no partner."""
+    return int((partners(bank.frames, *whose(base, channel), bank.manifest.images) == NOBODY).sum())
