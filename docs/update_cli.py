@@ -3,16 +3,15 @@
 Usage: python docs/update_cli.py
 """
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from typer.main import get_command
 
+from eyechart.cli import help as told
 from eyechart.cli.app import app
 
-EXAMPLE = re.compile(r"(.*?) ?(?:(Example[^:]*): (eyechart .*))?")
 PAGE = Path(__file__).with_name("cli.md")
 HEAD = """# The command line
 
@@ -53,14 +52,11 @@ def section(name: str, command: Any) -> str:  # noqa: ANN401
 def paragraphs(command: Any) -> list[str]:  # noqa: ANN401
     """Return what a command says of itself, examples as code."""
     said = "\n\n".join(part for part in (command.help, command.epilog) if part)
-    lines = []
-    for part in said.split("\n\n"):
-        words, name, example = EXAMPLE.fullmatch(" ".join(part.split())).groups()
-        if words:
-            lines += [cell(words), ""]
-        if example:
-            lines += [f"{name}: `{example.rstrip('.')}`", ""]
-    return lines
+    return [
+        line
+        for name, words in told.paragraphs(said)
+        for line in (f"{name}: `{words}`" if name else cell(words), "")
+    ]
 
 
 def row(option: Any) -> str:  # noqa: ANN401

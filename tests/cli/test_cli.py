@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,13 +10,16 @@ import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+from typer.main import get_command
 
 import banks
 import stand_ins
 from eyechart import __version__, cli
+from eyechart.cli.app import app
+from eyechart.cli.help import GROUPS, paragraphs
 from eyechart.cli.terminal import table_console
 from eyechart.conditions import CONDITIONS
 from eyechart.errors import LedgerError
@@ -121,12 +125,41 @@ def test_every_command_explains_itself(eyechart: Eyechart, command: str) -> None
     assert said.err == ""
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_at_80_columns_cuts_nothing(eyechart: Eyechart, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every word of every option's help stands there whole, and each example on a line of its own."""
+    monkeypatch.setenv("COLUMNS", "80")
+    found: Any = get_command(app)
+    for name in command.split():
+        found = found.commands[name]
+    lines = eyechart(*command.split(), "--help").out.splitlines()
+    said = [one.help for one in found.params if getattr(one, "help", None)]
+    said += [one.get_short_help_str(200) for one in getattr(found, "commands", {}).values()]
+    whole = "".join("".join(lines).split())
+    assert [text for text in said if "".join(text.split()) not in whole] == []
+    assert [line for line in lines if re.search(r"(^|\s)(-|\S*[:/])\S*-$", line)] == []  # an option or an address
+    examples = [words for name, words in paragraphs(f"{found.help}\n\n{found.epilog or ''}") if name]
+    assert [one for one in examples if f"    {one}" not in lines] == []
+    assert all(len(line) <= 80 for line in lines if line.strip() not in examples)
+
+
+def test_every_command_stands_in_one_group_of_the_help() -> None:
+    """And no group names one that there is not."""
+    named = [name for names in GROUPS.values() for name in names]
+    assert sorted(named) == sorted(get_command(app).commands)  # type: ignore[attr-defined]
+
+
+def test_the_list_of_models_begins_with_what_a_user_fills_in(eyechart: Eyechart) -> None:
+    """What has a word in capitals to fill in comes before every known answer."""
+    for what in ("models", "policies"):
+        names = [line.split()[0].partition(":")[2] for line in eyechart("list", what).out.splitlines()]
+        own = [name.isupper() for name in names]
+        assert own == sorted(own, reverse=True)
+        assert own[0]
+
+
 def test_the_list_of_commands_in_this_test_is_complete(eyechart: Eyechart) -> None:
     """A command that is added is tested too."""
-    from typer.main import get_command  # noqa: PLC0415 - nowhere else needed
-
-    from eyechart.cli.app import app  # noqa: PLC0415 - it is what is inspected
-
     found = [""]
     for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
         found += [name, *(f"{name} {inner}" for inner in getattr(command, "commands", {}))]

@@ -12,6 +12,9 @@ from eyechart.cli.app import app
 from eyechart.limits import Limits
 from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.tables import deciding_table, group_tables
+from eyechart.verdicts import judge
+from known import Demo
 from report_runs import read_evidence
 
 
@@ -61,7 +64,7 @@ def test_what_is_noted_of_every_model_is_printed_once(half: Path) -> None:
 def test_score_prints_each_interval_with_the_level_that_it_has(half: Path) -> None:
     """98 % beside the intervals of the calibrated tests, 95 % beside the others, as the statistic itself says."""
     battery.run(battery.plan(half.parent / "bank", stand_ins.SPECS, half))
-    printed = CliRunner().invoke(app, ["score", str(half)]).stdout.splitlines()
+    printed = CliRunner().invoke(app, ["score", str(half), "--all"]).stdout.splitlines()
     assert any("interval" in line and "level" in line for line in printed)
     found = next(iter(battery.score(half, resamples=99).models.values())).statistics
     for name in ("agree.noise", "self_disagreement", "bound_blank"):
@@ -69,3 +72,24 @@ def test_score_prints_each_interval_with_the_level_that_it_has(half: Path) -> No
         assert found[name].ci is not None
         assert f"{100 * found[name].level:g} %" in line, line
     assert {found[name].level for name in ("agree.noise", "bound_blank")} == {0.95, 0.98}
+
+
+def test_score_begins_with_the_five_that_decided_and_has_the_rest_by_groups(demo: Demo) -> None:
+    """The deciding one first of each model, on 80 columns nothing but those; ``--all`` has every statistic once."""
+    scored = battery.score(demo.run)
+    verdicts = judge(scored)
+    for spec, model in scored.models.items():
+        table = deciding_table(spec, model, verdicts[spec])
+        names = [str(row[0]) for row in table.rows]
+        assert names[0] == verdicts[spec].calibrated.decided_by
+        assert len(names) == len(set(names)) == 5
+        assert verdicts[spec].lateral.decided_by in names
+        assert table.short().width(stacked=True) <= 80
+        grouped = [str(row[0]) for table in group_tables([(spec, model, verdicts[spec])]) for row in table.rows]
+        assert sorted(grouped) == sorted(model.statistics)
+    brief, every = (CliRunner().invoke(app, ["score", str(demo.run), *more]) for more in ([], ["--all"]))
+    assert f"eyechart score {demo.run} --all" in brief.stderr
+    assert len(brief.stdout.splitlines()) < 15 * len(verdicts)
+    assert "kept it from depth_lateral" in brief.stdout
+    assert "scripted:depth: distance" in every.stdout
+    assert "kept it from" not in every.stdout

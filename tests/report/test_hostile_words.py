@@ -179,7 +179,8 @@ def test_html_holds_no_element_of_others(word: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", ["verdict", "score", "costs", "costs --all", "costs --unread", "gate", "frames check", "plan"]
+    "words",
+    ["verdict", "score", "score --all", "costs", "costs --all", "costs --unread", "gate", "frames check", "plan"],
 )
 @pytest.mark.parametrize("json_too", [False, True])
 def test_no_command_on_a_hostile_run_steers_a_terminal(run: Path, words: str, *, json_too: bool) -> None:

@@ -1,35 +1,18 @@
 """The tree of commands."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer.core import TyperGroup
 
 from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, look, probe, run, score
+from eyechart.cli.help import Command, Commands, Group
 from eyechart.cli.options import Json, from_one_folder
-from eyechart.cli.terminal import output_kept, print_json, print_line, resumable
+from eyechart.cli.terminal import output_kept, print_json, print_line
 from eyechart.errors import SpecError, meant
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode
-
-
-_NOTHING = "nothing more is done"
-
-
-class Commands(TyperGroup):
-    """The commands; an interrupt that none of them meets is said in a line, and exits 130."""
-
-    def make_context(self, *given: Any, **more: Any) -> Any:  # noqa: ANN401 - they differ between versions of typer
-        """Read what was asked."""
-        with resumable(_NOTHING):
-            return super().make_context(*given, **more)
-
-    def invoke(self, ctx: Any) -> object:  # noqa: ANN401
-        """Run a command."""
-        with resumable(_NOTHING):
-            return super().invoke(ctx)
 
 
 app = typer.Typer(
@@ -38,6 +21,7 @@ app = typer.Typer(
     help="Find out whether a vision-language controller's decisions come from its camera.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     add_completion=False,
     epilog="Start with 'eyechart look SPEC'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
@@ -145,9 +129,12 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(guardian.app, name="guardian")
+for group in (listing, run.app, frames.app, guardian.app):
+    group.info.cls = Group
 for group in (app, listing, run.app, frames.app, guardian.app):
     for one in group.registered_commands:
         assert one.callback is not None
+        one.cls = Command
         one.callback = output_kept()(from_one_folder(one.callback))
 
 

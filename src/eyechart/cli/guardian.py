@@ -87,7 +87,7 @@ class HowTold:
 class Costing:
     """What a wrong answer and none at all cost, in any unit."""
 
-    cost_miss: Annotated[float | None, typer.Option(help="Cost of a missed hazard; with --cost-false-alarm.")] = None
+    cost_miss: Annotated[float | None, typer.Option(help="Cost of a miss; with --cost-false-alarm.")] = None
     cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; with --cost-miss.")] = None
     cost_abstain: Annotated[
         float | None, typer.Option(help="Cost of no answer: the operating point is then chosen too.")

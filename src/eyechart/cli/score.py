@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
-from eyechart.cli.terminal import print_each, print_json, print_line
+from eyechart.cli.terminal import print_each, print_json, print_line, say
 from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
@@ -18,17 +18,26 @@ _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
 
 def score(
     run: _Run,
+    every: Annotated[bool, typer.Option("--all", help="Print every statistic, by groups.")] = False,
     json: Json = False,
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
 ) -> None:
-    """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
-    from eyechart.studies import Reading, study_of
+    """Print the statistics of a run with interval, n and p: of each model the five that decided, with --all every one.
+
+    How each was found is in --json. Example: eyechart score run --all
+    """
+    from eyechart.studies import Reading, Study, study_of
 
     study = study_of(run, "score" if against is None else "score --against")
     scored = study.score(run, Reading(independent, reread, against))
-    print_json(scored.as_dict()) if json else print_each(study.printed(scored), 160, names=study.models(run))
+    if json:
+        print_json(scored.as_dict())
+        return
+    print_each(study.printed(scored) if every else study.brief(scored), 160 if every else None, names=study.models(run))
+    if not every and type(study).brief is not Study.brief:
+        say(f"every statistic: 'eyechart score {run} --all'; how each was found: --json")
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:

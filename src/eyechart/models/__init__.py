@@ -174,12 +174,12 @@ def cleaned(reply: Reply) -> Reply:
 
 
 def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
-    """Return what may be written as a SPEC of these adapters, with what it is in words."""
-    return {
-        f"{adapter}:{name}": says
-        for adapter, module in adapters.items()
-        for name, says in import_module(module).names().items()
-    }
+    """Return what may be written as a SPEC of these adapters, with what it is in words.
+
+    First comes what is somebody's own, which has a word in capitals to fill in, then what is here already.
+    """
+    found = [(one, *said) for one, module in adapters.items() for said in import_module(module).names().items()]
+    return {f"{one}:{name}": says for one, name, says in sorted(found, key=lambda named: not named[1].isupper())}
 
 
 def known_modes() -> dict[str, RequestMode]:

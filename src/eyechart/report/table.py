@@ -159,6 +159,12 @@ def level(one: Statistic) -> str:
     return "" if one.ci is None else percent(one.level)
 
 
+def in_words(one: Statistic) -> str:
+    """Return a statistic as text, which may be folded: value, interval with its level, n and p."""
+    interval = "" if one.ci is None else f" {STATISTIC[1].shown(ends(one))} ({level(one).replace(' ', '')})"
+    return f"{number(one.value)}{interval}, n {one.n}{'' if one.p is None else f', p {p_value(one.p)}'}"
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it.

@@ -171,7 +171,11 @@ class Study(ABC, Generic[S]):
 
     @abstractmethod
     def printed(self, score: S) -> "Iterator[Table | str]":
-        """Yield the tables and lines that ``eyechart score`` prints."""
+        """Yield the tables and lines that ``eyechart score --all`` prints."""
+
+    def brief(self, score: S) -> "Iterator[Table | str]":
+        """Yield what ``eyechart score`` prints: what decided first; all where a study is short."""
+        return self.printed(score)
 
     @abstractmethod
     def took_run(self, run: Path, prices: Prices) -> Took:

@@ -85,13 +85,22 @@ class BatteryStudy(OfFrames[BatteryScore]):
     def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table
         from eyechart.report.table import marked
-        from eyechart.studies.battery.tables import frontier_table, judged, statistics_table, verdict_table
+        from eyechart.studies.battery.tables import frontier_table, group_tables, judged, verdict_table
 
         verdicts = judge(score)
         everyone = judged(score, verdicts)
-        yield from (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone))
+        yield from (verdict_table(everyone), *group_tables(everyone), frontier_table(everyone))
         yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
         yield costs_table(score.accounting, every=False)
+
+    def brief(self, score: BatteryScore) -> "Iterator[Table | str]":
+        from eyechart.report.table import marked
+        from eyechart.studies.battery.tables import deciding_table, judged
+
+        verdicts = judge(score)
+        for label, model, one in judged(score, verdicts):
+            yield deciding_table(label, model, one)
+            yield from marked(label, one.marks)
 
     def verdict_printed(self, score: BatteryScore) -> "Iterator[Table | Text | str]":
         from rich.text import Text

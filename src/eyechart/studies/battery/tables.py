@@ -1,5 +1,6 @@
 """Tables of a battery: verdicts, Table t:frontier of the paper, and every statistic."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ from eyechart.report.table import (
     Table,
     columns,
     ends,
+    in_words,
     marked,
     number,
     of_each,
@@ -25,7 +27,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import median_gaps
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, Verdict
-from eyechart.verdicts.numbers import SIGNS
+from eyechart.verdicts.numbers import ASKS, FIRST, SIGNS
 
 Judged = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
@@ -263,6 +265,63 @@ def statistics_table(everyone: Sequence[Judged]) -> Table:
     named = (Column("model"), Column("statistic", "word"), *STATISTIC, Column("Holm p", "p"))
     caption = "Every statistic with its interval, n and p"
     return Table("statistics", caption, (*named, *columns("text", "method", "note", "unit")), rows)
+
+
+GROUPS: Mapping[str, re.Pattern[str]] = {
+    "distance": re.compile("depth_|lane_net|holes|place_|sensitivity|specificity|order|rise|file|drawn_|repeat"),
+    "left and right": re.compile("turns_|bound_mirrored"),
+    "what of the picture counts": re.compile("content_|scene_cue|presence|bound_(?!kappa)|image_token$|refusal_effect"),
+    "whether it repeats itself, and is read": re.compile("unparsed_(reference|controls)|self_|(bound_)?kappa"),
+    "settled early": re.compile("early[.]"),
+    "as the paper has it, of all answers": re.compile("(?!.*[.]decision$)"),
+    "as the paper has it, of parsed decisions": re.compile(""),
+}
+"""Every statistic by what it is about: it stands in the first group whose pattern its name begins with."""
+MAIN: Mapping[str, str] = {
+    **{name: ASKS[name] for name in FIRST},
+    "depth_interventional": "whether it brakes harder for the near lead than for the far one",
+    "content_shuffled": "whether another episode's picture changes its answer",
+    "presence": "whether a blank picture does",
+    "self_disagreement": "how often it answers the same picture otherwise",
+    "unparsed_reference": "how many replies hold no decision",
+}
+"""What stands beside the statistics that decided, and what each asks, the first of them that a model has."""
+_SHOWN = 5
+
+
+def group_tables(everyone: Sequence[Judged]) -> Iterator[Table]:
+    """Yield every statistic, a table a model and group; how each was found is for programs."""
+    every = statistics_table(everyone)
+    kept = [place for place, one in enumerate(every.columns) if one.name != "method"]
+    named = replace(every, columns=tuple(every.columns[place] for place in kept))
+    for label, _, _ in everyone:
+        grouped: dict[str, list[tuple[Cell, ...]]] = {title: [] for title in GROUPS}
+        for row in every.rows:
+            if row[0] == label:
+                title = next(title for title, names in GROUPS.items() if names.match(str(row[1])))
+                grouped[title].append(tuple(row[place] for place in kept[1:]))
+        for title, rows in grouped.items():
+            if rows:
+                yield replace(named, caption=f"{label}: {title}", columns=named.columns[1:], rows=tuple(rows))
+
+
+def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
+    """Return the five statistics that decided, or would have: what each did, or asks."""
+    why, ruling = verdict.why_not, verdict.calibrated
+    decided = [(ruling.decided_by, f"decided {ruling.label}")]
+    decided += [(why.decided_by, f"kept it from {why.label}")] if why is not None else []
+    decided += [(verdict.lateral.decided_by, f"left and right: {verdict.lateral.label}")]
+    decided += [(verdict.paper.decided_by, f"by the paper's rules {verdict.paper.label}")]
+    said: dict[str, list[str]] = {}
+    for name, words in decided:
+        said.setdefault(name, []).append(words)
+    for name, words in MAIN.items():
+        if name in model.statistics and model.statistics[name].value is not None:
+            said.setdefault(name, [words])
+    there = [name for name in said if name in model.statistics][:_SHOWN]
+    rows = tuple((name, in_words(model.statistics[name]), "; ".join(said[name])) for name in there)
+    made = (Column("statistic", "word"), Column("value"), Column("what it did, or asks"))
+    return Table("deciding", f"{label}: {verdict.answer}, {verdict.headline}", made, rows)
 
 
 def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:

@@ -68,6 +68,14 @@ class Policies(OfFrames[PolicyScore]):
         yield tables.steps_table(score)
         yield costs_table(score.accounting, every=False).known()
 
+    def brief(self, score: PolicyScore) -> "Iterator[Table | str]":
+        from eyechart.studies.policy import tables
+
+        verdicts = judge(score)
+        yield tables.verdict_table(verdicts)
+        for spec, one in verdicts.items():
+            yield tables.deciding_table(spec, score.models[spec].statistics, one)
+
     def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:
         return {"policies": judged_json(score)}
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
-from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
+from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, in_words, statistic_cells
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.verdicts.channels import PolicyVerdict
@@ -73,6 +73,26 @@ def statistics_table(score: PolicyScore) -> Table:
     ]
     head = (Column("policy", "word"), Column("statistic", "word"), *STATISTIC, Column("note"))
     return Table("statistics", "every statistic", head, tuple(rows))
+
+
+def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: PolicyVerdict) -> Table:
+    """Return the five statistics that decided, or would have, and what each is."""
+    decided = [one.by for one in verdict.axes.values()]
+    there = [name for name in dict.fromkeys((*decided, *_MAIN)) if name in statistics][:_SHOWN]
+    rows = []
+    for name in there:
+        one = statistics[name]
+        axes = [axis for axis, judged in verdict.axes.items() if judged.by == name]
+        did = f"decided {' and '.join(axes)}: " if axes else ""
+        is_ = MEANINGS.get(meant_by(name), "").replace("the same,", "the share of its own variation that goes,")
+        rows.append((name, in_words(one), f"{did}{is_}"))
+    made = (Column("statistic", "word"), Column("value"), Column("what it did, and is"))
+    return Table("deciding", spec, made, tuple(rows))
+
+
+_MAIN = ("misfit", "noise", "T.swapped@cameras", "T.matched@cameras", "T.blank", "T.swapped@state")
+"""What stands beside the statistics that decided."""
+_SHOWN = 5
 
 
 MEANINGS: Mapping[str, str] = {

@@ -1,0 +1,94 @@
+"""How the command line explains itself: commands by what they are for, and nothing cut that somebody would copy."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar
+
+from typer.core import TyperCommand, TyperGroup
+
+from eyechart.cli.terminal import resumable
+
+EXAMPLE = re.compile(r"(.*?) ?(?:(Example[^:]*): (eyechart .*?)\.?(?:(?<=\.) ([A-Z].*))?)?")
+"""A paragraph: what it says, the name of its example, the example, and what is said after it."""
+
+_NOTHING = "nothing more is done"
+_SENTENCE = 200
+"""Of a command its first sentence stands in a list, up to so many characters."""
+
+GROUPS = {
+    "Begin": ("look", "demo", "doctor", "probe", "list"),
+    "Frames": ("frames", "plan"),
+    "Ask": ("run", "merge", "costs"),
+    "Judge": ("verdict", "score", "report", "gate", "compare", "transfer", "calibrate"),
+    "Drive": ("ladder", "audit", "film"),
+    "Guard": ("guardian", "serve"),
+    "Publish": ("bundle", "paper", "validate"),
+}
+"""The commands by what they are for, in the order in which they are listed."""
+
+
+class Command(TyperCommand):
+    """A command; its examples stand on lines of their own, so that they can be copied."""
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - they differ between versions of typer
+        """Write what it does."""
+        del ctx
+        _write(self.help, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """Write what stands below its options."""
+        del ctx
+        _write(self.epilog, formatter)
+
+
+class Group(TyperGroup):
+    """A group of commands, each said in its first sentence, whole."""
+
+    listed: ClassVar[Mapping[str, Sequence[str]]] = {}
+    """The names of the commands under their headings, where there are several."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """List the commands."""
+        del ctx
+        for title, names in (self.listed or {"Commands": list(self.commands)}).items():
+            rows = [(name, self.commands[name].get_short_help_str(_SENTENCE)) for name in names]
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+
+class Commands(Group):
+    """All commands; an interrupt that none of them meets is said in a line, and exits 130."""
+
+    listed: ClassVar = GROUPS
+
+    def make_context(self, *given: Any, **more: Any) -> Any:  # noqa: ANN401
+        """Read what was asked."""
+        with resumable(_NOTHING):
+            return super().make_context(*given, **more)
+
+    def invoke(self, ctx: Any) -> object:  # noqa: ANN401
+        """Run a command."""
+        with resumable(_NOTHING):
+            return super().invoke(ctx)
+
+
+def paragraphs(said: str | None) -> Iterator[tuple[str, str]]:
+    """Yield what a command says of itself, a paragraph at a time; an example has its name, and other words none."""
+    for part in (said or "").split("\n\n"):
+        found = EXAMPLE.fullmatch(" ".join(part.split()))
+        assert found is not None
+        words, name, example, after = found.groups()
+        yield from [("", words)] if words else []
+        yield from [(name, example)] if example else []
+        yield from [("", after)] if after else []
+
+
+def _write(said: str | None, formatter: Any) -> None:  # noqa: ANN401
+    for name, words in paragraphs(said):
+        formatter.write_paragraph()
+        with formatter.indentation():
+            if not name:
+                formatter.write_text(words)
+                continue
+            formatter.write_text(f"{name}:")
+            formatter.write(f"    {words}\n")
