@@ -4,11 +4,13 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
 
 _PR_SET_PDEATHSIG = 1
 _LOOK_EVERY_S = 1.0
@@ -20,8 +22,7 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
     They are spawned, not forked: a thread, as that of a progress bar, may hold a lock at the moment of a fork.
     """
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=end_with, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(processes, mp_context=_Deaf(), initializer=end_with, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
@@ -30,6 +31,27 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+class _DeafProcess(SpawnProcess):
+    """An interpreter that a Ctrl-C of the terminal does not reach, from its first moment on: it is for its parent."""
+
+    def start(self) -> None:
+        """Begin it with SIGINT blocked, which it inherits; one that comes here meanwhile is heard afterwards."""
+        if sys.platform == "win32":  # which has no masks of signals
+            super().start()
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Deaf(SpawnContext):
+    """Begins such processes."""
+
+    Process = _DeafProcess
 
 
 def end_with(parent: int) -> None:

@@ -158,6 +158,14 @@ def test_a_number_that_stands_as_an_option_is_a_choice(text: str) -> None:
         "Vitamin C",
         "It is a B road.",
         "Vehicle B is near.",
+        "E. coli",
+        "C. elegans bacteria are visible.",
+        "J. B. Goode",
+        "Washington D. C.",
+        "e. g. a car",
+        "A. m.",
+        "c. 20 metres",
+        "It is 20 \u00b0C.",
         "a",
     ],
 )
@@ -189,6 +197,12 @@ def test_an_article_and_other_things_of_one_letter_are_no_option(text: str) -> N
         "\\boxed{B}",
         "Not A but B.",
         "#### B",
+        "B. turn left",
+        "B. opens the door",
+        "Not C. B.",
+        "B. This is it",
+        "B. 20 km/h",
+        "1. B",
     ],
 )
 def test_a_letter_that_stands_as_an_option_is_a_choice(text: str) -> None:

@@ -125,6 +125,53 @@ DENIED = (
 )
 
 
+HARMS = (
+    "NAME would hit the car ahead.",
+    "Option NAME would hit the car ahead.",
+    "NAME: it would crash.",
+    "NAME: we would hit the car.",
+    "NAME - we would collide.",
+    "NAME. We would hit the car.",
+    "NAME. This hits the car ahead.",
+    "NAME. That would be dangerous.",
+    "(NAME) we would hit the car.",
+    "NAME) we would hit the car.",
+    "NAME) leads into the wall",
+    "NAME, which would hit the car.",
+    "NAME, crashing into the van.",
+    "NAME, we would crash.",
+)
+
+
+@pytest.mark.parametrize("text", HARMS)
+@pytest.mark.parametrize(("space", "name"), [("letters", "B"), ("ids", "2"), ("moves", "TURN LEFT"), (None, "LEFT")])
+def test_what_would_do_harm_is_no_choice(space: str | None, name: str, text: str) -> None:
+    """Whether a sentence of its own says so, behind a colon or after the name; and what is chosen then is read."""
+    asked = DRIVING if space is None else SPACES[space]
+    other = next(one for one in asked.actions if one != name)
+    for said, action in ((text, None), (f"{text} So {other}.", other)):
+        assert asked.read(Reply(said.replace("NAME", name), "stop", None)).action in {None, action}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "STOP. We would hit the car otherwise.",
+        "STOP: otherwise we would hit the car.",
+        "STOP. If we continue, we would hit the car.",
+        "STOP, because we would hit the car.",
+        "STOP to avoid hitting the car.",
+        "STOP. It would be dangerous to go on.",
+        "STOP. The car ahead could hit us.",
+        "LEFT would hit the truck, so STOP.",
+        "LEFT: it would hit the truck. STOP.",
+    ],
+)
+def test_the_harm_of_what_is_not_done_is_a_reason(text: str) -> None:
+    """Otherwise, if, or of another action."""
+    assert DRIVING.read(Reply(text, "stop", None)).action == "STOP"
+
+
 @pytest.mark.parametrize("text", REPLACED)
 def test_an_action_that_is_replaced_by_another_is_not_read(text: str) -> None:
     """Whatever word says that the second is meant; rather none of the two than the wrong one."""

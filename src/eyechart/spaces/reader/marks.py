@@ -76,6 +76,17 @@ _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
+_INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
+"""A dotted letter beside one makes an abbreviation of both: "D. C.", "e. g.", "J. B. Goode"."""
+_SPECIES = re.compile(
+    r"\.[ \t]+(?!(?:this|his|is|us|bus|focus|axis|minus|plus|thus|versus|basis|minimum|maximum|taxi)\b)"
+    r"(?:[a-z]{2,}(?:i|us|is|um|ae)|elegans|sapiens)\b"
+)
+"""A Latin word in small letters behind a dotted letter is no text of an option: "E. coli"."""
+_AROUND = re.compile(r"\.[ \t]+\d")
+"""A number behind a small dotted letter: "c. 20 metres"."""
+_COUNTED = re.compile(r"\d[ \t°º˚]*\Z")
+"""A letter right behind a number is its unit: "20 °C"."""
 _CONCLUDES = re.compile(
     r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
 )
@@ -227,8 +238,20 @@ def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
         closed = closed or (_OPENS.match(text, end) is not None and not re.search(r"\w", text[:start][-40:]))
         if action is None and (named or closed):
             action = of_any_case.get(letter.upper())
+        if not named and _is_shortened(text, match):
+            continue
         if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end, letter=True):
             yield Mention(action, letter, _begin(text, start), end)
+
+
+def _is_shortened(text: str, match: re.Match[str]) -> bool:
+    """Return whether a letter is part of a shortened word or of a name, or a unit."""
+    before, after, start, end = *_INITIAL, match.start(), match.end()
+    if before.search(text, max(0, start - 4), start) or after.match(text, end) or _SPECIES.match(text, end):
+        return True
+    return _COUNTED.search(text, max(0, start - 4), start) is not None or (
+        match["letter"].islower() and _AROUND.match(text, end) is not None
+    )
 
 
 def _begin(text: str, start: int) -> int:

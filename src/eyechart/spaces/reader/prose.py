@@ -380,6 +380,21 @@ _DENIED_AFTER = re.compile(
     rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)"
     rf"|\"?(?:\s+is|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
 )
+_BADLY = r"(?:an? |the )?(?:collision|crash|accident|wall|ditch)"
+_HARM = _one_of(
+    "hits?|crash(?:es)?|collides?|rams?|strikes?|scrapes?|rear-ends?|runs? (?:into|over)|drives? (?:into|off)"
+    rf"|leads? (?:in)?to {_BADLY}|causes? {_BADLY}|ends? (?:up )?in {_BADLY}|be (?:hit|struck)"
+    r"|be (?:dangerous|unsafe|risky|wrong)(?! (?:not )?to\b)"
+)
+_MAY = r"(?:\s*'d|\s*'ll|\s+would|\s+could|\s+might|\s+may|\s+will|\s+can)"
+_HARMS = re.compile(
+    rf"[)\"']?(?:\s*[:,.;]|\s+-+)?\s*(?:(?:it|this|that|which|doing (?:so|this|that)){_MAY}?"
+    rf"|(?:we|i|you){_MAY})(?:\s+(?:also|then|likely|probably|surely|certainly|only|just))?\s+{_HARM}\b"
+    rf"(?![^.;!?\n@]*\b(?:otherwise|if|unless|without|else|instead)\b)"
+    rf"|,\s*(?:thus |thereby )?(?:crashing|hitting|colliding|ramming|striking)\b"
+    rf"|[)\"']?\s*[:)]\s*(?:would\s+)?{_HARM}\b"
+)
+"""What an action would do, said right behind it by a sentence of its own: "B: it would crash", "B. We would hit it"."""
 _BLOCKED = re.compile(
     rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
     rf"[^@.,;:!?\n]{{0,30}}\s(?:is|are|would be|would|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
@@ -607,7 +622,8 @@ def read_prose(text: str, names: Names) -> Decision[str]:
         alone = _alone(text, judged)
         return unparsed(_why(judged)) if alone is None else Decision(alone)
     last = chosen[-1]
-    if _TAKEN_BACK.search(marked, last.place) or _goes_on(marked, last, judged):
+    taken_back = _TAKEN_BACK.search(marked, last.place) or _HARMS.match(marked, last.place + 1)
+    if taken_back or _goes_on(marked, last, judged):
         return unparsed("not_chosen")
     other = [one for one in chosen if one.mention.action != last.mention.action]
     if other and not _RETRACTED.search(marked[other[-1].place : last.place]):
@@ -776,6 +792,7 @@ def _denied(left: str, right: str) -> bool:
     if (
         _NEGATED.search(left)
         or _DENIED_AFTER.match(right)
+        or _HARMS.match(right)
         or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need"))
     ):
         return True
