@@ -2,8 +2,10 @@
 
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -25,6 +27,12 @@ from eyechart.overview import (
     runs_table,
 )
 from eyechart.studies import Finding, Reading, battery, prompts
+from eyechart.studies.battery.study import BatteryStudy
+from eyechart.studies.policy.study import Policies
+from eyechart.verdicts.axes import Judged
+from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.labels import CAMERA, LABELS
+from eyechart.verdicts.ruling import decided
 from report_runs import HOSTILE
 
 READING = Reading(independent=False, reread=False)
@@ -169,6 +177,44 @@ def test_a_headline_denies_nothing_that_its_rows_say() -> None:
     """Of one that looks in part the sentence says so, and counts nobody who does."""
     said = overview._counted([entry("one", "depth_associated", "partly", ("look", "models"))])
     assert said == "By the newest verdicts, look: 1 in part, of 1 model."
+
+
+def counted_as(found: Mapping[str, Finding]) -> dict[str, str]:
+    """Return by model what an index counts it under where it stands alone."""
+    alone = {spec: Entry("run", "runs", "2026-11-26", spec, "bank", (), one) for spec, one in found.items()}
+    said = {spec: re.search(r": 1 (.+), of 1", overview._counted([one])) for spec, one in alone.items()}
+    return {spec: one[1] for spec, one in said.items() if one}
+
+
+WORDS = {"Yes": "yes", "In part": "in part", "No": "no", "Inconclusive": "cannot be said"}
+
+
+def test_a_policy_is_counted_under_what_its_label_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every label of the cameras, whatever its colour: that a picture must be there is no looking."""
+    none = Judged("undecided", "Open.")
+    verdicts = {
+        label: PolicyVerdict(label, Judged(label, "Why."), {}, none, none, {}, {}, "of these frames")
+        for label in CAMERA
+    }
+    asked = SimpleNamespace(motions=SimpleNamespace(planned=1, finished=1), statistics={})
+    monkeypatch.setattr("eyechart.studies.policy.study.judge", lambda _: verdicts)
+    found = Policies().findings(SimpleNamespace(models=dict.fromkeys(CAMERA, asked)))  # type: ignore[arg-type]
+    assert counted_as(found) == {label: WORDS[one.answer] for label, one in CAMERA.items()}
+
+
+def test_a_model_is_counted_under_what_its_label_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every label of a battery; where a guard failed nothing is said."""
+    verdicts = {
+        label: SimpleNamespace(calibrated=decided(label, "s", None, "why"), state="", marks=(), answer=one.answer)
+        for label, one in LABELS.items()
+    }
+    verdicts["guarded"] = SimpleNamespace(
+        **{**vars(verdicts["depth"]), "marks": ("a guard",), "answer": "Inconclusive"}
+    )
+    monkeypatch.setattr("eyechart.studies.battery.study.judge", lambda _: verdicts)
+    found = counted_as(BatteryStudy().findings(SimpleNamespace()))  # type: ignore[arg-type]
+    assert found.pop("guarded") == "cannot be said"
+    assert found == {label: WORDS[one.answer] for label, one in LABELS.items()}
 
 
 @pytest.mark.parametrize("name", ["bank", "frames", "conditions", "prompt", "mode", "reader", "version"])

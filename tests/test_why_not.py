@@ -137,9 +137,11 @@ def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
     check = hold(Run(lacks), ["depth"])
     assert check.exit_code == 2
     assert "not tested beyond 7 m" in check.checks[0].because
-    assert "'eyechart frames build --add-to BANK' draws them of a simulator's world, then resume the run" in (
-        check.checks[0].because
-    )
+    command = "eyechart frames build --add-to"
+    assert f"'{command} BANK' draws them of a simulator's world, then resume the run" in check.checks[0].because
+    for bank, word in (("/home/a/bank", "/home/a/bank"), ("/home/a/my bank", "'/home/a/my bank'")):
+        known = hold(Run(replace(lacks, bank=bank)), ["depth"])
+        assert f"'{command} {word}' draws" in known.checks[0].because
     observed = evidence_on(simulated.answers(graded, WORLD, counterfactuals=False))
     moved = judge_one(replace(observed, absent=("lead_near", "lead_far"))).why_not
     assert "lead_near: the obstacle ahead near" in moved.settle

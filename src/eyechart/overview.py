@@ -227,7 +227,9 @@ def _titled(folder: Path, name: str) -> Iterator[Path]:
             yield file
 
 
-_ANSWERS = {"sees": "yes", "partly": "in part", "blind": "no", "open": "cannot be said"}
+_ANSWERS = {"Yes": "yes", "In part": "in part", "No": "no", "Inconclusive": "cannot be said"}
+_OF_TONE = dict(zip(GLYPHS, _ANSWERS, strict=True))
+"""What a tone comes to, where a finding has no answer of its own."""
 
 
 def _tone(one: Entry) -> str:
@@ -265,11 +267,13 @@ def _counted(entries: Sequence[Entry]) -> str:
     kinds: dict[tuple[str, str], list[str]] = {}
     judged = _newest(entries)
     for (_, kind), mine in judged.items():
-        kinds.setdefault(kind, []).append(_tone(mine[-1]))
+        kinds.setdefault(kind, []).append(mine[-1].found.answer or _OF_TONE[_tone(mine[-1])])
     told = []
-    for (yes, whom), tones in kinds.items():
-        answers = ", ".join(f"{tones.count(tone)} {words}" for tone, words in _ANSWERS.items() if tone in tones)
-        told.append(f"{yes}: {answers}, of {len(tones)} {_one(whom, len(tones))}")
+    for (yes, whom), answers in kinds.items():
+        counts = ", ".join(
+            f"{answers.count(answer)} {words}" for answer, words in _ANSWERS.items() if answer in answers
+        )
+        told.append(f"{yes}: {counts}, of {len(answers)} {_one(whom, len(answers))}")
     models = {one.model for one in entries if one.model}
     without = len(models - {model for model, _ in judged})
     unread = len({one.run for one in entries if one.found.label == UNREAD})

@@ -125,7 +125,8 @@ class Made:
 class Finding:
     """What a run says of one model, in a word and the estimate that decided it; ``state`` says what keeps it open.
 
-    ``tone`` is that of a ``Mark`` of a table. ``marks`` are the guards that failed, in words.
+    ``tone`` is that of a ``Mark`` of a table, ``answer`` what it comes to where the tone does not say it. ``marks``
+    are the guards that failed, in words.
     """
 
     label: str
@@ -134,6 +135,7 @@ class Finding:
     estimate: "Statistic | None" = None
     state: str = ""
     marks: Sequence[str] = ()
+    answer: str = ""
 
     @classmethod
     def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "Finding":

@@ -22,7 +22,7 @@ class Evidence:
     reflections. ``gap`` says whether the bank records a gap that can be tested, and ``scenarios`` counts its scenarios.
     ``planned`` and ``answered`` count calls; ``scope`` is the sentence that bounds what the run can show. ``absent``
     are the conditions that no frame of the bank can be shown under. ``part`` says that it is a shard of a run that
-    asks controls: only the merged run, resumed, asks these.
+    asks controls: only the merged run, resumed, asks these. ``bank`` is the folder of the bank, as the run says.
     """
 
     model: str
@@ -40,6 +40,7 @@ class Evidence:
     stopped: Stopped | None = None
     absent: tuple[str, ...] = ()
     part: bool = False
+    bank: str = "BANK"
 
     @property
     def failed(self) -> tuple[Guard, ...]:

@@ -1,6 +1,7 @@
 """Why a model did not get a stronger label: the test that kept it from it, and what would settle it."""
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -28,9 +29,6 @@ PHOTOGRAPHED = {
     "exchange_apart": "both far",
 }
 """What each picture shows of the same moment that a bank of one's own may lack; nudged ones are made of these."""
-
-DRAWN = "eyechart frames build --add-to BANK"
-"""What draws the pictures of a simulator's bank that an older version did not draw."""
 
 ANY = "any other"
 """In place of the nearest stronger label where every label is one."""
@@ -130,7 +128,7 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
     stronger, claim = _EARLY[ruling.label]
     found, name = evidence.statistics, PREFIX + claim
     if ruling.label == "depth_associated":
-        settle = _pictures(STAGE, evidence.absent)
+        settle = _pictures(STAGE, evidence)
         return WhyNot(stronger, name, found.get(name), "pictures along the range", settle, conditions=STAGE)
     settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
     return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
@@ -209,18 +207,21 @@ def _missing(label: str, name: str, evidence: Evidence, missing: tuple[str, ...]
     """Say what would answer a test that was not made: conditions, where any was not asked, else decisions."""
     one = evidence.statistics[name]
     if missing:
-        return WhyNot(label, name, one, "an answer", _pictures(missing, evidence.absent), conditions=missing)
+        return WhyNot(label, name, one, "an answer", _pictures(missing, evidence), conditions=missing)
     return WhyNot(label, name, one, "an answer", f"decisions on more of its pictures: {one.note}")
 
 
-def _pictures(missing: tuple[str, ...], absent: tuple[str, ...]) -> str:
-    """Say which pictures were not asked, and which the bank lacks, with what these are to show."""
-    lacks = [name for name in missing if name in absent]
-    asked = [name for name in missing if name not in absent and not (lacks and name in NUDGES)]
+def _pictures(missing: tuple[str, ...], evidence: Evidence) -> str:
+    """Say which pictures were not asked, and which the bank lacks, with what these are to show and what draws them."""
+    lacks = [name for name in missing if name in evidence.absent]
+    asked = [name for name in missing if name not in evidence.absent and not (lacks and name in NUDGES)]
     said = []
     if lacks:
         shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
-        drawn = "" if set(MOVED) & set(lacks) else f"'{DRAWN}' draws them of a simulator's world, then resume the run; "
+        command = f"eyechart frames build --add-to {shlex.quote(evidence.bank)}"
+        drawn = (
+            "" if set(MOVED) & set(lacks) else f"'{command}' draws them of a simulator's world, then resume the run; "
+        )
         said.append(f"pictures that the bank lacks: {drawn}of photographs, each moment again ({shown})")
     if asked:
         said.append(f"pictures that were not asked: {', '.join(asked)}")

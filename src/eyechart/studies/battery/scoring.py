@@ -138,6 +138,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
                 stopped=model.stopped,
                 absent=absent,
                 part=part and any(name not in absent for name in CONTROLS),
+                bank=self.manifest.bank_path,
             )
             for spec, model in self.models.items()
         }

@@ -77,10 +77,11 @@ class BatteryStudy(OfFrames[BatteryScore]):
         return judge(score)
 
     def findings(self, score: BatteryScore) -> Mapping[str, Finding]:
-        return {
-            spec: Finding.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
-            for spec, one in judge(score).items()
-        }
+        found = {}
+        for spec, one in judge(score).items():
+            said = Finding.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
+            found[spec] = replace(said, answer=one.answer)
+        return found
 
     def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table

@@ -53,7 +53,7 @@ class Policies(OfFrames[PolicyScore]):
             state = f"unfinished: {motions.finished} of {motions.planned} calls" if left else ""
             guards = [f"{name}: {why}" for name, why in one.guards.items()]
             by, statistics = one.camera.by or _OPEN, score.models[spec].statistics
-            found[spec] = Finding(said.text, said.tone, by, statistics.get(by), state, guards)
+            found[spec] = Finding(said.text, said.tone, by, statistics.get(by), state, guards, one.answer)
         return found
 
     def printed(self, score: PolicyScore) -> "Iterator[Table | str]":
