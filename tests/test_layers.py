@@ -21,6 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "destination"),
     ("verdicts",),
     ("episodes",),
+    ("planned",),
     ("run", "manifest", "costs", "integrity", "probe"),
     ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),

@@ -214,6 +214,10 @@ class Manifest:
         raise NotImplementedError
 
 
+Who = tuple[str, Mapping[str, str]]
+"""The version of one who is asked, and what is known of it."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunManifest(Manifest):
     """What a run on a bank was planned to do. ``models`` maps a SPEC to the version that answered.
@@ -268,6 +272,27 @@ class RunManifest(Manifest):
     controls_seed: int | None = None
     answers: int = 1
     encoding: str = STORED
+
+    @classmethod
+    def begun(
+        cls,
+        bank: FrameBank,
+        modes: Mapping[str, RequestMode],
+        who: Mapping[str, Who],
+        **asked: Any,  # noqa: ANN401
+    ) -> "RunManifest":
+        """Return the manifest of a run on a bank that begins today; ``asked`` are its other fields."""
+        return cls(
+            created=today(),
+            models={spec: version for spec, (version, _) in who.items()},
+            bank_path=str(bank.root.resolve()),
+            fingerprint=bank.manifest.fingerprint,
+            versions=versions(),
+            modes=modes,
+            facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
+            encoding=PNG_2,
+            **asked,
+        )
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
         if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):

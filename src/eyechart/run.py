@@ -70,6 +70,13 @@ class Plan:
         """Return what the answers are: actions of the bank, or what the prompt asks for instead."""
         return self.prompt.asks(self.bank.manifest.action_space)
 
+    @property
+    def size(self) -> str:
+        """Return in words on what each model is asked; where a product is more than the calls, it says so."""
+        every = all(self.shows(condition, frame) for condition in self.conditions for frame in self.frames)
+        unshown = "" if every else " (not every frame can be shown every condition)"
+        return f"{len(self.frames)} frames × {len(self.conditions)} conditions{unshown}"
+
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]

@@ -180,15 +180,16 @@ def test_the_probe_counts_towards_the_limits_of_its_run(run: Run, tmp_path: Path
         prices = ("--prices", tmp_path / "prices.toml")
         dear = run(server, *prices, "--max-cost", 0.01)
         assert dear.exit_code == 3
-        assert not (tmp_path / "run").exists()
-        before = server.requests
-        stopped = run(server, *prices, "--max-cost", 0.05)
+        assert read_run(tmp_path / "run")[0].probes["openai:m"].calls == server.requests > 0
+        cut = server.requests
+        assert (run(server, *prices, "--max-cost", 0.01).exit_code, server.requests) == (3, cut)
+        stopped = run(server, *prices, "--max-cost", 0.06)
         made = read_run(tmp_path / "run")[0].probes["openai:m"]
         assert (stopped.exit_code, made.unknown) == (3, 0)
-        assert server.requests - before == made.calls + battery.took(tmp_path / "run")[0]["openai:m"]["all"].attempts
-        assert 0.02 < made.cost_usd < 0.05
-        assert run(server, *prices, "--max-cost", 0.05).exit_code == 3
-        assert server.requests - before < made.calls + 12
+        assert server.requests == made.calls + battery.took(tmp_path / "run")[0]["openai:m"]["all"].attempts
+        assert 0.02 < made.cost_usd < 0.06
+        assert run(server, *prices, "--max-cost", 0.06).exit_code == 3
+        assert server.requests < made.calls + 12
 
 
 def test_what_needs_no_probe_is_not_probed(run: Run, bank: FrameBank, tmp_path: Path) -> None:

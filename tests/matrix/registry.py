@@ -28,7 +28,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.cli", "_open_what_is_closed"): "list",
     ("eyechart.cli.app", "modes"): "list",
     ("eyechart.cli.guardian", "_ids_of"): "fit",
-    ("eyechart.cli.run", "_make_calls"): "battery",
+    ("eyechart.cli.run", "make"): "battery",
     ("eyechart.cli.score", "gate"): "gate",
     ("eyechart.cli.terminal", "_own_descriptor"): "list",
     ("eyechart.compare", "_apart"): "compare",

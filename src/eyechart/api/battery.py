@@ -2,8 +2,7 @@
 
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -13,19 +12,19 @@ from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
-from eyechart.loops import make_calls
 from eyechart.manifest import LEDGER
 from eyechart.models import Opened
 from eyechart.models.prices import read_prices
 from eyechart.models.python_callable import hold, name_of
 from eyechart.modes import RequestMode, Scalar
+from eyechart.planned import Allowed, moving
 from eyechart.probe import Found, Sample
 from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore, Extent
-from eyechart.studies.probed import Allowed, Asked, Probing, accept_losses, plan_probed
+from eyechart.studies.probed import Asked, Probing, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
 if TYPE_CHECKING:  # a score needs no templates
@@ -180,18 +179,15 @@ def run_battery(
     if named.pop("accept_loss", False):
         list(accept_losses(place))
 
-    def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> Battery:
-        given = [held.get(mode.spec, mode) for mode in modes]
-        return battery.plan(root, given, place, extent=extent, **named).counting(probes)
+    def plan(modes: Sequence[RequestMode]) -> Battery:
+        return battery.plan(root, [held.get(mode.spec, mode) for mode in modes], place, extent=extent, **named)
 
-    probing = Probing(
-        plan, lambda one: replace(battery.sample_of([one]), at_once=concurrency), battery.keep_probes, [place]
-    )
-    allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
-    planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
+    bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
+    allowed = Allowed(read_prices(), no_probe=not probe, moved=moved, **bounds)
+    asked = Asked(modes, by_option, how)
+    planned = plan_probed(Probing(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
-    how_to = {"concurrency": concurrency, "again": again, "sequential": sequential}
-    make_calls(partial(battery.run, planned, **how_to), progress)
+    planned.make(allowed, moving(progress))
     return _read_report(still(out, place))
 
 
@@ -239,8 +235,8 @@ def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - t
     return Report(Path(run), scored, judge(scored))
 
 
-def _ask(mode: RequestMode, sample: Sample, most: float | None, *, fixed: Sequence[str]) -> Found:
-    """Probe a model in a thread, because a notebook has an event loop of its own; what is ``fixed`` stays."""
-    drawn = secrets.randbelow(10**6)
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(find_mode, mode, fixed=fixed, sample=sample, seed=drawn, max_cost=most).result()
+def _ask(
+    mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Spent], None], *, fixed: Sequence[str]
+) -> Found:
+    """Probe a model, whose loop is in a thread where a notebook has one of its own; what is ``fixed`` stays."""
+    return find_mode(mode, fixed=fixed, sample=sample, seed=secrets.randbelow(10**6), max_cost=most, spend=spend)

@@ -10,10 +10,11 @@ from eyechart.api.asked import each_named, placed, require_new, still
 from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
-from eyechart.limits import Limits
 from eyechart.models import Opened, open_policy, policy_mode
 from eyechart.models.policy_callable import hold
+from eyechart.models.prices import read_prices
 from eyechart.models.python_callable import name_of
+from eyechart.planned import Allowed, moving
 from eyechart.probe import policies as doctor
 from eyechart.probe.policies import PolicyDiagnosis
 from eyechart.run import Progress
@@ -132,8 +133,9 @@ def run_policies(
         conditions=asking.get("conditions"),
         timeout_s=timeout_s,
     )
-    limits = Limits(None if most is None else whole_number("max_calls", most, 1))
-    outcome = policy.run(planned, again=asking.get("again", False), limits=limits, progress=progress)
+    most = None if most is None else whole_number("max_calls", most, 1)
+    allowed = Allowed(read_prices(), max_calls=most, concurrency=1, again=asking.get("again", False))
+    outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         warnings.warn(f"{spec} was set aside, and is judged by what it answered before: {why}", stacklevel=3)
     return _read(still(out, place))

@@ -1,6 +1,6 @@
 """Policies and models drive: ``run closed-loop``, ``online``, ``hierarchy``; ``ladder``, ``audit`` and ``film``."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import options
-from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
-from eyechart.cli.run import View, bound, in_turns, live_page, moved, watched_progress
+from eyechart.cli.run import View, make
 from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
-from eyechart.errors import DriveError, SpecError, printable
+from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
-    from eyechart.episodes import Bounds, Episodes, Row
-    from eyechart.limits import Outcome, Spent
+    from eyechart.episodes import Episodes
     from eyechart.modes import RequestMode
-    from eyechart.studies.probed import Allowed
+    from eyechart.planned import Allowed
 
 _Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
 _Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
@@ -35,8 +33,6 @@ _Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and t
 
 MOST_SEEDS = 100_000
 """So many worlds of a scenario may be asked for."""
-
-KEPT = "finished episodes and calls are kept; the same command resumes"
 
 
 @options.expanded
@@ -94,32 +90,23 @@ def closed_loop(
     if not dry_run:
         study.require_engine(engine)
 
-    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+    def planned(drivers: "Sequence[str | RequestMode]") -> "Episodes":
         shown = condition or study.usual_conditions(drivers, out)
         made = study.plan(
             study.Setup(simulator, seed, max_steps, actions, silence),
             study.with_marginals(drivers, shown, out, wanted=marginal),
             out,
-            scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
+            scenarios=options.names(scenarios),
             seeds=_seeds(seeds),
             conditions=shown,
             prompt=prompt,
         )
-        return replace(made, again=again).counting(probes)
+        return replace(made, again=again, engine=engine)
 
-    allowed = spending.allowed(out, dry_run=dry_run)
-    planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for)
-    say(_planned(planned))
-    say_expected(planned, allowed, concurrency)
-    if dry_run:
-        return
-    bounds = study.Bounds(processes=processes or processors(), concurrency=concurrency, sequential=spending.sequential)
-    outcome = drive(planned, bounds, allowed, engine=engine)
-    _show(study.summarise(planned.driven()), planned, json=json)
-    tell_left({"": planned}, outcome, failed)
-    tell_errors({"": planned})
-    tell_empty([planned.out])
-    say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
+    at_once = {"processes": processes or processors(), "concurrency": concurrency}
+    allowed = spending.allowed(out, dry_run=dry_run, **at_once)
+    done = f"'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive"
+    _drive(policy or (), mode, how, allowed, out, planned, done, show=partial(_show, json=json))
 
 
 @options.expanded
@@ -160,44 +147,23 @@ def hierarchy(
     or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --sources route,random --seeds 2 --out hierarchy
     """
-    from eyechart import episodes as study
-    from eyechart.studies.hierarchy import PARTS, plan, read_choice, run, score
+    from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Probing
 
-    allowed = spending.allowed(out, dry_run=dry_run)
+    allowed = spending.allowed(out, dry_run=dry_run, processes=processes, concurrency=concurrency)
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
-    planned, failed = plan_probed(
-        Probing(
-            lambda modes, probes: plan(
-                out, modes, choice=choice, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
-            ),
-            lambda parts: study.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
-            lambda parts, probes: study.keep_probes(next(iter(parts.values())), probes),
-            [out / name for name in PARTS],
-            others=choice.sources != frozenset(),
-        ),
-        options.read_modes(policy or [], mode, how.given()),
-        allowed,
-    )
-    for name, part in planned.items():
-        say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
-        say_expected(part, allowed, concurrency, "  ")
-    if dry_run:
-        return
-    with live_page(out, "episodes of this part", allowed) as also:
-        outcome = run(
-            planned,
-            allowed.prices,
-            bounds=study.Bounds(processes=processes, concurrency=concurrency, sequential=spending.sequential),
-            calls=spending.max_calls,
-            cost_usd=spending.max_cost,
-            watch=partial(moved, unit="episodes", also=also, kept=KEPT),
-        )
-    found = score(out)
-    print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
-    tell_left(planned, outcome, failed)
-    tell_errors(planned, bound="")
+
+    def planned(modes: "Sequence[RequestMode]") -> Arms:
+        parts = plan(out, modes, choice=choice, seed=seed, prompt=prompt, silence=silence, again=again)
+        return Arms(parts, out)
+
+    def show(_: Arms) -> None:
+        found = score(out)
+        print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
+
+    probing = Probing(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
+    make(probing, options.read_modes(policy or [], mode, how.given()), allowed, show=show)
 
 
 @options.expanded
@@ -227,52 +193,24 @@ def online(
     unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
-    from eyechart import episodes as closed_loop
+    from eyechart.episodes import Setup
     from eyechart.studies.probed import Probing
     from eyechart.studies.structured import online as study
-    from eyechart.studies.structured.online import Vetted
 
-    vetted: list[tuple[Vetted, ...]] = []
+    setup = Setup(simulator, seed, reflected=reflections)
 
-    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> study.Online:
-        driven = vetted[0] if vetted else None
+    def planned(modes: "Sequence[RequestMode]") -> study.Online:
         with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
-            made = study.plan(
-                closed_loop.Setup(simulator, seed, reflected=reflections),
-                modes,
-                out,
-                view=view,
-                episodes=episodes,
-                progress=move,
-                vetted=driven,
-            )
-        vetted.append(made.vetted)
-        return made.counting(probes)
+            return study.plan(setup, modes, out, view=view, episodes=episodes, progress=move)
 
-    allowed = spending.allowed(out, dry_run=dry_run)
-    probing = Probing(planned_for, lambda one: closed_loop.sample_of(one.episodes), study.keep_probes, [out])
-    planned, unprobed = plan_probed(probing, options.read_modes(model, mode, how.given()), allowed)
-    for one in planned.vetted:
-        if one.why is not None:
-            say(f"refused: {one.scenario}/{one.seed}: {one.why}")
-    drives, left = planned.episodes, len(planned.episodes.left())
-    say(f"view: {drives.manifest.view}")
-    say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
-    say(*bound(list(drives.manifest.modes.values())))
-    say_expected(drives, allowed, concurrency)
-    if dry_run:
-        return
-    limits = drives.manifest.within(allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
-    bounds = closed_loop.Bounds(concurrency=concurrency, limits=limits, sequential=spending.sequential)
-    with watched_progress("episodes", "episodes", out, allowed, KEPT) as move:
-        outcome = study.run(planned, bounds=bounds, progress=move)
-    with resumable("the drives are kept; the same command checks the rest"), progress("checking", "episodes") as move:
-        study.check_seen(out, move)
-    tell_left({"": drives}, outcome, unprobed)
-    if failed := sum(one.errors for one in study.score(out).driven.values()):
-        say(f"{failed} episodes ended in an error; they count in nothing")
-        raise typer.Exit(1)
-    say(f"done: 'eyechart score {out}' prints what came of it, 'eyechart gate {out}' holds it to admission")
+    def check(_: study.Online) -> None:
+        kept = "the drives are kept; the same command checks the rest"
+        with resumable(kept), progress("checking", "episodes") as move:
+            study.check_seen(out, move)
+
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency)
+    done = f"'eyechart score {out}' prints what came of it, 'eyechart gate {out}' holds it to admission"
+    make(Probing(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
 
 
 @options.expanded
@@ -303,13 +241,12 @@ def ladder(
     unfinished, or ended in an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart ladder --out ladder --processes 2
     """
-    from eyechart.episodes import Bounds, with_marginals
-    from eyechart.limits import Outcome
+    from eyechart.episodes import with_marginals
     from eyechart.studies.closed_loop import score
     from eyechart.studies.closed_loop.ladder import plan_ladder, require_reference
     from eyechart.studies.closed_loop.tables import beside_paper, ladder_printed
 
-    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+    def planned(drivers: "Sequence[str | RequestMode]") -> "Episodes":
         made = plan_ladder(
             out,
             simulator=simulator,
@@ -320,32 +257,22 @@ def ladder(
             seed=seed,
             again=again,
         )
-        if not probes:  # before anything is asked or driven
-            require_reference(made, against)
-        return made.counting(probes)
+        require_reference(made, against)  # before anything is asked or driven
+        return made
 
-    allowed = spending.allowed(out, dry_run=dry_run)
-    planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for, alone=False)
-    say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
-    say_expected(planned, allowed, concurrency)
-    if dry_run:
-        return
-    outcome = Outcome({})
-    if planned.left():
-        bounds = Bounds(processes=processes, concurrency=concurrency, sequential=spending.sequential)
-        outcome = drive(planned, bounds, allowed)
-    if planned.unfinished():
-        tell_left({"": planned}, outcome, failed)
-    scored = score(out, against_policy=against)
-    if json:
+    def show(made: "Episodes") -> None:
+        if made.unfinished():
+            return
+        scored = score(out, against_policy=against)
+        if not json:
+            print_each(ladder_printed(scored), 160)
+            return
         parts = ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
         kept = {name: one for name, one in scored.as_dict().items() if name in parts}
         print_json({**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]})
-    else:
-        print_each(ladder_printed(scored), 160)
-    tell_left({"": planned}, outcome, failed)
-    tell_errors({"": planned})
-    tell_empty([planned.out])
+
+    allowed = spending.allowed(out, dry_run=dry_run, processes=processes, concurrency=concurrency)
+    _drive(policy or (), mode, how, allowed, out, planned, alone=False, show=show)
 
 
 def audit(
@@ -415,22 +342,22 @@ def film(
     say(f"wrote {out}, {count} pictures, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def plan_drives(
+def _drive(
     policies: Sequence[str],
     modes: Sequence[Path] | None,
     how: options.Options,
     allowed: "Allowed",
     out: Path,
-    plan: "Callable[[Sequence[str | RequestMode], Mapping[str, Spent]], Episodes]",
+    plan: "Callable[[Sequence[str | RequestMode]], Episodes]",
+    done: str = "",
     *,
     alone: bool = True,
-) -> "tuple[Episodes, dict[str, str]]":
-    """Plan drives, probe the models among their drivers that are to be, and plan anew with what was found.
+    show: "Callable[[Episodes], object]",
+) -> None:
+    """Plan drives and make them; ``policies`` are as they were given, models among them.
 
-    Returns the plan, and why models were left out of it. ``policies`` are as they were given, models among them;
     ``alone`` says that nobody else drives in the command.
     """
-    from eyechart.episodes import keep_probes, sample_of
     from eyechart.policies import is_policy
     from eyechart.studies.probed import Probing
 
@@ -438,83 +365,12 @@ def plan_drives(
     names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
     models = {mode.spec for mode in asked.modes}
 
-    def planned(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+    def planned(modes: "Sequence[RequestMode]") -> "Episodes":
         by_spec = {mode.spec: mode for mode in modes}
-        return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models], probes)
+        return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
     others = not alone or len(models) < len(names)
-    return plan_probed(Probing(planned, sample_of, keep_probes, [out], others=others), asked, allowed)
-
-
-def drive(planned: "Episodes", bounds: "Bounds", allowed: "Allowed", *, engine: str = "local") -> "Outcome":
-    """Drive what is left within what it may take, with a bar; an interrupt says what is kept."""
-    from eyechart import episodes as study
-
-    limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
-    with watched_progress("episodes", "episodes", planned.out, allowed, KEPT) as move:
-        return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
-
-
-def say_expected(planned: "Episodes", allowed: "Allowed", concurrency: int, margin: str = "") -> None:
-    """Say what the models' calls that are still to be made are expected to take, or why nobody can say.
-
-    Also which of the models drive one after another, and what their weights take of memory.
-    """
-    from eyechart import episodes as study
-
-    try:
-        estimates = study.expected(planned, allowed.prices, concurrency=concurrency)
-    except DriveError as error:
-        say(f"{margin}cannot estimate what the models' calls take: {error}")
-        estimates = ()
-    turns = in_turns(planned.manifest, planned.drivers.models, estimates, allowed.sequential)
-    for line in (*(one.words for one in estimates), *turns):
-        say(f"{margin}{line}")
-
-
-def tell_left(parts: "Mapping[str, Episodes]", outcome: "Outcome", failed: Mapping[str, str]) -> None:
-    """Say what is left of drives and why; raise Exit 3 where a limit stopped them, 1 where anything else did.
-
-    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
-    the plan.
-    """
-    from eyechart.episodes import unfinished
-
-    say_aside(replace(outcome, set_aside={**failed, **outcome.set_aside}))
-    left = 0
-    for name, planned in parts.items():
-        mine = planned.unfinished()
-        left += len(mine)
-        for one in unfinished(planned.out, mine, planned.drivers.models):
-            say(f"{f'{name}: ' if name else ''}{one.policy}: {one.words}")
-    waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
-    if outcome.stopped is not None and waiting:
-        say(f"stopped: {outcome.stopped}; {count(waiting)} left; a higher limit resumes")
-        raise typer.Exit(3)
-    if left:
-        say(f"{count(left)} unfinished; the same command goes on where they were cut")
-        raise typer.Exit(1)
-    if failed:
-        tell_none({})
-
-
-def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> None:
-    """Say which episodes ended in an error, by what; raise Exit 1 where any did.
-
-    ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
-    """
-    found = [(name, one) for name, planned in parts.items() for one in planned.driven() if one.ended == "error"]
-    if not found:
-        return
-    failed, part = [one for _, one in found], found[0][0]
-    bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
-    say(
-        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {f'{part}: ' if part else ''}"
-        f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
-        f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
-        + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
-    )
-    raise typer.Exit(1)
+    make(Probing(planned, [out], others=others), asked, allowed, done, show=show)
 
 
 def require_drives(runs: Sequence[Path]) -> None:
@@ -525,26 +381,6 @@ def require_drives(runs: Sequence[Path]) -> None:
         if "" not in (parts := study_of(run).runs(run)):
             named = ", ".join(map(str, parts.values()))
             raise SpecError(f"{run} is a study, not one run: name one of its runs: {named}")
-
-
-def count(episodes: int) -> str:
-    """Return a number of episodes with its verb."""
-    return f"{episodes} episode is" if episodes == 1 else f"{episodes} episodes are"
-
-
-def _planned(planned: "Episodes") -> str:
-    own = {key.policy for key in planned.keys if planned.manifest.marginal_of(key.policy)}
-    others = [key for key in planned.keys if key.policy not in own]
-    parts = {
-        name: len({getattr(key, name) for key in others or planned.keys})
-        for name in ("policy", "scenario", "seed", "condition")
-    }
-    plural = {name: f"{name[:-1]}ies" if name.endswith("y") else f"{name}s" for name in parts}
-    size = " × ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in parts.items())
-    left = len(planned.left())
-    if own and others:
-        size += f", and {'the marginal of one' if len(own) == 1 else f'the marginals of {len(own)}'} with real pictures"
-    return f"{size}: {len(planned.keys)} episodes, {len(planned.keys) - left} finished, {left} to drive"
 
 
 def _seeds(given: str) -> list[int]:
@@ -561,11 +397,12 @@ def _seeds(given: str) -> list[int]:
     return list(range(numbers[0]))
 
 
-def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:
+def _show(planned: "Episodes", *, json: bool) -> None:
     """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
-    if json:
-        from eyechart.episodes import unfinished
+    from eyechart.episodes import summarise, unfinished
 
+    rows = summarise(planned.driven())
+    if json:
         left = planned.unfinished()
         why = [one.as_dict() for one in unfinished(planned.out, left, planned.drivers.models)]
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}

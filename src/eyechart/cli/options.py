@@ -14,8 +14,9 @@ from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode, Scalar
+    from eyechart.planned import Allowed
     from eyechart.studies import Study
-    from eyechart.studies.probed import Allowed, Asked
+    from eyechart.studies.probed import Asked
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
@@ -97,18 +98,18 @@ class Spending:
         ),
     ] = None
 
-    def allowed(self, out: Path, *, dry_run: bool, shard: str | None = None) -> "Allowed":
-        """Return what a command allows before its run, with the file's table of prices before that of the package.
+    def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
+        """Return what a command allows its run, with the file's table of prices before that of the package.
 
         What its ledgers lost is accepted first, where the command says so.
         """
         from eyechart.models.prices import read_prices
-        from eyechart.studies.probed import Allowed
+        from eyechart.planned import Allowed
 
         if self.accept_loss and not dry_run:
             accept(out)
         given = {name: value for name, value in vars(self).items() if name not in {"prices", "accept_loss"}}
-        return Allowed(read_prices(self.prices), dry_run=dry_run, shard=shard, **given)
+        return Allowed(read_prices(self.prices), dry_run=dry_run, **given, **more)
 
 
 NO_LIMIT = Spending()
@@ -166,6 +167,11 @@ class Options(Addressing):
 
 ADDRESSED = Addressing()
 AS_USUAL = Options()
+
+
+def names(given: str | None) -> list[str] | None:
+    """Return the names of a list with commas, None where none is given."""
+    return None if given is None else [one.strip() for one in given.split(",")]
 
 
 def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "Asked":

@@ -1,8 +1,8 @@
 """``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked, and so does a run."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -10,19 +10,18 @@ from eyechart.cli.options import AS_USUAL, Json, Options, PriceFile, expanded, m
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
-    from eyechart.limits import Outcome
+    from typing import Unpack
+
     from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
-    from eyechart.probe import Found, ProbeError, Sample
-    from eyechart.studies.probed import Allowed, Asked, Probing
+    from eyechart.probe import Found, Sample
+    from eyechart.probe.asking import Asking
 
 _Spec = Annotated[
     str, typer.Argument(help="A model's SPEC, or its request mode: FILE.toml, or a name of 'eyechart list modes'.")
 ]
 _Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
 _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
-
-P = TypeVar("P")
 
 
 @expanded
@@ -106,10 +105,10 @@ def probe(
     mode, table = _mode(spec, given), read_prices(prices)
     sample = _sample(frames, prompt, mode)
     _say_estimate(mode, MOST_CALLS, table)
-    found = _probe_one(mode, given, sample, table, seed=_draw(seed), max_cost=max_cost)
+    found = probed(mode, given, sample, "nothing is kept", seed=_draw(seed), prices=table, max_cost=max_cost)
     with whole(out, "request mode") as partial:
         write_mode(partial, found.mode)
-    print_json(found.as_dict()) if json else print_each([probe_table(found), *_lines(found)])
+    print_json(found.as_dict()) if json else print_each([probe_table(found), *words_of(found)])
     say(f"wrote {out}: ask this model with --mode {out}")
     if found.sight.outcome == "blind":
         raise typer.Exit(1)
@@ -167,22 +166,26 @@ def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:
     say(f"at most, {basis}: {expected.words}")
 
 
-def _probe_one(
+def probed(
     mode: "RequestMode",
     given: Mapping[str, object],
     sample: "Sample",
-    prices: "Prices",
+    kept: str,
     *,
-    seed: int,
-    max_cost: float | None,
+    seed: int | None = None,
+    **how: "Unpack[Asking]",
 ) -> "Found":
-    """Probe one model; what was spent on one that cannot be pinned is said, and a limit exits 3."""
+    """Probe one model; what was spent on one that cannot be pinned is said, and a limit exits 3.
+
+    ``kept`` says what an interrupt leaves.
+    """
     from eyechart.probe import ProbeError
     from eyechart.probe import probe as find
 
     try:
-        with resumable("nothing is kept"), progress(f"probe {mode.spec}", "calls") as move:
-            return find(mode, fixed=given, sample=sample, seed=seed, prices=prices, max_cost=max_cost, tell=move)
+        with resumable(kept), progress(f"probe {mode.spec}", "calls") as move:
+            how["tell"] = move
+            return find(mode, fixed=given, sample=sample, seed=_draw(seed), **how)
     except ProbeError as error:
         say(f"probe: {mode.spec}: {error.spent.words}")
         if error.limit:
@@ -191,7 +194,7 @@ def _probe_one(
         raise
 
 
-def _lines(found: "Found") -> list[str]:
+def words_of(found: "Found") -> list[str]:
     """Return in words what a probe found and what it took."""
     outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
     return [
@@ -200,67 +203,3 @@ def _lines(found: "Found") -> list[str]:
         *(f"note: {note}" for note in found.notes),
         f"probe: {found.mode.spec}: {found.spent.words}",
     ]
-
-
-def plan_probed(
-    study: "Probing[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object] | None = None
-) -> "tuple[P, dict[str, str]]":
-    """Plan a study, probe what is to be probed first, and plan it anew; return why models were left out of the plan.
-
-    Exits 1 where none is left. Fields that are ``fixed``, and those that options give, are not changed by a probe.
-    """
-    from eyechart.probe import ProbeError
-    from eyechart.probe.pinning import MOST_CALLS
-    from eyechart.studies import probed
-
-    def ask(mode: "RequestMode", sample: "Sample", most: float | None) -> "Found | ProbeError":
-        say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe leaves that out")
-        given = {**asked.given, **(fixed or {})}
-        try:
-            found = _probe_one(mode, given, sample, allowed.prices, seed=_draw(None), max_cost=most)
-        except ProbeError as error:
-            return error
-        say(*_lines(found))
-        if found.sight.outcome == "blind":
-            say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
-        return found
-
-    made = probed.plan_probed(study, asked, allowed, ask, say)
-    if made[0] is None:
-        tell_none(made[1])
-    return made[0], made[1]
-
-
-def say_aside(outcome: "Outcome") -> None:
-    """Say which models were set aside and why, and of how many attempts a bounded cost knows nothing."""
-    for spec, why in outcome.set_aside.items():
-        say(f"set aside: {spec}: {why}")
-    if outcome.uncounted:
-        say(f"{outcome.uncounted} attempts failed without telling what they cost: --max-cost does not count them")
-
-
-def tell_none(failed: Mapping[str, str]) -> NoReturn:
-    """Say which models were not asked at all, and exit 1."""
-    for spec, why in failed.items():
-        say(f"set aside: {spec}: {why}")
-    say("models that were set aside were not asked: mend what is wrong, and the same command asks them")
-    raise typer.Exit(1)
-
-
-def tell_empty(runs: "Iterable[Path]") -> None:
-    """Say of models all of whose replies say nothing why that may be, and exit 1."""
-    from eyechart.calls import Emptiness
-    from eyechart.costs import emptiness
-    from eyechart.ledger import Ledger
-    from eyechart.manifest import LEDGER
-
-    found: dict[str, Emptiness] = {}
-    for run in runs:
-        with Ledger(run / LEDGER, absent=True) as ledger:
-            for spec, one in emptiness(ledger).items():
-                found[spec] = found.get(spec, Emptiness()) + one
-    silent = {spec: one for spec, one in found.items() if one.whole}
-    for spec, one in silent.items():
-        say(f"nothing can be judged: {spec}: {one.words}")
-    if silent:
-        raise typer.Exit(1)

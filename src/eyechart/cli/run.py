@@ -1,36 +1,35 @@
 """``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from eyechart.cli import options
-from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
+from eyechart.cli import options, probe
 from eyechart.cli.terminal import progress, resumable, say
 from eyechart.errors import LedgerError, SpecError, perhaps
 
 if TYPE_CHECKING:
-    from eyechart.costs import CostEstimate
-    from eyechart.limits import Outcome, Spent
-    from eyechart.manifest import Manifest
+    from eyechart.limits import Spent
     from eyechart.modes import RequestMode
-    from eyechart.probe import Sample
-    from eyechart.run import Plan
+    from eyechart.planned import Allowed, Ending, Planned
+    from eyechart.probe import Found, ProbeError, Sample
+    from eyechart.probe.asking import Asking
     from eyechart.studies.battery import Battery
-    from eyechart.studies.probed import Allowed, Asked
+    from eyechart.studies.policy import PolicyRun
+    from eyechart.studies.probed import Asked, Probing
     from eyechart.studies.prompts import PromptStudy
+
+P = TypeVar("P", bound="Planned")
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
 
 View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
 ]
-_WORTH_SAYING_GB = 0.1
-"""Smaller weights fit everywhere."""
 
 
 @app.command(
@@ -78,23 +77,19 @@ def battery(
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
+    from eyechart.studies.probed import Probing
 
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=dry_run) if fresh_controls else frames
 
-    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
-        return study.plan(
-            asked_about,
-            modes,
-            out,
-            prompt=prompt,
-            conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
-            seed=seed,
-            extent=study.Extent(limit, None if shard is None else read_shard(shard), stop_early, controls),
-        ).counting(probes)
+    def planned(modes: "Sequence[RequestMode]") -> "Battery":
+        part = None if shard is None else read_shard(shard)
+        extent, names = study.Extent(limit, part, stop_early, controls), options.names(conditions)
+        return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
-    done = "'eyechart verdict {0}' judges, 'eyechart score {0}' prints every statistic"
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run, shard=shard)
-    _make_calls(asked, planned_for, out, allowed, concurrency, sizes, done, again=again)
+    asked = options.read_modes(model, mode, how.given())
+    allowed = spending.allowed(out, dry_run=dry_run, shard=shard, concurrency=concurrency, again=again)
+    done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
+    make(Probing(planned, [out]), asked, allowed, done)
 
 
 @options.expanded
@@ -132,67 +127,30 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.battery import keep_probes, sample_of
     from eyechart.studies.probed import Probing
 
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}{perhaps(one, STRUCTURED)}")
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
 
-    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
+    def planned(modes: "Sequence[RequestMode]") -> "PromptStudy":
         return study.plan(
             frames,
             modes,
             out,
             prompts=prompt or tuple(PROMPTS),
             factors=[study.Factor(*setting) for setting in product(budget or (None,), json_mode or (None,))],
-            conditions=() if conditions == "all" else [name.strip() for name in conditions.split(",")],
+            conditions=() if conditions == "all" else options.names(conditions) or (),
             limit=limit,
             seed=seed,
-        ).counting(probes)
-
-    planned, failed = plan_probed(
-        Probing(
-            planned_for,
-            lambda one: sample_of(one.cells.values()),
-            lambda one, probes: keep_probes(next(iter(one.cells.values())), probes),
-            study.cells_in(out),
-            whole=not budget,  # a cell with a budget of its own says nothing of the others'
-        ),
-        asked,
-        allowed,
-        {"structured": "none"},  # the form of an answer is a factor of this study
-    )
-    calls, finished, unknown = planned.counts()
-    more = sum(sum(cell.more_by_model().values()) for cell in planned.cells.values())
-    up_to = f", and up to {more} of controls" if more else ""
-    say(
-        f"{len(planned.cells)} cells × {len(asked.modes) - len(failed)} models: {calls} calls, {finished} finished, "
-        f"{unknown} sent with unknown outcome, {calls - finished} to make{up_to}"
-    )
-    first = next(iter(planned.cells.values()))
-    say(
-        *planned.expected(allowed.prices, concurrency=concurrency),
-        *in_turns(first.manifest, first.plan.models, (), allowed.sequential),
-    )
-    if dry_run:
-        return
-    with watched_progress("calls", "calls", out, allowed) as move:
-        outcome = study.run(
-            planned,
-            concurrency=concurrency,
-            calls=spending.max_calls,
-            cost_usd=spending.max_cost,
-            prices=allowed.prices,
-            progress=move,
-            again=again,
-            sequential=allowed.sequential,
         )
-    calls, finished, _ = planned.counts()
-    _tell(outcome, failed, calls - finished)
-    tell_empty(study.cells_in(out))
-    say(f"done: 'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell")
+
+    asked = options.read_modes(model, mode, how.given())
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
+    # a cell with a budget of its own says nothing of the others'; the form of an answer is a factor of this study
+    probing = Probing(planned, study.cells_in(out), whole=not budget)
+    make(probing, asked, allowed, done, fixed={"structured": "none"})
 
 
 @options.expanded
@@ -216,12 +174,11 @@ def admission(
     --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
+    from eyechart.studies.probed import Probing
 
-    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
-        return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed).counting(probes)
-
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
-    _make_calls(asked, planned_for, out, allowed, concurrency, again=again)
+    probing = Probing(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    make(probing, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
 
 
 @options.expanded
@@ -246,12 +203,12 @@ def structured(
     Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
     """
     from eyechart.studies import structured as study
+    from eyechart.studies.probed import Probing
 
-    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
-        return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit).counting(probes)
-
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
-    _make_calls(asked, planned_for, out, allowed, concurrency, again=again)
+    plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
+    probing = Probing(lambda modes: plan(frames, modes, out), [out])
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    make(probing, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
 
 
 def policy(
@@ -281,93 +238,116 @@ def policy(
     (horizon, dimensions). Exit 1: calls are unfinished, or of a policy none holds a motion; 3: stopped at --max-calls.
     Example: eyechart run policy --policy trained:sees --frames bank --out run
     """
-    from eyechart.conditions import by_reason
-    from eyechart.importing.notes import notes
-    from eyechart.limits import Limits
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
+    from eyechart.studies.probed import NOBODY, Probing
 
-    if accept_loss and not dry_run:
-        options.accept(out)
-    planned = study.plan(
-        frames,
-        policy or (),
-        out,
-        seed=seed,
-        extent=study.Extent(limit, None if shard is None else read_shard(shard), answers, shapley),
-        conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
-        timeout_s=timeout_s,
-    )
-    plan, (calls, finished, unknown) = planned.plan, planned.counts()
-    for names, why in by_reason(planned.left_out).items():
-        say(f"left out: {names}, because {why}")
-    say(*notes(plan.bank))
-    size = f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
-    say(
-        f"{size}{_unshown(plan)}: {calls} calls, "
-        f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make; a policy that turns "
-        f"out to draw its answers is asked {answers} times"
-    )
-    if shapley:
-        say(f"of these for Shapley shares alone: {planned.of_shapley} calls, as far as it is known who draws")
-    if dry_run:
-        return
-    with resumable(), progress("calls", "calls") as move:
-        outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move, again=again)
-    calls, finished, _ = planned.counts()
-    nothing = planned.motionless()
-    for spec, (count, why) in nothing.items():
-        last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
-        say(f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}")
-    _tell(outcome, {}, calls - finished, nothing=bool(nothing))
-    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page")
+    def planned(_: "Sequence[RequestMode]") -> "PolicyRun":
+        extent = study.Extent(limit, None if shard is None else read_shard(shard), answers, shapley)
+        asked = options.names(conditions)
+        return study.plan(frames, policy or (), out, seed=seed, extent=extent, conditions=asked, timeout_s=timeout_s)
+
+    spending = options.Spending(max_calls, accept_loss=accept_loss)
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
+    make(Probing(planned, [out]), NOBODY, allowed, done)
 
 
-def _of_scenes(planned: "Battery") -> list[str]:
-    modes = [planned.manifest.mode(spec) for spec in planned.plan.models]
-    return [f"view: {planned.manifest.view}", *sizes(planned), *bound(modes)]
+_SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 
 
-def _make_calls(
+def make(
+    study: "Probing[P]",
     asked: "Asked",
-    plan: "Callable[[Sequence[RequestMode], Mapping[str, Spent]], Battery]",
-    out: Path,
     allowed: "Allowed",
-    concurrency: int,
-    lines: "Callable[[Battery], Sequence[str]]" = _of_scenes,
-    done: str = "'eyechart score {}' prints the table, the clauses and every figure",
+    done: str = "",
     *,
-    again: bool = False,
+    fixed: Mapping[str, object] | None = None,
+    show: "Callable[[P], object]" = lambda _: None,
 ) -> None:
-    """Probe the models that are to be, say in ``lines`` what is planned, and make the calls."""
-    from eyechart.studies import battery as study
-    from eyechart.studies.probed import Probing
+    """Plan a run of any study, probe its models first, say what is planned, make it, and say how it ended.
 
-    def sample(one: "Battery") -> "Sample":
-        return replace(study.sample_of([one]), at_once=concurrency)
-
-    probing = Probing(plan, sample, study.keep_probes, [out])
-    planned, failed = plan_probed(probing, asked, allowed)
-    early = planned.manifest.stop_early
-    expected = study.expected(planned, allowed.prices, concurrency=concurrency)
-    turns = in_turns(planned.manifest, planned.plan.models, expected, allowed.sequential)
-    say(*lines(planned), *(one.words for one in expected), *turns, *(_before(planned) if early else ()))
+    A probe changes no field that is ``fixed`` or that an option gave. ``show`` prints what came of the run before its
+    end is said, ``done`` is said last.
+    """
+    planned, failed = _probed(study, asked, allowed, fixed or {})
+    say(*planned.lines(allowed))
     if allowed.dry_run:
         return
-    limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
-    with watched_progress("calls", "calls", out, allowed) as move:
-        outcome = study.run(
-            planned,
-            concurrency=concurrency,
-            limits=limits,
-            progress=move,
-            again=again,
-            sequential=allowed.sequential,
-        )
-    say(*(_after(planned) if early else ()))
-    _tell(outcome, failed, 0 if outcome.whole and not early else planned.left())
-    tell_empty([out])
-    say(f"done: {done.format(out)}")
+    with _live_page(planned, allowed) as also, resumable(planned.kept):
+        outcome = planned.make(allowed, partial(_bar, also=also))
+    show(planned)
+    for end in planned.ends(outcome, failed):
+        _end(end)
+    if done:
+        say(f"done: {done}")
+
+
+def _end(end: "Ending") -> None:
+    say(*end.lines)
+    if end.code:
+        raise typer.Exit(end.code)
+
+
+def _probed(
+    study: "Probing[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
+) -> "tuple[P, dict[str, str]]":
+    """Plan a study with its models probed; return why models were left out too. Exits 1 where none is left."""
+    from eyechart.planned import unasked
+    from eyechart.probe import ProbeError
+    from eyechart.probe.pinning import MOST_CALLS
+    from eyechart.studies import probed
+
+    def ask(
+        mode: "RequestMode", sample: "Sample", most: float | None, spend: "Callable[[Spent], None]"
+    ) -> "Found | ProbeError":
+        say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe leaves that out")
+        kept = "what the probe took is counted; the same command probes anew"
+        bounds: Asking = {"prices": allowed.prices, "max_cost": most, "spend": spend}
+        try:
+            found = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
+        except ProbeError as error:
+            return error
+        say(*probe.words_of(found))
+        if found.sight.outcome == "blind":
+            say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
+        return found
+
+    planned, failed = probed.plan_probed(study, asked, allowed, ask, say)
+    if planned is None:
+        _end(unasked(failed))
+    assert planned is not None
+    return planned, failed
+
+
+@contextmanager
+def _bar(what: str, unit: str, also: Callable[[int, int], None]) -> "Iterator[Callable[[int, int], None]]":
+    """Show a bar, and yield what moves it and the page of the run."""
+    with progress(what, unit) as move:
+
+        def both(done: int, total: int) -> None:
+            also(done, total)
+            move(done, total)
+
+        yield both
+
+
+@contextmanager
+def _live_page(planned: "Planned", allowed: "Allowed") -> "Iterator[Callable[[int, int], None]]":
+    """Serve a page that shows a run while the block lasts, where that is asked for; yield what moves its count."""
+    if not allowed.watch:
+        yield lambda *_: None
+        return
+    from eyechart.serve.live import Live, watched
+
+    live = Live(planned.out, allowed.prices, unit=planned.unit)
+    words = "the page of this run is not served, and the run goes on"
+    with watched(
+        live,
+        lambda url: say(f"watch: {url} shows this run while it goes on"),
+        lambda why: say(f"watch: {words}: {why}"),
+    ):
+        yield live.move
 
 
 def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run: bool) -> Path:
@@ -401,203 +381,6 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     (own / OWN).touch()
     say(f"controls: drawn anew into {own} by seed {seed}")
     return own
-
-
-@contextmanager
-def watched_progress(
-    what: str, unit: str, out: Path, allowed: "Allowed", kept: str | None = None
-) -> "Iterator[Callable[[int, int], None]]":
-    """Show a bar while a run goes on, and serve its page where ``allowed`` asks for one."""
-    with live_page(out, unit, allowed) as also, moved(what, unit, also, kept) as move:
-        yield move
-
-
-@contextmanager
-def moved(
-    what: str, unit: str, also: Callable[[int, int], None], kept: str | None = None
-) -> "Iterator[Callable[[int, int], None]]":
-    """Show a bar, and yield what moves it and another."""
-    with resumable(kept) if kept else resumable(), progress(what, unit) as move:
-
-        def both(done: int, total: int) -> None:
-            also(done, total)
-            move(done, total)
-
-        yield both
-
-
-@contextmanager
-def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[int, int], None]]":
-    """Serve a page that shows a run while the block lasts, where that is asked for; yield what moves its count."""
-    if not allowed.watch:
-        yield lambda *_: None
-        return
-    from eyechart.serve.live import Live, watched
-
-    live = Live(out, allowed.prices, unit=unit)
-    words = "the page of this run is not served, and the run goes on"
-    with watched(
-        live,
-        lambda url: say(f"watch: {url} shows this run while it goes on"),
-        lambda why: say(f"watch: {words}: {why}"),
-    ):
-        yield live.move
-
-
-def _unshown(plan: "Plan") -> str:
-    """Say that some frames cannot be shown every condition, so that a product is more than the calls."""
-    every = all(plan.shows(condition, frame) for condition in plan.conditions for frame in plan.frames)
-    return "" if every else " (not every frame can be shown every condition)"
-
-
-def sizes(planned: "Battery") -> list[str]:
-    """Say what is left out and why, and how many calls there are."""
-    from eyechart.conditions import by_reason
-
-    plan, (calls, finished, unknown) = planned.plan, planned.counts()
-    to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
-    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions{_unshown(plan)}"
-    return [
-        *(f"left out: {names}, because {why}" for names, why in by_reason(planned.left_out).items()),
-        f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
-        *_controls(planned),
-    ]
-
-
-def _controls(planned: "Battery") -> list[str]:
-    """Say how many calls of controls may come, and where a shard leaves them."""
-    if planned.manifest.controls == "auto" and planned.manifest.shard is not None:
-        return ["controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"]
-    more = sum(planned.more_by_model().values())
-    return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][: more > 0]
-
-
-def in_turns(
-    manifest: "Manifest", models: "Iterable[str]", expected: "Sequence[CostEstimate]", sequential: bool | None
-) -> list[str]:
-    """Say which models are asked one after another, how long that takes, and what weights need of this memory.
-
-    Before that, what the models themselves give to think about.
-    """
-    from eyechart.costs import duration
-    from eyechart.models import turns_of
-
-    asked, facts = list(models), manifest.facts
-    lines = [f"warning: {spec}: {facts[spec]['warning']}" for spec in asked if "warning" in facts.get(spec, {})]
-    seconds = {one.model: one.seconds for one in expected}
-    turns = turns_of(map(manifest.mode, asked), sequential=sequential)
-    for turn in turns:
-        if len(turn) > 1:
-            known = [seconds.get(spec) for spec in turn]
-            took = sum(one for one in known if one is not None)
-            time = f", about {duration(took)} in all" if took and None not in known else ""
-            lines.append(
-                f"one after another, each closed before the next is opened{time}: {', '.join(turn)}; --together asks "
-                "them at once"
-            )
-    return lines + _weights(manifest, turns)
-
-
-def _weights(manifest: "Manifest", turns: "Sequence[Sequence[str]]") -> list[str]:
-    """Say what the weights that this machine holds at one time take, where models tell what theirs do."""
-    from eyechart.models import HERE, MEMORY_GB, WEIGHTS_GB, machine_of, memory_here_gb
-
-    facts = {spec: one for spec, one in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
-    needed = {spec: float(one[WEIGHTS_GB]) for spec, one in facts.items() if WEIGHTS_GB in one}
-    asked = [[spec for spec in turn if spec in needed] for turn in turns]
-    once = sum(max((needed[spec] for spec in turn), default=0.0) for turn in asked)
-    if once < _WORTH_SAYING_GB:
-        return []
-    each = ", ".join(f"{spec} {needed[spec]:.3g} GB" for turn in asked for spec in turn)
-    there = min(
-        (float(facts[spec][MEMORY_GB]) for spec in needed if MEMORY_GB in facts[spec]), default=memory_here_gb()
-    )
-    of = "" if there is None else f" of {there:.3g} GB"
-    lines = [f"memory: at most {once:.3g} GB{of} for weights at once, and what answering takes on top ({each})"]
-    if there is not None and once > there >= max(needed.values()):
-        lines.append("warning: these weights do not fit together: ask the models with --sequential")
-    return lines
-
-
-def bound(modes: "Sequence[RequestMode]") -> list[str]:
-    """Say of each model whether its server is told the schema, and warn where a probe found that it does not bind."""
-    lines = []
-    for mode in modes:
-        if mode.spec.startswith("scripted:"):
-            continue
-        if mode.spec.startswith("hf:"):
-            lines.append(f"{mode.spec}: replies are read strictly; a checkpoint run here binds no schema")
-        elif mode.structured != "json_schema":
-            lines.append(f"{mode.spec}: replies are read strictly; --json-mode json_schema binds the schema")
-        elif mode.measured is not None and mode.measured.schema_binds is False:
-            lines.append(f"warning: {mode.spec}: the schema is sent, but a probe found that this server ignores it")
-    return lines
-
-
-def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int, *, nothing: bool = False) -> None:
-    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished.
-
-    Or where ``nothing`` that came can be judged, whatever stopped it.
-    """
-    whole = replace(outcome, set_aside={**failed, **outcome.set_aside})
-    say_aside(whole)
-    for model, words in outcome.failed.items():
-        if model not in whole.set_aside:
-            say(f"{model}: {words}")
-    if outcome.stopped is not None and left:
-        say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
-        raise typer.Exit(1 if nothing else 3)
-    if not left and whole.set_aside:
-        tell_none({})
-    if left:
-        say(f"{left} calls are unfinished: {_to_finish(outcome)}")
-    if left or nothing:
-        raise typer.Exit(1)
-
-
-def _to_finish(outcome: "Outcome") -> str:
-    """Return in words what makes the calls that are unfinished."""
-    tries = "their last error may pass, and the same command tries them again"
-    lasting = sorted(outcome.lasting & outcome.set_aside.keys())
-    if not lasting:
-        return tries
-    mend = (
-        f"mend what is wrong with {', '.join(lasting)}, and the same command makes them; a Python file that was "
-        "changed is another version, and needs another --out"
-    )
-    passing = {*outcome.set_aside, *outcome.failed} - outcome.lasting
-    return f"{mend}. Of the others {tries}" if passing else mend
-
-
-def _before(planned: "Battery") -> list[str]:
-    """Say what stopping early guarantees, and the most and the typical number of calls."""
-    from eyechart.verdicts import GUARANTEE, VALIDITY
-
-    more = planned.more_by_model()
-    most = max(sum(1 for _ in planned.plan.keys_of(model)) + more[model] for model in planned.plan.models)
-    counts = sorted(planned.typical().items(), key=lambda one: one[1])
-    typical = ", ".join(f"{count} ({label})" for label, count in counts)
-    return [
-        f"stop early: {GUARANTEE}",
-        f"stop early: {VALIDITY}",
-        f"stop early: at most {most} calls a model; of a controller that never wavers {typical or 'as many'}",
-    ]
-
-
-def _after(planned: "Battery") -> list[str]:
-    """Say which models were stopped early, and the calls saved."""
-    lines, planned_calls, saved = [], 0, 0
-    for model, one in planned.progress().items():
-        calls = sum(1 for _ in planned.plan.keys_of(model)) if one.stopped is None else one.stopped.planned
-        planned_calls += calls
-        if one.stopped is None:
-            lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
-            continue
-        saved += one.stopped.saved
-        beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
-        share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
-        lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
-    return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
 
 def merge(

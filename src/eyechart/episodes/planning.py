@@ -1,12 +1,12 @@
 """Planning and running episodes: who drives, in which worlds, what that may take, and nothing driven twice."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.conditions import require_shown
 from eyechart.costs import CostEstimate, estimate
@@ -20,6 +20,7 @@ from eyechart.episodes.records import (
     mend_episodes,
     read_episodes,
     recorded,
+    unfinished,
     write_episodes,
 )
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
@@ -28,7 +29,7 @@ from eyechart.episodes.worlds import Setup, Shown
 from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, perhaps, printable, raising
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
-from eyechart.limits import Outcome, Spent
+from eyechart.limits import Outcome
 from eyechart.loops import asyncio, to_its_end
 from eyechart.manifest import (
     EPISODES,
@@ -47,6 +48,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import NONE, View, through
+from eyechart.planned import Allowed, Bar, Ending, Planned, aside, empty, forecast, unasked
 from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.prompts import Prompt, find_prompt, neutral
@@ -63,11 +65,14 @@ ACTION_MAP = "actions.toml"
 
 
 @dataclass(frozen=True)
-class Episodes:
+class Episodes(Planned):
     """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to.
 
-    With ``again``, what ended in an error is driven anew.
+    With ``again``, what ended in an error is driven anew. ``engine`` is where the worlds are.
     """
+
+    unit: ClassVar[str] = "episodes"
+    kept: ClassVar[str] = "finished episodes and calls are kept; the same command resumes"
 
     keys: tuple[EpisodeKey, ...]
     drivers: Drivers
@@ -75,10 +80,62 @@ class Episodes:
     setup: Setup
     out: Path
     again: bool = False
+    engine: str = "local"
 
-    def counting(self, probes: Mapping[str, Spent]) -> "Episodes":
-        """Return the plan with what was spent on probing models for it."""
-        return replace(self, manifest=self.manifest.counting(probes))
+    def begin(self) -> EpisodesManifest:
+        """Begin the run with nobody in it, where none stands there, and return its manifest."""
+        if not is_episodes_run(self.out):
+            nobody = replace(self.manifest, policies={}, modes={}, facts={})
+            replace(nobody, scenarios=(), seeds=(), conditions=()).write(self.out)
+        return read_episodes_manifest(self.out)
+
+    def sample(self, how: Allowed) -> "Sample":
+        """Return what a probe asks before the drives; see `sample_of`."""
+        del how
+        return sample_of(self)
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield who drives how often, and what the models' calls are expected to take."""
+        yield self.size
+        yield from self.forecast(how)
+
+    def make(self, how: Allowed, bar: Bar) -> Outcome:
+        """Drive what is left."""
+        bounds = Bounds(how.processes, how.concurrency, limits=how.limits(self.manifest), sequential=how.sequential)
+        with bar(self.unit, self.unit) as move:
+            return run(self, engine=self.engine, bounds=bounds, progress=move)
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield what is left and why, which episodes ended in an error, and whose replies are empty."""
+        yield drives_ended({"": self}, outcome, failed)
+        yield errors_ended({"": self})
+        yield empty([self.out])
+
+    @property
+    def size(self) -> str:
+        """Return in words who drives, how often, and how many episodes are left."""
+        own = {key.policy for key in self.keys if self.manifest.marginal_of(key.policy)}
+        others = [key for key in self.keys if key.policy not in own]
+        parts = {
+            name: len({getattr(key, name) for key in others or self.keys})
+            for name in ("policy", "scenario", "seed", "condition")
+        }
+        plural = {name: f"{name[:-1]}ies" if name.endswith("y") else f"{name}s" for name in parts}
+        size = " × ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in parts.items())
+        left = len(self.left())
+        if own and others:
+            who = "the marginal of one" if len(own) == 1 else f"the marginals of {len(own)}"
+            size += f", and {who} with real pictures"
+        return f"{size}: {len(self.keys)} episodes, {len(self.keys) - left} finished, {left} to drive"
+
+    def forecast(self, how: Allowed) -> Iterator[str]:
+        """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
+        estimates: tuple[CostEstimate, ...] = ()
+        try:
+            estimates = expected(self, how.prices, concurrency=how.concurrency)
+        except DriveError as error:
+            yield f"cannot estimate what the models' calls take: {error}"
+        yield from forecast(self.manifest, self.drivers.models, estimates, how)
 
     def driven(self) -> list[Episode]:
         """Return the records that there are of the episodes, in their order."""
@@ -320,18 +377,48 @@ def _drive_marginals(
     drive(driven, replace(planned.drivers, policies=policies, models={}, turns=()), open_worker, keep, bounds=bounds)
 
 
-def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
-    """Write into the run's manifest what was spent on probing models that do not drive; the run's limits count it.
+def drives_ended(parts: Mapping[str, Episodes], outcome: Outcome, failed: Mapping[str, str]) -> Ending:
+    """Say what is left of drives and why; 3 where a limit stopped them, 1 where anything else did.
 
-    A run that is not begun yet begins with nobody in it, so that the models are probed anew.
+    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
+    the plan.
     """
-    with alone_in(planned.out):
-        if is_episodes_run(planned.out):
-            manifest = read_episodes_manifest(planned.out)
-        else:
-            nobody = replace(planned.manifest, policies={}, modes={}, facts={})
-            manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
-        replace(planned, manifest=manifest).counting(probes).manifest.write(planned.out)
+    lines, left = aside(outcome, failed), 0
+    for name, planned in parts.items():
+        mine = planned.unfinished()
+        left += len(mine)
+        words = unfinished(planned.out, mine, planned.drivers.models)
+        lines += [f"{f'{name}: ' if name else ''}{one.policy}: {one.words}" for one in words]
+    waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
+    if outcome.stopped is not None and waiting:
+        return Ending([*lines, f"stopped: {outcome.stopped}; {_count(waiting)} left; a higher limit resumes"], 3)
+    if left:
+        return Ending([*lines, f"{_count(left)} unfinished; the same command goes on where they were cut"], 1)
+    return Ending([*lines, *unasked({}).lines], 1) if failed else Ending(lines)
+
+
+def errors_ended(parts: Mapping[str, Episodes], bound: str = "--max-steps") -> Ending:
+    """Say which episodes ended in an error, by what; 1 where any did.
+
+    ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
+    """
+    found = [(name, one) for name, planned in parts.items() for one in planned.driven() if one.ended == "error"]
+    if not found:
+        return Ending()
+    failed, part = [one for _, one in found], found[0][0]
+    bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
+    words = (
+        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {f'{part}: ' if part else ''}"
+        f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
+        f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
+        + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
+    )
+    return Ending([words], 1)
+
+
+def _count(episodes: int) -> str:
+    """Return a number of episodes with its verb."""
+    return f"{episodes} episode is" if episodes == 1 else f"{episodes} episodes are"
 
 
 def require_engine(engine: str) -> None:

@@ -16,10 +16,10 @@ from eyechart.looking.pictures import BANK
 from eyechart.looking.reach import affordable, fewest
 from eyechart.looking.sight import MODE, MOST_CALLS, Sights, Unseen
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
-from eyechart.loops import make_calls
 from eyechart.manifest import is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed
 from eyechart.run import spread
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, Extent
@@ -110,9 +110,8 @@ class ModelLook:
 
     def _made(self, planned: Battery) -> Outcome:
         before = Spent(calls=_asked_before(planned.manifest.mode(self.wanted.spec)))
-        limits = planned.manifest.within(self._prices, calls=self.wanted.budget, before=before)
-        with self.watch.bar("calls", "calls") as move:
-            return make_calls(partial(battery.run, planned, concurrency=AT_ONCE, limits=limits), move)
+        allowed = Allowed(self._prices, max_calls=self.wanted.budget, before=before)
+        return planned.make(allowed, self.watch.bar)
 
     def _unseen(self, found: Unseen) -> Look:
         wanted = self.wanted

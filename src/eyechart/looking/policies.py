@@ -13,14 +13,14 @@ from eyechart.frames import open_bank
 from eyechart.importing.bank import Choices
 from eyechart.importing.lerobot import Ahead, import_lerobot
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome
+from eyechart.limits import Outcome
 from eyechart.looking.answer import Look, Pictured, Step
 from eyechart.looking.reach import affordable
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
-from eyechart.loops import make_calls
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models import Opened, open_policy
 from eyechart.models.prices import read_prices
+from eyechart.planned import Allowed
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, examine_policy
 from eyechart.run import spread
 from eyechart.spaces.motion import Motion
@@ -57,7 +57,7 @@ def steps_of(wanted: Wanted) -> int:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
         import_lerobot(wanted.pictures.dataset, bank, Choices(every=_SELDOM), ahead=Ahead(1, "delta"))
         held = wanted.held or open_policy(wanted.spec)
-        make_calls(partial(policy.run, policy.plan(bank, [held], run, extent=Extent(1), conditions=("real",))), None)
+        policy.run(policy.plan(bank, [held], run, extent=Extent(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)
     try:
@@ -85,8 +85,7 @@ class PolicyLook:
         self.watch.agree(Bill(self._opened.mode, expected, basis))
         if not begun and (amiss := self._amiss()) is not None:
             return amiss
-        with self.watch.bar("calls", "calls") as move:
-            outcome = make_calls(partial(policy.run, planned, limits=Limits(self.wanted.budget)), move)
+        outcome = planned.make(Allowed(read_prices(), max_calls=self.wanted.budget, concurrency=1), self.watch.bar)
         return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
 
     @cached_property

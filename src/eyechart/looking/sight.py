@@ -1,24 +1,19 @@
 """Whether a served model is shown its pictures at all, and how it is best asked: found once, before a run is paid."""
 
 import secrets
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.destination import whole
 from eyechart.limits import Spent
-from eyechart.loops import Progress
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
+from eyechart.planned import Bar
 from eyechart.probe import ProbeError, Sample, doctor, is_served, probe
 
 MODE = "mode.toml"
 MOST_CALLS = 28 + 76
 """So many calls a doctor and a probe may take together."""
-
-Bar = Callable[[str, str], AbstractContextManager[Progress]]
-"""Shows how far something is, by its name and its unit, and yields what moves it."""
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from eyechart.costs import CostEstimate, duration
 from eyechart.looking.pictures import Pictures
-from eyechart.looking.sight import Bar
 from eyechart.models import Opened
 from eyechart.models.http import is_loopback
 from eyechart.models.prices import OWN_MACHINE
 from eyechart.modes import RequestMode
+from eyechart.planned import Bar
 from eyechart.studies import Reading, study_of
 
 _NO_NAME = re.compile(r"[^A-Za-z0-9._]+")

@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import TypedDict
 
 from eyechart.attempts import close
 from eyechart.calls import REFUSED, TRANSIENT, Query, Reply
@@ -16,11 +17,22 @@ from eyechart.modes import RequestMode, TokenField
 
 Tell = Callable[[int, int], None]
 """Called with (calls made, calls at most) after each call."""
+Spend = Callable[[Spent], None]
+"""Called before each call and after it with what all calls took; those under way count, at a cost that nobody knows."""
 
 _REFUSES = re.compile(
     r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
     re.IGNORECASE,
 )
+
+
+class Asking(TypedDict, total=False):
+    """How models are asked outside a run: by these prices, for so many US dollars, and who is told of it."""
+
+    prices: Prices
+    max_cost: float | None
+    tell: Tell | None
+    spend: Spend | None
 
 
 class LimitReachedError(EyechartError):
@@ -43,11 +55,13 @@ class Asker:
     fixed: Collection[str] = ()
     max_cost: float | None = None
     tell: Tell | None = None
+    spend: Spend | None = None
     spent: Spent = NOTHING
     notes: list[str] = field(default_factory=list)
     stopped: str | None = None
     _model: Model | None = None
     _opened: RequestMode | None = None
+    _under_way: int = 0
 
     async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
         """Return the reply to a query, in the mode of this asker or in another; a failure is a reply too."""
@@ -110,16 +124,26 @@ class Asker:
     async def _once(self, query: Query, mode: RequestMode) -> Reply:
         self._require_room()
         start = time.perf_counter()
-        reply = await ask(await self._open(mode), query)
+        model = await self._open(mode)
+        self._tell_spent(1)
+        reply = await ask(model, query)
         reply = replace(reply, seconds=time.perf_counter() - start) if reply.seconds is None else reply
         cost = self.prices.cost(mode, reply)[0]
         self.spent = self.spent.plus(reply, cost)
+        self._tell_spent(-1)
         if self.tell is not None:
             self.tell(self.spent.calls, self.most)
         if self.max_cost is not None and cost is None and reply.error is None:
             spec = mode.spec
             self.stopped = f"what {spec} costs is not known, so --max-cost cannot hold: give its price with --prices"
         return reply
+
+    def _tell_spent(self, more: int) -> None:
+        """Tell what was spent, with one call ``more`` or less under way."""
+        self._under_way += more
+        if self.spend is not None:
+            calls, unknown = (count + self._under_way for count in (self.spent.calls, self.spent.unknown))
+            self.spend(replace(self.spent, calls=calls, unknown=unknown))
 
     def _require_room(self, of: int = 1) -> None:
         """Raise LimitReachedError where ``of`` calls at once have no room; each costs what a call cost on the mean."""

@@ -8,16 +8,17 @@ import datetime as dt
 import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Unpack
 
 from eyechart.calls import BLOCKED, REFUSED, Emptiness, Reply, is_cut
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
-from eyechart.models.prices import Prices, read_prices
+from eyechart.models.prices import read_prices
 from eyechart.modes import ALONE, Measured, RequestMode
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
 from eyechart.probe.arrival import apart, arrives, dropped, repeats, reuses, size_of
-from eyechart.probe.asking import Asker, LimitReachedError, Tell
+from eyechart.probe.asking import Asker, Asking, LimitReachedError
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
 from eyechart.probe.sight import Sight, look
@@ -72,18 +73,19 @@ def probe(
     sample: Sample | None = None,
     seed: int = 0,
     sight: Sight | None = None,
-    prices: Prices | None = None,
-    max_cost: float | None = None,
-    tell: Tell | None = None,
+    **how: Unpack[Asking],
 ) -> Found:
     """Find how a model is best asked, beginning with ``mode``, whose fields named in ``fixed`` stay as they are.
 
     ``sample`` is what the run will ask; it decides which budget suffices, what a call takes, and whether a structured
     output is wanted: one is pinned only where it binds and the prompt asks for JSON. ``max_cost`` is in US dollars.
     ``sight`` is what the drawn pictures of this seed did already, as a doctor found it: they are not asked again.
+    ``spend`` is told what its calls took, before and after each.
     Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
-    asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, fixed=fixed, max_cost=max_cost, tell=tell)
+    if "prices" not in how:
+        how["prices"] = read_prices()
+    asker = Asker(mode, most=MOST_CALLS, fixed=fixed, **how)
     return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed, sight).find())
 
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from eyechart import episodes
 from eyechart.calls import Reply
 from eyechart.episodes import EpisodesManifest
-from eyechart.errors import SpecError
 from eyechart.ledger import Ledger, accept_loss
 from eyechart.ledger.counter import Written
 from eyechart.limits import Spent
 from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed, Planned
 from eyechart.studies import is_episodes
 
 if TYPE_CHECKING:  # who reads what a run took probes nothing
@@ -26,11 +26,14 @@ PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "sys
 _LEDGERS = ("", "*/", "*/*/")
 """Where the ledgers of a run stand in its folder: a study of prompts has one a cell."""
 
-P = TypeVar("P")
+P = TypeVar("P", bound=Planned)
 """A study's plan."""
 
-Ask = Callable[[RequestMode, "Sample", float | None], "Found | ProbeError"]
-"""Probes a model with a sample for at most so many US dollars; a ProbeError that is returned leaves the model out."""
+Ask = Callable[[RequestMode, "Sample", float | None, Callable[[Spent], None]], "Found | ProbeError"]
+"""Probes a model with a sample for at most so many US dollars; what that takes is told as it is spent.
+
+A ProbeError that is returned leaves the model out.
+"""
 
 
 @dataclass(frozen=True)
@@ -42,52 +45,18 @@ class Asked:
     given: Mapping[str, object]
 
 
-@dataclass(frozen=True)
-class Allowed:
-    """What is allowed before a run: whether to probe at all, the limits of the whole run, and whether it may move.
-
-    ``watch`` says whether a page shows the run while it goes on, ``sequential`` whether models are asked one after
-    another (`eyechart.models.turns_of`).
-    """
-
-    prices: Prices
-    no_probe: bool = False
-    dry_run: bool = False
-    max_calls: int | None = None
-    max_cost: float | None = None
-    shard: str | None = None
-    moved: bool = False
-    watch: bool = False
-    sequential: bool | None = None
-
-    def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
-        """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
-        from eyechart.probe.pinning import MOST_CALLS  # noqa: PLC0415 - who reads what a run took probes nothing
-
-        names, most = ", ".join(unprobed), MOST_CALLS * len(unprobed)
-        if self.shard is not None:
-            raise SpecError(
-                f"the shards of a run must ask alike: let 'eyechart probe' find a mode of {names} once, and give it to "
-                "all of them with --mode, or use --no-probe"
-            )
-        if self.max_calls is not None and self.max_calls - made.calls < most:
-            raise SpecError(
-                f"--max-calls {self.max_calls} leaves no room to probe {names}, which may take {most} calls: raise it, "
-                "give a --mode file, or use --no-probe"
-            )
+NOBODY = Asked((), frozenset(), {})
+"""Of a run without models."""
 
 
 @dataclass(frozen=True)
 class Probing(Generic[P]):
-    """A study as a probe needs it: how it is planned, what its plan asks, and the ``runs`` that may be there already.
+    """A study as a probe needs it: how it is planned, and the ``runs`` that may be there already.
 
-    ``keep`` writes into its folder what probes took whose models are left out, so that a limit holds over repeats.
     ``others`` says that something is run beside the models, ``whole`` that modes without measured replies do not count.
     """
 
-    plan: Callable[[Sequence[RequestMode], Mapping[str, Spent]], P]
-    sample: "Callable[[P], Sample]"
-    keep: Callable[[P, Mapping[str, Spent]], None]
+    plan: Callable[[Sequence[RequestMode]], P]
     runs: Sequence[Path]
     others: bool = False
     whole: bool = False
@@ -99,39 +68,48 @@ def plan_probed(
     """Plan a study, probe what is to be probed first, and plan it anew with what was found.
 
     Returns the plan, None where no model is left to ask, and why models were left out of it. A model is probed where it
-    is served elsewhere, no file says how it is asked, and no run of the study knows it. Raises SpecError where there is
-    no room for a probe.
+    is served elsewhere, no file says how it is asked, and no run of the study knows it. What a probe takes is in the
+    run before its calls come back, so that no end of this process loses it. Raises SpecError where there is no room for
+    a probe.
     """
-    from eyechart.probe import ProbeError  # noqa: PLC0415 - who reads what a run took probes nothing
-
     if allowed.moved and not allowed.dry_run:
         move(study.runs, asked.modes)
     modes, unprobed = _known(study, asked, allowed)
-    planned = study.plan(modes, {})
+    planned = study.plan(modes)
     if not unprobed:
         return planned, {}
     if allowed.dry_run:
         tell(f"not probed yet, so that nothing is known of its replies: {', '.join(unprobed)}")
         return planned, {}
-    made = spent_on(study.runs, allowed.prices)
-    allowed.require_room(unprobed, made)
-    sample, cost = study.sample(planned), made.cost_usd
-    pinned, spent, failed = [], dict[str, Spent](), dict[str, ProbeError]()
-    for mode in modes:
-        if mode.spec not in unprobed:
-            pinned.append(mode)
-            continue
-        found = ask(mode, sample, None if allowed.max_cost is None else max(0.0, allowed.max_cost - cost))
-        cost += found.spent.cost_usd
-        if isinstance(found, ProbeError):
-            failed[mode.spec] = found
-        else:
-            pinned.append(found.mode)
-            spent[mode.spec] = found.spent
-    if failed:
-        study.keep(planned, {spec: error.spent for spec, error in failed.items()})
-    why = {spec: f"it cannot be probed: {error}" for spec, error in failed.items()}
-    return (study.plan(pinned, spent) if pinned or study.others else None), why
+    allowed.require_room(unprobed, made := spent_on(study.runs, allowed.prices))
+    found = _found(planned, [one for one in modes if one.spec in unprobed], ask, allowed, made.cost_usd)
+    why = {spec: f"it cannot be probed: {one}" for spec, one in found.items() if not isinstance(one, RequestMode)}
+    pinned = [one for mode in modes if isinstance(one := found.get(mode.spec, mode), RequestMode)]
+    return (study.plan(pinned) if pinned or study.others else None), why
+
+
+def _found(
+    planned: Planned, unprobed: Sequence[RequestMode], ask: Ask, allowed: Allowed, cost: float
+) -> "dict[str, RequestMode | ProbeError]":
+    """Probe models one after another; return the mode of each, or why it has none. ``cost`` was spent before."""
+    from eyechart.probe import ProbeError  # noqa: PLC0415 - who reads what a run took probes nothing
+
+    found: dict[str, RequestMode | ProbeError] = {}
+    sample = planned.sample(allowed)
+    keeper = planned.keeper
+    with alone_in(keeper.out):
+        begun, took = keeper.begin(), dict[str, Spent]()
+        for mode in unprobed:
+
+            def spend(spent: Spent, spec: str = mode.spec) -> None:
+                took[spec] = spent
+                begun.counting(took).write(keeper.out)
+
+            most = None if allowed.max_cost is None else max(0.0, allowed.max_cost - cost)
+            one = ask(mode, sample, most, spend)
+            cost += one.spent.cost_usd
+            found[mode.spec] = one if isinstance(one, ProbeError) else one.mode
+    return found
 
 
 def _known(study: Probing[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
@@ -188,6 +166,12 @@ def accept_losses(out: Path) -> Iterator[tuple[Path, Written]]:
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
     """Return what the calls and the probes of these runs took so far; nothing for those that are not begun."""
     return Spent.together(spent(run, manifest_of(run), prices) for run in runs if is_run(run))
+
+
+def beside(parts: Collection[Planned], part: Planned, how: Allowed) -> Allowed:
+    """Return how one of a study's runs may be made, where limits bound all of them together."""
+    bounded = (how.max_calls, how.max_cost) != (None, None)
+    return replace(how, before=spent_on((one.out for one in parts if bounded and one is not part), how.prices))
 
 
 def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Spent:

@@ -16,10 +16,11 @@ import numpy as np
 from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError
 from eyechart.integrity import Guard, unfinished
-from eyechart.limits import Outcome, Spent
+from eyechart.limits import Outcome
 from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast, moving
 from eyechart.prompts import PROMPTS
 from eyechart.records import Written
 from eyechart.report.accounts import costs_table
@@ -30,11 +31,12 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell, battery, run_json
 from eyechart.studies.battery import OfFrames
-from eyechart.studies.probed import spent_on
+from eyechart.studies.probed import beside
 from eyechart.verdicts.labels import PROMPTED, Label
 from eyechart.verdicts.rules import Axis, Rule, compared, p_below
 
 if TYPE_CHECKING:
+    from eyechart.probe import Sample
     from eyechart.report.page import Grid, Opening
 
 FRAMES = 100
@@ -53,29 +55,71 @@ DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
 
 
 @dataclass(frozen=True)
-class PromptStudy:
+class PromptStudy(Planned):
     """A prompt study that was planned and not yet run: one battery a cell, by the name of its folder."""
 
     cells: Mapping[str, battery.Battery]
     out: Path
 
-    def counting(self, probes: Mapping[str, Spent]) -> "PromptStudy":
-        """Return the study with what was spent on probing models for it; its first cell keeps it."""
-        first = next(iter(self.cells))
-        return replace(self, cells={**self.cells, first: self.cells[first].counting(probes)})
+    @property
+    def keeper(self) -> battery.Battery:
+        """Return the first cell."""
+        return next(iter(self.cells.values()))
+
+    def sample(self, how: Allowed) -> "Sample":
+        """Return what the cells will ask, with the prompt of each."""
+        del how
+        return battery.sample_of(self.cells.values())
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield how many cells and calls there are, and what each cell is expected to take."""
+        calls, finished, unknown = self.counts()
+        more = sum(sum(cell.more_by_model().values()) for cell in self.cells.values())
+        up_to = f", and up to {more} of controls" if more else ""
+        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome"
+        size = f"{len(self.cells)} cells × {len(self.keeper.models)} models"
+        yield f"{size}: {counted}, {calls - finished} to make{up_to}"
+        for name, cell in self.cells.items():
+            for one in battery.expected(cell, how.prices, concurrency=how.concurrency):
+                yield f"{name}: {one.words}"
+        yield from forecast(self.keeper.manifest, self.keeper.models, (), how)
+
+    def make(self, how: Allowed, bar: Bar) -> Outcome:
+        """Make the calls that are left, cell after cell, in limits of all cells together.
+
+        Returns what was set aside in any cell, and the limit that stopped it, if one did.
+        """
+        planned = {name: cell.counts()[0] for name, cell in self.cells.items()}
+        start, total, uncounted = 0, sum(planned.values()), 0
+        set_aside, lasting = dict[str, str](), frozenset[str]()
+        with bar("calls", self.unit) as tell:
+            for name, cell in self.cells.items():
+
+                def move(done: int, now: int, start: int = start, mine: int = planned[name]) -> None:
+                    tell(start + done, total + now - mine)
+
+                outcome = cell.make(beside(self.cells.values(), cell, how), moving(move))
+                uncounted = max(uncounted, outcome.uncounted)
+                set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
+                lasting |= {f"{spec} in {name}" for spec in outcome.lasting}
+                if outcome.stopped is not None and cell.left():
+                    bounds = {"--max-calls": how.max_calls, "--max-cost": how.max_cost}
+                    words = " and ".join(f"{option} {one:g}" for option, one in bounds.items() if one is not None)
+                    stopped = f"in cell {name}, within {words} for all cells"
+                    return Outcome(set_aside, stopped, uncounted, lasting=lasting)
+                start += planned[name]
+        return Outcome(set_aside, None, uncounted, lasting=lasting)
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield how the calls ended, and whose replies are empty."""
+        calls, finished, _ = self.counts()
+        yield calls_ended(outcome, failed, calls - finished)
+        yield empty(cells_in(self.out))
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, finished, and sent with unknown outcome, over all cells."""
         planned, finished, unknown = zip(*(cell.counts() for cell in self.cells.values()), strict=True)
         return sum(planned), sum(finished), sum(unknown)
-
-    def expected(self, prices: Prices, *, concurrency: int) -> tuple[str, ...]:
-        """Return in words what the calls of each cell and model that are still to be made are expected to take."""
-        return tuple(
-            f"{name}: {one.words}"
-            for name, cell in self.cells.items()
-            for one in battery.expected(cell, prices, concurrency=concurrency)
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,50 +211,20 @@ def may_be_study(folder: Path) -> bool:
 def run(
     study: PromptStudy,
     *,
-    concurrency: int = 8,
     calls: int | None = None,
     cost_usd: float | None = None,
     prices: Prices | None = None,
     progress: Progress | None = None,
-    again: bool = False,
-    sequential: bool | None = None,
+    **how: Any,  # noqa: ANN401 - those of Allowed
 ) -> Outcome:
     """Make the calls that are left, cell after cell; a cut study is resumed by running it again.
 
+    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included.
     With ``again``, those of each cell that ended in a failure of the road are made once more before its others.
-    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included;
     ``sequential`` is that of `battery.run`.
-    Returns how it ended: what was set aside in any cell, and the limit that stopped it, if one did.
     """
-    table = prices or read_prices()
-    planned = {name: cell.counts()[0] for name, cell in study.cells.items()}
-    before, total, set_aside, uncounted = 0, sum(planned.values()), dict[str, str](), 0
-    lasting = frozenset[str]()
-    for name, cell in study.cells.items():
-        start = before
-
-        def move(done: int, now: int, start: int = start, mine: int = planned[name]) -> None:
-            if progress is not None:
-                progress(start + done, total + now - mine)
-
-        bounded = calls is not None or cost_usd is not None
-        spent = spent_on((one.out for one in study.cells.values() if bounded and one is not cell), table)
-        limits = cell.manifest.within(
-            table,
-            calls=None if calls is None else max(0, calls - spent.calls),
-            cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent.cost_usd),
-        )
-        how: dict[str, Any] = {"concurrency": concurrency, "again": again, "sequential": sequential}
-        outcome = battery.run(cell, limits=limits, progress=move, **how)
-        uncounted += outcome.uncounted
-        set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
-        lasting |= {f"{spec} in {name}" for spec in outcome.lasting}
-        if outcome.stopped is not None and cell.left():
-            bounds = {"--max-calls": calls, "--max-cost": cost_usd}
-            words = " and ".join(f"{option} {bound:g}" for option, bound in bounds.items() if bound is not None)
-            return Outcome(set_aside, f"in cell {name}, within {words} for all cells", uncounted, lasting=lasting)
-        before += planned[name]
-    return Outcome(set_aside, None, uncounted, lasting=lasting)
+    allowed = Allowed(prices or read_prices(), max_calls=calls, max_cost=cost_usd, **how)
+    return study.make(allowed, moving(progress))
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from eyechart.conditions import (
     BATTERY,
@@ -14,6 +15,7 @@ from eyechart.conditions import (
     OVER,
     asked_in_stages,
     available,
+    by_reason,
     find_condition,
     require_camera,
     require_partners,
@@ -23,7 +25,8 @@ from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError, perhaps, raising
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
-from eyechart.limits import Outcome, Spent
+from eyechart.limits import Outcome
+from eyechart.loops import make_calls
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
@@ -37,22 +40,22 @@ from eyechart.manifest import (
     is_run,
     read_manifest,
     read_run,
-    today,
-    versions,
     write_run,
 )
 from eyechart.models import Model, Opened, open_model, turns_of
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
+from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
-from eyechart.run import Calling, MotionPlan, Plan, ask_again, execute, spread
+from eyechart.run import Calling, MotionPlan, Plan, Stages, ask_again, execute, spread
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
+from eyechart.verdicts import GUARANTEE, VALIDITY
 
 if TYPE_CHECKING:  # a score probes no model
     from eyechart.probe import Sample
@@ -116,7 +119,7 @@ class Asking:
 
 
 @dataclass(frozen=True)
-class Battery:
+class Battery(Planned):
     """A battery that was planned and not yet run: its plan, its models, and the folder it goes to."""
 
     plan: Plan
@@ -126,9 +129,83 @@ class Battery:
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Conditions that the bank cannot supply, each with the reason; only where none were asked for by name."""
 
-    def counting(self, probes: Mapping[str, Spent]) -> "Battery":
-        """Return the plan with what was spent on probing models for it."""
-        return replace(self, manifest=self.manifest.counting(probes))
+    def begin(self) -> RunManifest:
+        """Begin the run with nobody in it, where none stands there, and return its manifest."""
+        if not is_run(self.out):
+            write_run(self.out, replace(self.manifest, models={}, modes={}, facts={}), self.plan.bank)
+        return read_manifest(self.out)
+
+    def sample(self, how: Allowed) -> "Sample":
+        """Return what the battery will ask: a few of its frames."""
+        return replace(sample_of([self]), at_once=how.concurrency)
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield what is left out and why, how many calls there are, what they take, and what stops them early."""
+        yield from self.sizes()
+        estimates = expected(self, how.prices, concurrency=how.concurrency)
+        yield from forecast(self.manifest, self.plan.models, estimates, how)
+        if self.manifest.stop_early:
+            yield from self._before()
+
+    def make(self, how: Allowed, bar: Bar) -> Outcome:
+        """Make the calls that are left."""
+        limits = how.limits(self.manifest)
+        asked: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
+        with bar("calls", self.unit) as move:
+            return make_calls(partial(run, self, concurrency=how.concurrency, **asked), move)
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield what was saved, how the calls ended, and whose replies are empty."""
+        early = self.manifest.stop_early
+        yield Ending(self._after() if early else ())
+        yield calls_ended(outcome, failed, 0 if outcome.whole and not early else self.left())
+        yield empty([self.out])
+
+    def sizes(self) -> list[str]:
+        """Say what is left out and why, and how many calls there are."""
+        plan, (calls, finished, unknown) = self.plan, self.counts()
+        to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()} to make"
+        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make}"
+        left_out = (f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items())
+        return [*left_out, f"{len(plan.models)} models × {plan.size}: {counted}", *self._controls()]
+
+    def _controls(self) -> list[str]:
+        """Say how many calls of controls may come, and where a shard leaves them."""
+        if self.manifest.controls == "auto" and self.manifest.shard is not None:
+            return [
+                "controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"
+            ]
+        more = sum(self.more_by_model().values())
+        return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][
+            : more > 0
+        ]
+
+    def _before(self) -> list[str]:
+        """Say what stopping early guarantees, and the most and the typical number of calls."""
+        more = self.more_by_model()
+        most = max(sum(1 for _ in self.plan.keys_of(model)) + more[model] for model in self.plan.models)
+        counts = sorted(self.typical().items(), key=lambda one: one[1])
+        usual = ", ".join(f"{count} ({label})" for label, count in counts)
+        return [
+            f"stop early: {GUARANTEE}",
+            f"stop early: {VALIDITY}",
+            f"stop early: at most {most} calls a model; of a controller that never wavers {usual or 'as many'}",
+        ]
+
+    def _after(self) -> list[str]:
+        """Say which models were stopped early, and the calls saved."""
+        lines, planned_calls, saved = [], 0, 0
+        for model, one in self.progress().items():
+            calls = sum(1 for _ in self.plan.keys_of(model)) if one.stopped is None else one.stopped.planned
+            planned_calls += calls
+            if one.stopped is None:
+                lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
+                continue
+            saved += one.stopped.saved
+            beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
+            share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
+            lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
+        return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome.
@@ -136,7 +213,7 @@ class Battery:
         Planned are those of the stages that have come; of controls there may be more, see `more_by_model`.
         """
         with self._ledger as ledger:
-            keys = set(self._staged(ledger).keys())
+            keys = set(self.staged(ledger).keys())
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
     def left_by_model(self) -> dict[str, int]:
@@ -144,7 +221,7 @@ class Battery:
         if self.manifest.stop_early:
             return {spec: one.left for spec, one in self.progress().items()}
         with self._ledger as ledger:
-            plan, finished = self._staged(ledger), ledger.finished()
+            plan, finished = self.staged(ledger), ledger.finished()
         return {spec: sum(key not in finished for key in plan.keys_of(spec)) for spec in plan.models}
 
     def more_by_model(self) -> dict[str, int]:
@@ -158,9 +235,16 @@ class Battery:
     def _ledger(self) -> Ledger:
         return Ledger(self.out / LEDGER, absent=True)
 
-    def _staged(self, ledger: Ledger) -> Plan:
+    def staged(self, ledger: Ledger) -> Plan:
         """Return the plan with the controls that its models are asked, as far as their answers have come."""
         return staged(self.plan, self._asked(ledger))
+
+    def stages(self, manifest: RunManifest, ledger: Ledger) -> tuple[Plan, Stages]:
+        """Return what is asked now, and what decides what comes after it."""
+        whole = plan_of(manifest, self.plan.bank)
+        now = staged(self.plan, stages_of(manifest, whole, ledger))
+        later = InStages(now, whole, manifest, ledger)
+        return now, EarlyStop(widest(manifest, self.plan), ledger, later) if manifest.stop_early else later
 
     def _asked(self, ledger: Ledger) -> dict[str, Asked]:
         found = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
@@ -236,24 +320,19 @@ def planned(
         if (base := name.partition(OVER)[0]) not in supplied:
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
     extent.require_possible(chosen)
-    manifest = RunManifest(
+    manifest = RunManifest.begun(
+        bank,
+        modes,
+        who,
         study=asking.study,
-        created=today(),
         seed=asking.seed,
         prompt=formulation,
-        models={spec: version for spec, (version, _) in who.items()},
         conditions=chosen,
         limit=extent.limit,
         shard=extent.shard,
-        bank_path=str(bank_path.resolve()),
-        fingerprint=bank.manifest.fingerprint,
-        versions=versions(),
-        modes=modes,
-        facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
         stop_early=extent.stop_early,
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
-        encoding=PNG_2,
     )
     manifest = manifest if out is None else resumed(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
@@ -411,18 +490,6 @@ def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Cos
     )
 
 
-def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
-    """Write into the run's manifest what was spent on probing models that are not asked; the run's limits count it.
-
-    A run that is not begun yet begins without a model, so that they are probed anew.
-    """
-    with alone_in(battery.out):
-        manifest = replace(battery.manifest, models={}, modes={}, facts={})
-        if is_run(battery.out):
-            manifest = read_manifest(battery.out)
-        write_run(battery.out, manifest.counting(probes), battery.plan.bank)
-
-
 @contextmanager
 def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple[RunManifest, Ledger]]:
     """Hold a run on a bank while calls are added to it; yield its manifest, joined with what stands there, and ledger.
@@ -452,10 +519,7 @@ def run(battery: Battery, *, again: bool = False, sequential: bool | None = None
     with writing(battery.out, battery.manifest, battery.plan.bank) as (manifest, ledger):
         if again and (first := ask_again(battery.plan, battery.models, ledger, **how)).stopped is not None:
             return first
-        whole = plan_of(manifest, battery.plan.bank)
-        plan = staged(battery.plan, stages_of(manifest, whole, ledger))
-        later = InStages(plan, whole, manifest, ledger)
-        stages = EarlyStop(widest(manifest, battery.plan), ledger, later) if manifest.stop_early else later
+        plan, stages = battery.stages(manifest, ledger)
         return execute(plan, battery.models, ledger, stages, **how)
 
 

@@ -4,7 +4,7 @@ Its episodes are every constant action, random and the scripted controller, in e
 Table t:baselines.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from eyechart.episodes import ACTION_MAP, Episode, Episodes, Setup, plan
 from eyechart.errors import SpecError
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed
 from eyechart.policies import open_policy
 from eyechart.records import Written
 from eyechart.seeds import key_seed
@@ -42,6 +43,16 @@ def ladder_policies(space: Discrete) -> tuple[str, ...]:
     return (*policies, "oracle")
 
 
+@dataclass(frozen=True)
+class Ladder(Episodes):
+    """The episodes of a ladder, or the rest of them."""
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield how many episodes there are, and what the models' calls are expected to take."""
+        yield f"{len(self.keys)} episodes, {len(self.keys) - len(self.left())} driven already"
+        yield from self.forecast(how)
+
+
 def plan_ladder(
     out: Path,
     *,
@@ -52,7 +63,7 @@ def plan_ladder(
     prompt: str | None = None,
     seed: int = 0,
     again: bool = False,
-) -> Episodes:
+) -> Ladder:
     """Plan the ladder, or the rest of what ``out`` holds of it: 7 policies × 4 scenarios × 8 seeds in the highway.
 
     ``further`` are policies and models that climb it beside these; the rest is as in `eyechart.episodes.plan`, which
@@ -61,7 +72,8 @@ def plan_ladder(
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     space = open_simulator(simulator, actions=actions).declared.action_space
     worlds, drivers = Setup(simulator, seed, actions=actions), (*ladder_policies(space), *further)
-    return replace(plan(worlds, drivers, out, seeds=range(seeds), prompt=prompt), again=again)
+    made = plan(worlds, drivers, out, seeds=range(seeds), prompt=prompt)
+    return Ladder(**{**vars(made), "again": again})
 
 
 def require_reference(planned: Episodes, against: str | None) -> None:

@@ -4,12 +4,13 @@ Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an
 mpc_intent_ablation.
 """
 
-from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Choice, Part, plan, read_choice, run
+from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Arms, Choice, Part, plan, read_choice, run
 from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
 
 __all__ = [
     "PARTS",
     "SCRIPTED",
+    "Arms",
     "Choice",
     "Completion",
     "HierarchyScore",

@@ -1,21 +1,21 @@
 """Which sources of intent drive which arm of the hierarchy, and where: up to seven runs, one after another."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
-from eyechart.episodes import Bounds, Episodes, Setup
+from eyechart.episodes import Bounds, Episodes, Setup, drives_ended, errors_ended
 from eyechart.episodes import plan as plan_episodes
-from eyechart.episodes import run as run_episodes
 from eyechart.episodes.running import USUAL
 from eyechart.errors import SpecError
-from eyechart.limits import Outcome, Spent
+from eyechart.limits import Outcome
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed, Bar, Ending, Planned, moving
 from eyechart.studies.closed_loop import Driver
-from eyechart.studies.probed import spent
+from eyechart.studies.probed import beside
 
 MPC_ONLY = "constant:STRAIGHT"
 """No intent: the controller cruises on the track that it is on, as it does for the intent STRAIGHT."""
@@ -175,14 +175,12 @@ def plan(
     prompt: str | None = None,
     silence: str = SILENCE,
     again: bool = False,
-    probes: Mapping[str, Spent] | None = None,
 ) -> dict[str, Episodes]:
     """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
 
     Without ``models`` only the scripted sources drive; a ``choice`` leaves some of them out, or some worlds.
     ``silence`` is what becomes of a call that fails in a way that may pass, one of `eyechart.episodes.SILENCES`.
-    ``probes`` says what was spent on probing models; the first run with models keeps it. Raises what
-    `eyechart.episodes.plan` raises, and SpecError where nobody is left to drive.
+    Raises what `eyechart.episodes.plan` raises, and SpecError where nobody is left to drive.
     """
     planned: dict[str, Episodes] = {}
     chosen = {name: left for name, part in PARTS.items() if (left := choice.of(name, part)) is not None}
@@ -198,8 +196,7 @@ def plan(
                 conditions=part.conditions,
                 prompt=prompt,
             )
-            planned[name] = replace(made, again=again).counting(probes or {} if part.models else {})
-            probes = None if part.models else probes
+            planned[name] = replace(made, again=again)
     if models and not any(chosen[name].models for name in planned):
         arms = ", ".join(name.removesuffix(MODELS) for name, part in PARTS.items() if part.models)
         raise SpecError(f"no model drives in this choice: models are in the arms {arms}")
@@ -218,8 +215,46 @@ def _require_arms(choice: Choice, planned: Mapping[str, Episodes]) -> None:
             raise SpecError(f"nobody drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
 
 
-Watch = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
-"""From a part's name to what lasts while it is driven, and is told of its progress."""
+@dataclass(frozen=True)
+class Arms(Planned):
+    """The study's runs, by the names of their folders in ``out``."""
+
+    unit: ClassVar[str] = "episodes of this part"
+    kept: ClassVar[str] = Episodes.kept
+    parts: Mapping[str, Episodes]
+    out: Path
+
+    @property
+    def keeper(self) -> Episodes:
+        """Return the first run with models."""
+        return next(part for part in self.parts.values() if part.drivers.models)
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield the size of each run, and what its models' calls are expected to take."""
+        for name, part in self.parts.items():
+            yield f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive"
+            yield from (f"  {line}" for line in part.forecast(how))
+
+    def make(self, how: Allowed, bar: Bar) -> Outcome:
+        """Drive what is left of each run, in limits of all; a model that is set aside in one drives in no later one."""
+        aside: dict[str, str] = {}
+        stopped, uncounted = None, 0
+        for name, part in self.parts.items():
+            here = replace(part, keys=tuple(key for key in part.keys if key.policy not in aside))
+            if here.left():
+                outcome = here.make(beside(self.parts.values(), part, how), _named(bar, name))
+                aside |= outcome.set_aside
+                stopped, uncounted = stopped or outcome.stopped, max(uncounted, outcome.uncounted)
+        return Outcome(aside, stopped, uncounted)
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield what is left and why, and which episodes ended in an error."""
+        yield drives_ended(self.parts, outcome, failed)
+        yield errors_ended(self.parts, bound="")
+
+
+def _named(bar: Bar, name: str) -> Bar:
+    return lambda _, unit: bar(name, unit)
 
 
 def run(
@@ -229,23 +264,12 @@ def run(
     bounds: Bounds = USUAL,
     calls: int | None = None,
     cost_usd: float | None = None,
-    watch: Watch = lambda _: nullcontext(),
 ) -> Outcome:
     """Drive what is left of each part; a model that is set aside in one drives in no later one.
 
     ``calls`` and ``cost_usd`` bound the whole study: what the ledgers of its other parts hold counts too. Raises what
     `eyechart.episodes.run` raises.
     """
-    aside: dict[str, str] = {}
-    stopped, uncounted = None, 0
-    for name, part in planned.items():
-        here = replace(part, keys=tuple(key for key in part.keys if key.policy not in aside))
-        if here.left():
-            others = (other for other in planned.values() if other is not part)
-            before = Spent.together(spent(other.out, other.manifest, prices) for other in others)
-            limits = part.manifest.within(prices, calls=calls, cost_usd=cost_usd, before=before)
-            with watch(name) as progress:
-                outcome = run_episodes(here, bounds=replace(bounds, limits=limits), progress=progress)
-            aside |= outcome.set_aside
-            stopped, uncounted = stopped or outcome.stopped, max(uncounted, outcome.uncounted)
-    return Outcome(aside, stopped, uncounted)
+    how = Allowed(prices, max_calls=calls, max_cost=cost_usd, sequential=bounds.sequential)
+    how = replace(how, processes=bounds.processes, concurrency=bounds.concurrency)
+    return Arms(planned, Path()).make(how, moving(None))

@@ -1,7 +1,7 @@
 """Planning and running: every frame under every condition once, and again where a policy draws its answers."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Unpack
@@ -10,19 +10,30 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import OVER, PARTNERS, conditions_of, find_condition, further_conditions, subset_conditions
+from eyechart.conditions import (
+    OVER,
+    PARTNERS,
+    by_reason,
+    conditions_of,
+    find_condition,
+    further_conditions,
+    subset_conditions,
+)
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
+from eyechart.importing.notes import notes
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
-from eyechart.loops import Progress, make_calls
-from eyechart.manifest import LEDGER, PNG_2, RunManifest, asked_of, today, versions
-from eyechart.models import Model, Opened, open_policy
+from eyechart.loops import make_calls
+from eyechart.manifest import LEDGER, RunManifest, asked_of
+from eyechart.models import Opened, open_policy
+from eyechart.planned import Allowed, Ending, calls_ended
 from eyechart.prompts import policy_prompt
-from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
+from eyechart.run import Calling, MotionPlan, Stages, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace
 from eyechart.stats.total_effect import rounded
-from eyechart.studies.battery import open_whole, plan_of, resumed, writing
+from eyechart.studies.battery import Battery, open_whole, plan_of, resumed
+from eyechart.studies.battery import run as run_battery
 
 STUDY = "policy"
 ANSWERS = 4
@@ -47,25 +58,46 @@ WHOLE = Extent()
 
 
 @dataclass(frozen=True)
-class PolicyRun:
-    """A run that was planned and not yet made: its plan, its policies, and the folder it goes to.
+class PolicyRun(Battery):
+    """A run of policies that was planned and not yet made: a battery whose conditions are of channels.
 
-    ``left_out`` says which conditions the bank cannot show, and why; ``of_shapley`` how many of the calls are there for
-    Shapley shares alone, as far as it is known who draws.
+    Its calls are counted as far as it is known who draws. ``of_shapley`` says how many of them are there for Shapley
+    shares alone.
     """
 
     plan: MotionPlan
-    models: Mapping[str, Model]
-    manifest: RunManifest
-    out: Path
-    left_out: Mapping[str, str] = field(default_factory=dict)
     of_shapley: int = 0
 
-    def counts(self) -> tuple[int, int, int]:
-        """Return how many calls are planned, finished, and of unknown outcome, as far as it is known who draws."""
-        with Ledger(self.out / LEDGER, absent=True) as ledger:
-            keys = set(replace(self.plan, drawn=drawers(ledger, self.manifest)).keys())
-            return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
+    def staged(self, ledger: Ledger) -> MotionPlan:
+        """Return the plan with who draws, as far as the answers in its ledger tell."""
+        return replace(self.plan, drawn=drawers(ledger, self.manifest) & set(self.plan.models))
+
+    def stages(self, manifest: RunManifest, ledger: Ledger) -> tuple[MotionPlan, Stages]:
+        """Return what is asked now, and what asks again where answers turn out to be drawn."""
+        begun = replace(self, manifest=manifest).staged(ledger)
+        return begun, _Again(begun, manifest, ledger)
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield what is left out and why, and how many calls there are."""
+        del how
+        plan, (calls, finished, unknown) = self.plan, self.counts()
+        yield from (f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items())
+        yield from notes(plan.bank)
+        yield (
+            f"{len(plan.models)} policies × {plan.size}: {calls} calls, {finished} finished, {unknown} sent with "
+            f"unknown outcome, {calls - finished} to make; a policy that turns out to draw its answers is asked "
+            f"{plan.answers} times"
+        )
+        if self.of_shapley:
+            yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield which policies answer with no motion, and how the calls ended."""
+        nothing, (calls, finished, _) = self.motionless(), self.counts()
+        for spec, (count, why) in nothing.items():
+            last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
+            yield Ending([f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}"])
+        yield calls_ended(outcome, failed, calls - finished, nothing=bool(nothing))
 
     def motionless(self) -> dict[str, tuple[int, str]]:
         """Return of each policy with finished calls of which none holds a motion how many these are, and why."""
@@ -107,7 +139,6 @@ def plan(
     opened = {one.mode.spec: one for one in (open_policy(each, timeout_s) for each in specs)}
     if not opened:
         raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
-    modes = {spec: one.mode for spec, one in opened.items()}
     models = {spec: one.model for spec, one in opened.items()}
     bank = open_whole(bank_path)
     _require_asked(bank)
@@ -118,31 +149,22 @@ def plan(
     assert bank.manifest.motion is not None
     prompt = policy_prompt(bank.manifest.motion, instruction_column(bank))
     bank = asked_of(bank, prompt)
-    manifest = RunManifest(
+    manifest = RunManifest.begun(
+        bank,
+        {spec: one.mode for spec, one in opened.items()},
+        {spec: (model.version, model.facts) for spec, model in models.items()},
         study=STUDY,
-        created=today(),
         seed=seed,
         prompt=prompt,
-        models={spec: model.version for spec, model in models.items()},
         conditions=asked,
         limit=extent.limit,
         shard=extent.shard,
-        bank_path=str(bank_path.resolve()),
-        fingerprint=bank.manifest.fingerprint,
-        versions=versions(),
-        modes=modes,
-        facts={spec: dict(model.facts) for spec, model in models.items()},
         reader=MOTION_READER,
         answers=extent.answers,
-        encoding=PNG_2,
     )
     manifest = resumed(out, manifest, bank)
-    calls = replace(
-        motions_of(manifest, bank),
-        models=tuple(models),
-        conditions=asked,
-        frames=spread(bank.frames, extent.limit),
-    )
+    frames = spread(bank.frames, extent.limit)
+    calls = replace(motions_of(manifest, bank), models=tuple(models), conditions=asked, frames=frames)
     usual = set(conditions or supplied)
     added = sum(key.condition not in usual for key in calls.keys())  # noqa: SIM118 - a method of plans
     return PolicyRun(calls, models, manifest, out, {} if conditions else left_out, added)
@@ -252,14 +274,5 @@ def run(planned: PolicyRun, *, again: bool = False, **how: Unpack[Calling]) -> O
     LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
     progress = how.pop("progress", None)
-    return make_calls(partial(_run, planned, again=again, how=how), progress)
-
-
-def _run(planned: PolicyRun, *, again: bool, how: Calling, progress: Progress | None) -> Outcome:
-    asked: Calling = {"concurrency": 1, **how, "progress": progress}
-    with writing(planned.out, planned.manifest, planned.plan.bank) as (manifest, ledger):
-        begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
-        stages = _Again(begun, manifest, ledger)
-        if again and (first := ask_again(begun, planned.models, ledger, **asked)).stopped is not None:
-            return first
-        return execute(begun, planned.models, ledger, stages, **asked)
+    asked: Calling = {"concurrency": 1, **how}
+    return make_calls(partial(run_battery, planned, again=again, **asked), progress)

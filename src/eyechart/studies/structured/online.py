@@ -7,9 +7,10 @@ of crashes of Table t:controller-local.
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 from eyechart import episodes as closed_loop
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
@@ -17,11 +18,12 @@ from eyechart.episodes.running import USUAL
 from eyechart.errors import BankError, LedgerError, SpecError, raising
 from eyechart.integrity import ServedGuard
 from eyechart.ledger import Ledger
-from eyechart.limits import Outcome, Spent
+from eyechart.limits import Outcome
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
+from eyechart.planned import Allowed, Bar, Ending, Planned
 from eyechart.prompts import scene_prompt
 from eyechart.records import Plain, build, parse_json, picked, plain
 from eyechart.run import Progress
@@ -29,9 +31,13 @@ from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies.closed_loop import Drives, measured, read_drives, served_of
+from eyechart.studies.structured.planning import bound
 from eyechart.studies.structured.seen import Checks, Seen, check_all, figures, read_seen
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import CLAUSES, Held, hold
+
+if TYPE_CHECKING:
+    from eyechart.probe import Sample
 
 VETTING = "vetting.json"
 _MOST_STEPS = 1000
@@ -142,15 +148,43 @@ CONTROL = "positive control (vetting)"
 
 
 @dataclass(frozen=True)
-class Online:
+class Online(Planned):
     """An online run that was planned and not yet driven: its episodes, and how their worlds were vetted."""
 
+    unit: ClassVar[str] = Episodes.unit
+    kept: ClassVar[str] = Episodes.kept
     episodes: Episodes
     vetted: tuple[Vetted, ...]
+    out: Path
 
-    def counting(self, probes: Mapping[str, Spent]) -> "Online":
-        """Return the plan with what was spent on probing models for it."""
-        return replace(self, episodes=self.episodes.counting(probes))
+    def begin(self) -> EpisodesManifest:
+        """Begin the run, with the worlds that were vetted."""
+        write_vetting(self.out, self.vetted)
+        return self.episodes.begin()
+
+    def sample(self, how: Allowed) -> "Sample":
+        """Return what a probe asks before the drives."""
+        return self.episodes.sample(how)
+
+    def lines(self, how: Allowed) -> Iterator[str]:
+        """Yield which worlds were refused, how many episodes there are, and what they are expected to take."""
+        manifest, left = self.episodes.manifest, len(self.episodes.left())
+        yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
+        yield f"view: {manifest.view}"
+        yield f"{len(self.episodes.keys)} episodes in worlds that pass the checks, {left} to drive"
+        yield from bound(manifest.modes.values())
+        yield from self.episodes.forecast(how)
+
+    def make(self, how: Allowed, bar: Bar) -> Outcome:
+        """Drive what is left."""
+        write_vetting(self.out, self.vetted)
+        return self.episodes.make(how, bar)
+
+    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+        """Yield what is left and why, and how many episodes ended in an error."""
+        yield closed_loop.drives_ended({"": self.episodes}, outcome, failed)
+        if errors := sum(one.errors for one in score(self.out).driven.values()):
+            yield Ending([f"{errors} episodes ended in an error; they count in nothing"], 1)
 
 
 def plan(
@@ -192,13 +226,7 @@ def plan(
         )
     whole = planned(tuple(dict.fromkeys(number for _, number in worlds)))
     keys = tuple(key for key in whole.keys if (key.scenario, key.seed) in worlds)
-    return Online(replace(whole, keys=keys), vetted)
-
-
-def keep_probes(planned: Online, probes: Mapping[str, Spent]) -> None:
-    """Write into the run what was spent on probing models, before anything is driven; see `episodes.keep_probes`."""
-    closed_loop.keep_probes(planned.episodes, probes)
-    write_vetting(planned.episodes.out, planned.vetted)
+    return Online(replace(whole, keys=keys), vetted, out)
 
 
 def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> Outcome:

@@ -1,14 +1,15 @@
 """Planning the structured study: every frame and its reflection through the view; for admission sixteen pairs."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
-from eyechart.manifest import PNG_2, RunManifest, today, versions
+from eyechart.manifest import RunManifest
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import worlds_distances
 from eyechart.perception.view import NONE, view_for
@@ -50,28 +51,48 @@ def plan(
             raise BankError(f"frame '{frame.id}' has no mirror axis, and every estimate is asked for in both views")
     shown = view_for(view, bank.manifest.simulator)
     chosen = choose(bank, seed) if study == ADMISSION else ()
-    manifest = RunManifest(
+    manifest = RunManifest.begun(
+        bank,
+        asked,
+        {spec: (model.version, model.facts) for spec, model in models.items()},
         study=study,
-        created=today(),
         seed=seed,
         prompt=scene_prompt(bank.manifest.picture, worlds_distances(bank), shown),
-        models={spec: model.version for spec, model in models.items()},
         conditions=CONDITIONS,
         limit=limit,
         shard=None,
-        bank_path=str(bank_path.resolve()),
-        fingerprint=bank.manifest.fingerprint,
-        versions=versions(),
-        modes=asked,
-        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=SCENE_READER,
         view=NONE if shown is None else shown.key,
         frames=tuple(frame.id for frame in chosen),
-        encoding=PNG_2,
     )
     manifest = resumed(out, manifest, bank)
     calls = plan_of(manifest, bank, models=tuple(models), conditions=CONDITIONS, limit=limit, view=shown)
-    return Battery(calls, models, manifest, out)
+    return Scenes(calls, models, manifest, out)
+
+
+@dataclass(frozen=True)
+class Scenes(Battery):
+    """A battery whose answers are scene estimates, through a view."""
+
+    def sizes(self) -> list[str]:
+        """Say through which view pictures are shown, how many calls there are, and what binds the answers."""
+        modes = map(self.manifest.mode, self.plan.models)
+        return [f"view: {self.manifest.view}", *super().sizes(), *bound(modes)]
+
+
+def bound(modes: Iterable[RequestMode]) -> list[str]:
+    """Say of each model whether its server is told the schema, and warn where a probe found that it does not bind."""
+    lines = []
+    for mode in modes:
+        if mode.spec.startswith("scripted:"):
+            continue
+        if mode.spec.startswith("hf:"):
+            lines.append(f"{mode.spec}: replies are read strictly; a checkpoint run here binds no schema")
+        elif mode.structured != "json_schema":
+            lines.append(f"{mode.spec}: replies are read strictly; --json-mode json_schema binds the schema")
+        elif mode.measured is not None and mode.measured.schema_binds is False:
+            lines.append(f"warning: {mode.spec}: the schema is sent, but a probe found that this server ignores it")
+    return lines
 
 
 def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
