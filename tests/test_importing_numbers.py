@@ -2,6 +2,7 @@
 
 import csv
 import io
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -225,6 +226,38 @@ def test_a_number_that_is_written_otherwise_than_declared_is_refused(table: Tabl
     gaps = (cell, *(str(gap).replace(".", style[-2]) for gap in GAPS[1:]))
     with pytest.raises(SourceError, match=r"row 1.*gap.*not a number"):
         table(gaps, delimiter=";", numerals=importing.Numerals(style))
+
+
+@pytest.mark.parametrize("gaps", [("950", "1.110", "2.500"), ("1.110", "2.345", "12.000"), ("1.110 m", "900 m")])
+def test_a_point_that_may_stand_between_thousands_is_asked_about(table: Table, gaps: tuple[str, ...]) -> None:
+    """1.110 is 1.11 or 1110, and each is read once it is declared."""
+    cells = tuple(gaps[number % len(gaps)] for number in range(PICTURES))
+    number = gaps.index(next(gap for gap in gaps if gap.startswith("1.110")))
+    with pytest.raises(SourceError, match=rf"row {number + 1}: 'gap' is '1.110', which is 1.11 or 1110.*1234.5 or"):
+        table(cells)
+    for style, gap in (("1234.5", 1.11), ("1.234,5", 1110.0)):
+        bank = table(cells, numerals=importing.Numerals(style, no_lead=()))
+        assert bank.frames[number].truth["gap"] == gap
+        shutil.rmtree(bank.root)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "extra"),
+    [
+        (("1.110", "0.500", "12.345"), None),
+        (("1.110", "12.34", "5.250"), None),
+        (("1.110", "5", "7"), {"speed": ["3.25"] * PICTURES}),
+        (("1.110", "1234.500", "5.250"), None),
+        (("1.1e0", "5", "7"), None),
+        (("5", "30", "12"), {"clock": ["1.700"] * PICTURES}),
+    ],
+)
+def test_a_point_that_another_number_explains_is_a_point(
+    table: Table, gaps: tuple[str, ...], extra: dict[str, list[str]] | None
+) -> None:
+    """A fraction of another length, a number below one or above a thousand, anywhere in the table."""
+    bank = table(tuple(gaps[number % len(gaps)] for number in range(PICTURES)), extra=extra)
+    assert bank.frames[0].truth["gap"] in {1.11, 1.1, 5.0}
 
 
 def test_a_way_to_write_numbers_that_is_unknown_is_refused() -> None:

@@ -271,6 +271,26 @@ CONTRADICTIONS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: again(rows, __index_level_0__="stop")),
         "the words of task 0 stands there twice, and not alike",
     ),
+    "a row has another task than its index": (
+        lambda root: rewrite(
+            root / "data/chunk-000/file-000.parquet", lambda rows: [row | {"task": "park"} for row in rows]
+        ),
+        "row 1: its task is 'park' by its own column, and 'cross the yard' by its task_index 0",
+    ),
+    "a task has two words at once": (
+        lambda root: rewrite(
+            root / "meta/tasks.parquet", lambda rows: [row | {"task": f"task {row['task_index']}"} for row in rows]
+        ),
+        "task 0 has several words, 'task 0' and 'cross the yard'",
+    ),
+    "words have no index": (
+        lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: again(rows, task_index=None)),
+        "'cross the yard' has the task_index None, no whole number",
+    ),
+    "a row is of a task that is not there": (
+        lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: rows[:1]),
+        "has no words of task 1",
+    ),
 }
 
 
@@ -281,6 +301,14 @@ def test_what_contradicts_the_rest_is_refused(tmp_path: Path, name: str) -> None
     arm(tmp_path / "set", inside=False)
     change(tmp_path / "set")
     assert re.search(said, refused(tmp_path / "set", every=7)), refused(tmp_path / "set", every=7)
+
+
+def test_frames_without_words_of_their_task_are_counted_where_nobody_is_told_them(tmp_path: Path) -> None:
+    """By the number of the task."""
+    lerobot(tmp_path / "set")
+    rewrite(tmp_path / "set/meta/tasks.parquet", lambda rows: rows[:1])
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices())
+    assert "40 of 80 frames have no words of their task: meta/tasks.parquet has none of 1" in taken(bank)
 
 
 def test_what_stands_there_twice_alike_is_no_contradiction(tmp_path: Path) -> None:

@@ -130,7 +130,7 @@ class Described:
         typer.Option(help="Numbers or words of the gap that mean nothing ahead, as -1,inf,999; empty: none does."),
     ] = None
     numbers: Annotated[
-        str, typer.Option(help="How numbers are written: 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
+        str, typer.Option(help="How numbers are written: 1234.5 or 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
     ] = ""
     strip: Annotated[str, typer.Option(help="What the pictures' paths of another machine begin with.")] = ""
 

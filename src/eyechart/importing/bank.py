@@ -45,7 +45,7 @@ from eyechart.importing.cells import (
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
 from eyechart.importing.logged import Log, tell
-from eyechart.importing.numerals import Numerals, odd_gaps, unit_named, unit_of
+from eyechart.importing.numerals import Numerals, odd_gaps, unclear, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.repeats import REPEATS, repeats
@@ -71,6 +71,8 @@ Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 """A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
+_NUMBERS = ("gap", "state ", "motion ")
+"""What the places begin with whose cells are numbers."""
 UNDESCRIBED = "pictures of a camera"
 """What pictures are where nobody says."""
 
@@ -298,7 +300,7 @@ def keep(table: Table, choices: Choices) -> Kept:
 
 def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
     """Return the columns whose cells are words: files, names, what a prompt says."""
-    numbers = ("gap", "step", "state ", "motion ")
+    numbers = (*_NUMBERS, "step")
     return {*choices.prompt_columns, *(column for place, column in places.items() if not place.startswith(numbers))}
 
 
@@ -447,6 +449,9 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
     """Return the columns of ground truth, the gap the last of them."""
     names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, Sequence[Scalar]] = {}
+    numbers = [column for place, column in kept.places.items() if place.startswith(_NUMBERS)]
+    if not choices.numerals.style and (said := unclear(kept.named(), numbers)) is not None:
+        kept.faults.add(said)
     for name in names:
         cells, named = [row.get(name) for row in kept.rows], (f"{where}: '{name}'" for _, where in kept.named())
         truth[name] = read_truth(cells, named, typed=kept.table.typed, faults=kept.faults)

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 from eyechart.errors import SourceError, raising, read_at_most
-from eyechart.importing.cells import Cell
+from eyechart.importing.cells import Cell, Row
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import open_parquet
 from eyechart.importing.tables import MOST_COLUMNS
@@ -189,11 +189,27 @@ class Layout:
         path = self.file("meta/tasks.parquet")
         found: dict[int, str] = {}
         for row in () if path is None else open_parquet(path, extra="lerobot").rows():
-            words = [value for name, value in row.items() if name != "task_index" and isinstance(value, str)]
+            if (words := _words(row, str(path))) is None:
+                continue
             number = whole(row.get("task_index"))
-            if number is not None and words:
-                _once(found, number, words[0], f"{path}: the words of task {number}")
+            if number is None:
+                cell = row.get("task_index")
+                raise SourceError(f"{path}: '{words[:60]}' has the task_index {cell!r}, no whole number of 0 or more")
+            _once(found, number, words, f"{path}: the words of task {number}")
         return found
+
+
+def _words(row: Row, where: str) -> str | None:
+    """Return the words of a row of meta/tasks, by the names that LeRobot gives their column, else its only words."""
+    named = [row[name] for name in ("task", "__index_level_0__") if isinstance(row.get(name), str)]
+    found = dict.fromkeys(named or [cell for name, cell in row.items() if name != "task_index"])
+    words = [one for one in found if isinstance(one, str)]
+    if len(words) > 1:
+        raise SourceError(
+            f"{where}: task {row.get('task_index')} has several words, '{words[0][:60]}' and '{words[1][:60]}': call "
+            "the column of what a policy is told 'task'"
+        )
+    return words[0] if words else None
 
 
 def whole(cell: Cell) -> int | None:

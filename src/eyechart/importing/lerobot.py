@@ -105,6 +105,8 @@ def import_lerobot(
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     if TASK in chosen.prompt_columns:
         _require_words(kept)
+    elif data.tasks:
+        data.said.extend(_wordless(kept))
     frames = _frames(kept, chosen, data.timeline)
     settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
     if ahead is not None and chosen.rig is not None:
@@ -378,6 +380,15 @@ def _require_words(kept: Kept) -> None:
         kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
 
 
+def _wordless(kept: Kept) -> list[str]:
+    """Return how many frames are of tasks without words, and of which, where nobody is told them."""
+    lacking = [str(row.get("task_index")) for row in kept.rows if not row.get(TASK)]
+    if not lacking:
+        return []
+    said, which = f"{len(lacking)} of {len(kept.rows)} frames have no words of their task", [*dict.fromkeys(lacking)]
+    return [f"{said}: meta/tasks.parquet has none of {', '.join(which[:20])}"]
+
+
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
     """Return the rows of all data files, with what names each frame's picture in the columns ``pictured``."""
     vectors = dict(vectors_of(data.features))
@@ -408,11 +419,22 @@ def _data_rows(
             if row := timeline.add(raw):
                 episode, step = (whole(row[name]) for name in PLACES.values())
                 task = {TASK: _words(data.tasks, row)} if data.tasks else {}
+                _require_one_task(task, row, f"{file.path}, row {done}")
                 yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
             else:
                 yield row
     clips = {name: reel.clips for name, reel in data.reels.items() if isinstance(reel, Videos)}
     timeline.require(data.episodes.lengths, clips, data.layout.root / "meta/episodes")
+
+
+def _require_one_task(task: Row, row: Row, where: str) -> None:
+    """Raise SourceError where a row has words of its own for its task, and its task_index says others."""
+    own, said = row.get(TASK), task.get(TASK)
+    if isinstance(own, str) and own and said and own != said:
+        raise SourceError(
+            f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its task_index "
+            f"{row.get('task_index')} and meta/tasks.parquet; one of both is wrong"
+        )
 
 
 def _words(tasks: Mapping[int, str], row: Row) -> str:

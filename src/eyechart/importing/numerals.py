@@ -10,6 +10,7 @@ from eyechart.errors import SourceError, SpecError
 from eyechart.importing.cells import Cell, Row
 
 STYLES: dict[str, tuple[str, str]] = {
+    "1234.5": ("", "."),
     "1234,5": ("", ","),
     "1.234,5": (".", ","),
     "1 234,5": (" ", ","),
@@ -40,6 +41,8 @@ UNITS: dict[str, tuple[str, ...]] = {
 _SPACES = "\u00a0\u202f\u2009 "
 _UNITED = re.compile(r"(?P<number>.*\d\.?)\s*(?P<unit>[^\W\d_]+)")
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
+"""A number whose point may stand before a fraction or between thousands."""
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
 _LEAST_MARK = 90.0
 """A mark such as 99 or 999 is at least so large; below it, the same digits are ordinary numbers."""
@@ -136,6 +139,25 @@ class Numerals:
     def _mark(self, cell: Cell) -> str | None:
         """Return which mark for "nothing ahead" a cell is, None where it is none."""
         return next((mark for mark in self.no_lead or () if _is_same(cell, mark)), None)
+
+
+def unclear(rows: Iterable[tuple[Row, str]], columns: Iterable[str]) -> str | None:
+    """Return which number of some columns may be a thousand times as large, by rows and what a message calls each.
+
+    None where another number of the table has a point that can stand before a fraction alone.
+    """
+    first, wanted = None, {*columns}
+    for row, where in rows:
+        for name, cell in row.items():
+            if not isinstance(cell, str) or "." not in cell or not _PLAIN.fullmatch(text := cell.strip()):
+                continue
+            if not _GROUPED.fullmatch(text):
+                return None
+            if first is None and name in wanted:
+                first = f"{where}: '{name}' is '{text}', which is {float(text):g} or {text.replace('.', '')}"
+    if first is None:
+        return None
+    return f"{first}: say how numbers are written with --numbers 1234.5 or --numbers 1.234,5"
 
 
 def _written(between: str, point: str) -> str:
