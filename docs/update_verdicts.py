@@ -13,7 +13,7 @@ from eyechart.verdicts.numbers import ASKS, BESIDE, needs_of, refuted_by
 
 PAGE = Path(__file__).with_name("verdicts.md")
 
-EACH = {"specificity": "the same in each third of the range", "order": "the same of each kind of pairs"}
+EACH = {"specificity": "the same in each third of the range", "order": "the same of the other kinds of pairs"}
 
 
 def labels() -> Iterator[str]:
@@ -35,11 +35,11 @@ def lateral() -> Iterator[str]:
 
 
 def depth() -> Iterator[str]:
-    """Yield a row a number that depth rests on; what is the same by part of the range is one row."""
+    """Yield a row a number that depth rests on; what is the same by part, with one threshold, is one row."""
     yield "| number | asks | depth needs | refuted where |"
     yield "|---|---|---|---|"
     every = {**ASKS, **BESIDE}
-    for _, names in groupby(every, key=lambda name: every[name].startswith("the same") or name):
+    for _, names in groupby(every, key=lambda name: refuted_by(name) if every[name].startswith("the same") else name):
         first, *others = names
         asks = EACH[first.partition("_")[0]] if others else every[first]
         named = ", ".join(f"`{name}`" for name in (first, *others))

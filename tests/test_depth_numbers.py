@@ -37,14 +37,16 @@ CASES: tuple[tuple[str, Statistic, str], ...] = (
     ("specificity_far", Statistic(0.05, 48, (-0.1, 0.15)), "not shown"),
     ("specificity_far", Statistic(0.05 + JUST, 48, (-0.1, 0.15)), "fails"),
     ("order", _order(0.05, 0.0, 0.15 - JUST), "holds"),
-    ("order", _order(0.1, 0.0, 0.15), "not shown"),
-    ("order", _order(0.1 + JUST, 0.0, 0.15), "fails"),
+    ("order", _order(0.09, 0.0, 0.15), "not shown"),
+    ("order", _order(0.09 + JUST, 0.0, 0.15), "fails"),
     ("order_drawn", _order(0.05, 0.0, 0.25), "holds"),
     ("order_drawn", _order(0.05, 0.0, 0.25 + JUST), "not shown"),
-    ("order_drawn", _order(0.1 + JUST, 0.05 + JUST, 0.2), "fails"),
+    ("order_drawn", _order(0.09 + JUST, 0.05 + JUST, 0.2), "fails"),
+    ("order_drawn_far", _order(0.045, 0.03, 0.2), "holds"),
+    ("order_drawn_far", _order(0.045 + JUST, 0.025 + JUST, 0.2), "fails"),
     ("order_drawn", cannot_say("no comparison comes out the same way twice"), "not tested"),
-    ("rise", Rise(2.0, 400, p=0.02 + JUST), "holds"),
-    ("rise", Rise(6.0, 400, p=0.02), "fails"),
+    ("rise", Rise(2.0, 400, p=0.05 + JUST), "holds"),
+    ("rise", Rise(6.0, 400, p=0.05), "fails"),
     ("file", SignTest(0.9, 20, (0.6, 1.0), 0.001, wins=18, losses=2, ties=124), "holds"),
     ("file", SignTest(1.0, 20, (0.8, 1.0), 0.001 - JUST, wins=20, losses=0, ties=124), "fails"),
     ("drawn_distances", Density(8.0, 110, fewest=3), "holds"),
@@ -79,7 +81,8 @@ def test_there_are_twelve_and_each_has_a_threshold() -> None:
 def test_thresholds_are_in_words_of_the_rows() -> None:
     """Both ends are told apart, and signs are those of mathematics."""
     assert needs_of("order") == "upper end < 0.15"
-    assert refuted_by("order") == "upper end ≥ 0.15 and value > 0.1"
+    assert refuted_by("order") == "upper end ≥ 0.15 and value > 0.09"
+    assert refuted_by("order_near_far") == "value > 0.045 and lower end > 0.025"
     assert needs_of("drawn_distances") == "value ≥ 8 and fewest ≥ 3"
     assert refuted_by("file") == "p < 0.001"
 

@@ -96,13 +96,20 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         "specificity_far",
     ),
     "order bounded": ({"order": _order(0.12, 0.05, 0.15 + BELOW)}, "depth", "order"),
-    "order is not shown": ({"order": _order(0.1, 0.05, 0.15)}, *OPEN),
-    "order is refuted": ({"order": _order(0.1 + OVER, 0.05, 0.15)}, "content", "order"),
-    "a kind of pairs on the edge": ({"order_drawn": _order(0.1, 0.06, 0.2)}, "depth", "order"),
+    "order is not shown": ({"order": _order(0.09, 0.05, 0.15)}, *OPEN),
+    "order is refuted": ({"order": _order(0.09 + OVER, 0.05, 0.15)}, "content", "order"),
+    "a kind of pairs on the edge": ({"order_drawn": _order(0.09, 0.06, 0.2)}, "depth", "order"),
     "a kind of pairs not surely": ({"order_drawn": _order(0.2, 0.05, 0.3)}, "depth", "order"),
-    "a kind of pairs surely": ({"order_drawn": _order(0.1 + OVER, 0.05 + OVER, 0.2)}, "content", "order_drawn"),
-    "a rise that is rare enough": ({"rise": Rise(4.0, 400, p=0.02)}, "content", "rise"),
-    "a rise that is not": ({"rise": Rise(4.0, 400, p=0.02 + OVER)}, "depth", "order"),
+    "a kind of pairs surely": ({"order_drawn": _order(0.09 + OVER, 0.05 + OVER, 0.2)}, "content", "order_drawn"),
+    "pairs with far on the edge": ({"order_drawn_far": _order(0.045, 0.03, 0.1)}, "depth", "order"),
+    "pairs with far not surely": ({"order_near_far": _order(0.1, 0.025, 0.2)}, "depth", "order"),
+    "pairs with far surely": (
+        {"order_drawn_far": _order(0.045 + OVER, 0.025 + OVER, 0.1)},
+        "content",
+        "order_drawn_far",
+    ),
+    "a rise that is rare enough": ({"rise": Rise(4.0, 400, p=0.05)}, "content", "rise"),
+    "a rise that is not": ({"rise": Rise(4.0, 400, p=0.05 + OVER)}, "depth", "order"),
     "it follows the file": (
         {"file": SignTest(1.0, 12, (0.8, 1.0), 0.001 + BELOW, wins=12, losses=0, ties=0)},
         "undecided",
@@ -128,13 +135,13 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         *OPEN,
     ),
     "a place the wrong way round": (
-        {"place_reversed": Statistic(0.1 + OVER, 36, (0.05 + OVER, 0.3), note="in `light`")},
+        {"place_reversed": Statistic(0.09 + OVER, 36, (0.05 + OVER, 0.3), note="in `light`")},
         "content",
         "place_reversed",
     ),
-    "a place that may be": ({"place_reversed": Statistic(0.1 + OVER, 36, (0.05, 0.3))}, "depth", "order"),
+    "a place that may be": ({"place_reversed": Statistic(0.09 + OVER, 36, (0.05, 0.3))}, "depth", "order"),
     "a neighbour in a place": (
-        {"place_beside": Statistic(0.1 + OVER, 36, (0.05 + OVER, 1.0), note="in `light`")},
+        {"place_beside": Statistic(0.09 + OVER, 36, (0.05 + OVER, 1.0), note="in `light`")},
         "content",
         "place_beside",
     ),
@@ -267,6 +274,26 @@ def test_the_far_end_of_the_range_without_braking_is_named() -> None:
     ruling = DISTANCE.evaluate(found_of(answered(near_alone)))
     assert ruling.label == "partial_depth"
     assert "not from 23." in str(ruling.reason)
+
+
+@pytest.mark.parametrize("free", [9.5, 15.0, 20.0])
+def test_a_reader_that_takes_the_far_road_for_free_earns_depth(free: float) -> None:
+    """It reads with a spread, or says SLOW to a tenth of the pictures: beyond it nothing answers, and now and then it
+    brakes. The same reader is denied where a part nearer than one that answers is bounded.
+    """
+    rng = np.random.default_rng(7)
+
+    def late(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        del beside, own
+        slow = rng.random(lead.shape) < 0.1
+        return np.where(slow, 0.5, np.where(lead * np.exp(rng.normal(0, 0.1, lead.shape)) < free, 1.0, 0.0))
+
+    def with_a_gap(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
+        return np.where((lead > 11.5) & (lead < 23.5), 0.0, np.maximum(late(lead, beside, own), lead < 49))
+
+    for frames in (144, 288):
+        assert DISTANCE.evaluate(found_of(answered(late, frames=frames))).label == "depth"
+    assert any(one.of == "range" for one in answered(with_a_gap).holes())
 
 
 def test_a_place_the_wrong_way_round_is_no_hole() -> None:

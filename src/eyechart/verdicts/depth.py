@@ -15,6 +15,7 @@ from eyechart.verdicts.labels import (
     BESIDE_REFUTED,
     DRAWN,
     DRAWN_LEAST,
+    FAR_SHARE,
     FILE_ALPHA,
     MARGIN,
     ORDER_CUT,
@@ -39,7 +40,9 @@ NUDGED = "nudged"
 """The true picture with a change that nobody sees: another file, the same picture."""
 
 THIRDS = ("near", "middle", "far")
-KINDS = ("near_far", "near_drawn", "drawn", "drawn_far")
+KIND_SHARES = {"near_far": FAR_SHARE, "near_drawn": 1.0, "drawn": 1.0, "drawn_far": FAR_SHARE}
+"""The kinds of pairs, and how much of `ORDER_HIGH` and `ORDER_LOW` refutes each."""
+KINDS = tuple(KIND_SHARES)
 
 HARDER = "it brakes harder where the lead is nearer"
 _UNTESTED = "whether that holds {note} was not tested"
@@ -164,10 +167,10 @@ REFUTING: tuple[Clause, ...] = (
         _either(
             f"order_{kind}",
             f"the wrong way round in too many comparisons of {kind.replace('_', ' and ')}",
-            ("value", "<=", ORDER_HIGH),
-            ("low", "<=", ORDER_LOW),
+            ("value", "<=", share * ORDER_HIGH),
+            ("low", "<=", share * ORDER_LOW),
         )
-        for kind in KINDS
+        for kind, share in KIND_SHARES.items()
     ),
     _either(
         "place_reversed", "less hard for the nearer lead {note}", ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)

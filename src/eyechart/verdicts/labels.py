@@ -23,8 +23,10 @@ NET_ALPHA = 0.02
 
 ORDER_CUT = 0.15
 """Fewer comparisons than this share come out the wrong way round, in expectation over answers: the bound of depth."""
-ORDER_HIGH, ORDER_LOW = 0.10, 0.05
+ORDER_HIGH, ORDER_LOW = 0.09, 0.05
 """A kind of pairs whose share lies above the first, and its lower bound above the second, refutes depth."""
+FAR_SHARE = 0.5
+"""So much of both is enough where one of the pair is far: who overlooks the other ties with it, and loses nothing."""
 ORDER_OPEN = 0.25
 """A kind of pairs whose upper bound lies above this is named, and a gate that requires depth is not met."""
 
@@ -36,7 +38,7 @@ BESIDE_REFUTED, THIRD_REFUTED = -0.02, 0.05
 SENSITIVE_FROM = 0.25
 """Who is bounded below this reads distance on too few frames to matter, and more frames would not show it."""
 
-RISE_ALPHA, FILE_ALPHA = 0.02, 0.001
+RISE_ALPHA, FILE_ALPHA = 0.05, 0.001
 """Levels of the tests that somewhere braking rises with distance, and that it follows the file."""
 
 DRAWN, DRAWN_LEAST = 8, 3

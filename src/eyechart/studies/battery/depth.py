@@ -71,6 +71,8 @@ WINDOW = 1.2
 
 FEWEST_OF_PLACE = 8
 """A part of the bank with fewer frames is no place."""
+IDLE = 0.02
+"""A part of the range in which braking changes on no larger share of the frames is one in which it does nothing."""
 MOST_OF_COLUMN = 12
 """A column with more values names no places."""
 
@@ -266,8 +268,18 @@ class Moved:
                 yield found
 
     def holes(self) -> tuple[Place, ...]:
-        """Return the places in which its braking does not answer: the effect is bounded below the margin."""
-        return tuple(one for one in self.places if one.high is not None and one.high < MARGIN)
+        """Return the places in which its braking does not answer: the effect is bounded below the margin.
+
+        A part of the range beyond which nothing answers may be free road to it, which a noisy reader meets now and
+        then: it is a hole where its braking changes on `IDLE` of the frames at most.
+        """
+        bounded = [(place, one) for place, one in enumerate(self.places) if one.high is not None and one.high < MARGIN]
+        last = max((place for place, one in enumerate(self.places) if one.low is not None and one.low > 0), default=0)
+        return tuple(
+            one
+            for place, one in bounded
+            if one.of != "range" or place < last or one.harder + one.lesser <= IDLE * one.frames
+        )
 
     def open_places(self) -> tuple[Place, ...]:
         """Return the places in which it is neither shown nor bounded."""
