@@ -163,7 +163,7 @@ def test_another_encoder_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("eyechart.frames.pictures.encode", otherwise)
     for name in ("encode", "stored"):
-        monkeypatch.setattr(conditions, name, otherwise)
+        monkeypatch.setattr(conditions.table, name, otherwise)
     conditions.table._grey.cache_clear()
     assert battery.score(run).models[MODEL].answered
     change(run, lambda name: name == "text_only")

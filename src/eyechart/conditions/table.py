@@ -17,7 +17,7 @@ AGAIN, ABSENT = "real_again", "lead_absent"
 """The true picture in the stage of the picture without the lead, of frames that have the latter."""
 EXCHANGED = "exchanged"
 """The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
-MODELS, POLICIES = frozenset({"model"}), frozenset({"policy"})
+_MODELS, _POLICIES = frozenset({"model"}), frozenset({"policy"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Condition:
     needs: frozenset[str] = frozenset()
     drawn: str = ""
     over: str = "camera"
-    asked: frozenset[str] = MODELS
+    asked: frozenset[str] = _MODELS
 
 
 def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
@@ -161,7 +161,7 @@ def require_picture(camera: str, frame: Frame, images: Mapping[str, bytes]) -> N
 
 _AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
 _CONTROL = frozenset({"control"})
-_BOTH = MODELS | POLICIES
+_BOTH = _MODELS | _POLICIES
 
 TABLE: dict[str, Condition] = {
     one.name: one
@@ -193,7 +193,7 @@ TABLE: dict[str, Condition] = {
                 _DRAWN,
                 name,
                 over="",
-                asked=POLICIES,
+                asked=_POLICIES,
             )
             for told in (False, True)
             for name in MOVES
@@ -204,7 +204,7 @@ TABLE: dict[str, Condition] = {
             "does it know which is which?",
             _drawn(EXCHANGED),
             _DRAWN,
-            asked=POLICIES,
+            asked=_POLICIES,
         ),
         Condition(
             "recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN, asked=_BOTH
@@ -216,7 +216,7 @@ TABLE: dict[str, Condition] = {
             _drawn("decoys"),
             _DRAWN,
             over="",
-            asked=POLICIES,
+            asked=_POLICIES,
         ),
         *(
             Condition(name, f"same moment, {image}", asks, _drawn(name), _DRAWN | _CONTROL)
@@ -261,7 +261,7 @@ TABLE: dict[str, Condition] = {
             over="",
         ),
         *(
-            Condition(base, image, asks, _exchanged(base), over="channel", asked=POLICIES)
+            Condition(base, image, asks, _exchanged(base), over="channel", asked=_POLICIES)
             for base, image, asks in (
                 ("swapped", "another episode's", "does the channel decide?"),
                 ("matched", "that of another episode at a similar state", "does it tell more than the state?"),
@@ -285,7 +285,7 @@ TABLE: dict[str, Condition] = {
 }
 """All conditions: of banks, of worlds that are driven, and of the channels of a policy."""
 
-CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= MODELS}
+CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= _MODELS}
 """Those of models."""
 
 PARTNERS: tuple[str, ...] = tuple(name for name, one in TABLE.items() if one.over == "channel")

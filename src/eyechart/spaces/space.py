@@ -5,7 +5,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar
+
+from eyechart.cameras import Distances
 
 Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 """Why a reply holds no decision."""
@@ -80,6 +82,10 @@ class Space(Protocol[A]):
         """Whose answers these are: a ``model``'s, or a ``policy``'s."""
 
     @property
+    def is_scene(self) -> bool:
+        """Whether an answer is an estimate of the scene."""
+
+    @property
     def reader(self) -> int:
         """The version of the rules of reading, which a run records."""
 
@@ -112,8 +118,66 @@ class Space(Protocol[A]):
     def role(self, symbol: str) -> str:
         """Return what an action of this name is to the gap tests: brake, proceed, or other."""
 
+    def wording(self) -> str:
+        """Return the space as a text that changes with what it asks for."""
+
+    def written(self) -> Mapping[str, object]:
+        """Return the space as plain JSON values, by the name that a prompt has for it."""
+
+    def by(self, reader: int) -> Self:
+        """Return the space with replies read by this version of the rules, where it has others."""
+
+    def in_world(self, distances: Distances) -> Self:
+        """Return the space as a world with these distances has it."""
+
+    def apart(self, other: "Space[Any]") -> Mapping[str, tuple[str, str]] | None:
+        """Return what another space says otherwise, each in its words; None where nobody can say."""
+
+    def unread(self, reply: Answer) -> str:
+        """Return what is shown of a reply without a decision."""
+
 
 AnySpace = Space[Any]
+
+
+class Usual:
+    """What most spaces have in common: a model's answers, read by one version of the rules, the same in every world."""
+
+    __slots__ = ()
+    who: ClassVar[str] = "model"
+    is_scene: ClassVar[bool] = False
+
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
+        raise NotImplementedError
+
+    def wording(self) -> str:
+        """Return the schema as a text."""
+        return json.dumps(self.schema(), sort_keys=True)
+
+    def written(self) -> Mapping[str, object]:
+        """Return nothing: no file says it."""
+        return {}
+
+    def by(self, reader: int) -> Self:
+        """Return the space itself."""
+        del reader
+        return self
+
+    def in_world(self, distances: Distances) -> Self:
+        """Return the space itself."""
+        del distances
+        return self
+
+    def apart(self, other: AnySpace) -> Mapping[str, tuple[str, str]] | None:
+        """Return None: nobody can say."""
+        del other
+        return None
+
+    def unread(self, reply: Answer) -> str:
+        """Return the text."""
+        return reply.text
+
 
 _REFUSAL = re.compile(
     r"\b(i\s+(can(no|')t|am\s+(unable|not\s+able)|won't|will\s+not|must\s+decline)|i'm\s+(unable|not\s+able|sorry)"

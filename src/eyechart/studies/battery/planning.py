@@ -47,7 +47,6 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Calling, MotionPlan, Plan, ask_again, execute, spread
-from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
@@ -378,7 +377,7 @@ def plan_of(
         shard=manifest.shard,
         view=view,
     )
-    if not isinstance(manifest.prompt.space, MotionSpace):
+    if manifest.prompt.who == "model":
         return found
     given = {one.name: getattr(found, one.name) for one in fields(found)}
     return MotionPlan(**given, answers=manifest.answers)

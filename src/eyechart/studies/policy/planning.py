@@ -20,7 +20,7 @@ from eyechart.manifest import LEDGER, PNG_2, RunManifest, asked_of, today, versi
 from eyechart.models import Model, Opened, open_policy
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, ask_again, execute, in_order, spread
-from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace
+from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
 from eyechart.stats.total_effect import rounded
 from eyechart.studies.battery import open_whole, plan_of, resumed, writing
 
@@ -199,8 +199,7 @@ def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
     By more than rounding: a policy that sums in parallel answers otherwise in the last bits, and asking it again for
     those would cost calls and tell nothing.
     """
-    space = manifest.prompt.space
-    assert isinstance(space, MotionSpace)
+    space = require_motions(manifest.prompt.space)
     return frozenset(
         spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(seeded(manifest, spec)))
     )
