@@ -13,6 +13,7 @@ from eyechart.ledger import AGAIN, UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
+from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
 
 ALL = "all"
@@ -223,7 +224,7 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
         decision = space.read(reply)
         if decision.missing is None or (reply.error is not None and not of_policy):
             continue
-        why, text = decision.why, space.unread(reply)
+        why, text = decision.why, require_motions(space).lacks(reply) if of_policy else reply.text
         if reply.error is not None:
             why, text = reply.error, reply.error_detail
         seen = (decision.missing, why, printable(text))

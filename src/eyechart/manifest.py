@@ -24,6 +24,7 @@ from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.records import build, parse_json, shown
 from eyechart.spaces.discrete import Discrete, named_actions
+from eyechart.spaces.motion import require_motions
 from eyechart.spaces.reader import READER
 
 LEDGER = "ledger.sqlite"
@@ -203,9 +204,9 @@ class Manifest:
         if not isinstance(own, Prompt):
             return f"{name} {own}"
         space, theirs = own.space, other.prompt.space
-        apart = None if space is None or theirs is None or space == theirs else space.apart(theirs)
-        if apart is None:
+        if space == theirs or "model" in {own.who, other.prompt.who}:
             return f"{name} {own.key}"
+        apart = require_motions(space).apart(require_motions(theirs))
         return f"motion with {', '.join(f'{what} {mine}' for what, (mine, _) in apart.items()) or 'another reflection'}"
 
     def _wider(self, other: Self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Prompts compared: the same frames and models under each, what each does to looking, and what differs between them."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -50,12 +50,6 @@ class PromptsReport:
         if model not in self.models:
             raise SpecError(f"{self.path} holds no model '{model}'; it holds {', '.join(self.models)}")
         return self.models[model]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.models)
-
-    def __len__(self) -> int:
-        return len(self.models)
 
     def __repr__(self) -> str:
         return f"<PromptsReport on {self.path}: {', '.join(f'{who}: {one.label}' for who, one in self.models.items())}>"

@@ -249,7 +249,8 @@ def check(
 
 def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
     """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
-    from eyechart.conditions import undrawn_controls, unshown_channels
+    from eyechart.conditions import undrawn_controls
+    from eyechart.conditions.policies import unshown_channels
     from eyechart.frames import open_bank
     from eyechart.importing.notes import notes
 
@@ -347,7 +348,8 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
     from eyechart.channels import channels_of
     from eyechart.cli.terminal import print_each
-    from eyechart.conditions import available, by_reason, conditions_of, subset_conditions
+    from eyechart.conditions import available, by_reason
+    from eyechart.conditions.policies import conditions_of, subset_conditions
     from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.axes import OF_DATA_SET, SURENESS

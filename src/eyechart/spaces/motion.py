@@ -357,13 +357,11 @@ class MotionSpace(Usual):
         del symbol
         return "other"
 
-    def apart(self, other: AnySpace) -> dict[str, tuple[str, str]] | None:
+    def apart(self, other: "MotionSpace") -> dict[str, tuple[str, str]]:
         """Return what another space says otherwise, each in its words; what only the reflected world has is left out.
 
-        Empty where numbers of both mean the same, None where the other's answers are no motions.
+        Empty where numbers of both mean the same.
         """
-        if not isinstance(other, MotionSpace):
-            return None
         pairs = {
             "kind": (self.kind, other.kind),
             "horizon": (str(self.horizon), str(other.horizon)),
@@ -381,10 +379,6 @@ class MotionSpace(Usual):
 
     def _state_of(self, one: Dimension) -> str:
         return "none" if one.state is None else self.state[one.state].name
-
-    def unread(self, reply: Answer) -> str:
-        """Return why a reply holds no motion."""
-        return self.lacks(reply)
 
     def wording(self) -> str:
         """Return the space as a text that changes with what it asks for."""

@@ -71,19 +71,44 @@ class Answer(Protocol):
         """The kind of the failure, None where something came back."""
 
 
-class Space(Protocol[A]):
+class Usual(Protocol):
+    """What most spaces have in common: a model's answers, read by one version of the rules, the same in every world.
+
+    ``who`` is whose answers these are, a ``model``'s or a ``policy``'s; ``is_scene`` whether one is an estimate of the
+    scene.
+    """
+
+    __slots__ = ()
+    who: ClassVar[str] = "model"
+    is_scene: ClassVar[bool] = False
+
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
+
+    def wording(self) -> str:
+        """Return a text that changes with what the space asks for."""
+        return json.dumps(self.schema(), sort_keys=True)
+
+    def written(self) -> Mapping[str, object]:
+        """Return the space as plain JSON values, by the name that a prompt has for it; nothing where none has one."""
+        return {}
+
+    def by(self, reader: int) -> Self:
+        """Return the space with replies read by this version of the rules, where it has others."""
+        del reader
+        return self
+
+    def in_world(self, distances: Distances) -> Self:
+        """Return the space as a world with these distances has it."""
+        del distances
+        return self
+
+
+class Space(Usual, Protocol[A]):
     """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
 
     Actions are hashable. ``actions`` are the names that an answer may give, none where an answer is no name.
     """
-
-    @property
-    def who(self) -> str:
-        """Whose answers these are: a ``model``'s, or a ``policy``'s."""
-
-    @property
-    def is_scene(self) -> bool:
-        """Whether an answer is an estimate of the scene."""
 
     @property
     def reader(self) -> int:
@@ -96,9 +121,6 @@ class Space(Protocol[A]):
     @property
     def actions(self) -> tuple[str, ...]:
         """The names that an answer may give."""
-
-    def schema(self) -> Mapping[str, object]:
-        """Return the JSON schema of an answer."""
 
     def read(self, reply: Answer) -> Decision[A]:
         """Return the decision that a reply holds: strict, the same every time, and never guessing."""
@@ -118,65 +140,8 @@ class Space(Protocol[A]):
     def role(self, symbol: str) -> str:
         """Return what an action of this name is to the gap tests: brake, proceed, or other."""
 
-    def wording(self) -> str:
-        """Return the space as a text that changes with what it asks for."""
-
-    def written(self) -> Mapping[str, object]:
-        """Return the space as plain JSON values, by the name that a prompt has for it."""
-
-    def by(self, reader: int) -> Self:
-        """Return the space with replies read by this version of the rules, where it has others."""
-
-    def in_world(self, distances: Distances) -> Self:
-        """Return the space as a world with these distances has it."""
-
-    def apart(self, other: "Space[Any]") -> Mapping[str, tuple[str, str]] | None:
-        """Return what another space says otherwise, each in its words; None where nobody can say."""
-
-    def unread(self, reply: Answer) -> str:
-        """Return what is shown of a reply without a decision."""
-
 
 AnySpace = Space[Any]
-
-
-class Usual:
-    """What most spaces have in common: a model's answers, read by one version of the rules, the same in every world."""
-
-    __slots__ = ()
-    who: ClassVar[str] = "model"
-    is_scene: ClassVar[bool] = False
-
-    def schema(self) -> Mapping[str, object]:
-        """Return the JSON schema of an answer."""
-        raise NotImplementedError
-
-    def wording(self) -> str:
-        """Return the schema as a text."""
-        return json.dumps(self.schema(), sort_keys=True)
-
-    def written(self) -> Mapping[str, object]:
-        """Return nothing: no file says it."""
-        return {}
-
-    def by(self, reader: int) -> Self:
-        """Return the space itself."""
-        del reader
-        return self
-
-    def in_world(self, distances: Distances) -> Self:
-        """Return the space itself."""
-        del distances
-        return self
-
-    def apart(self, other: AnySpace) -> Mapping[str, tuple[str, str]] | None:
-        """Return None: nobody can say."""
-        del other
-        return None
-
-    def unread(self, reply: Answer) -> str:
-        """Return the text."""
-        return reply.text
 
 
 _REFUSAL = re.compile(

@@ -10,7 +10,8 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import OVER, PARTNERS, conditions_of, find_condition, further_conditions, subset_conditions
+from eyechart.conditions import OVER, PARTNERS, find_condition
+from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
