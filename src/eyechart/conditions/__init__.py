@@ -400,10 +400,10 @@ def find_condition(name: str, who: str = "model") -> Condition:
     base, over, what = name.partition(OVER)
     row = TABLE.get(base)
     if row is None or who not in row.asked or not _may_be_over(row, over, what):
-        of = " of a policy" if who == "policy" else ""
+        of, near = (" of a policy", name) if who == "policy" else ("", base)
         known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
-        raise SpecError(f"unknown condition '{name}'{of};{meant(base, known)} known are {', '.join(known)}")
-    return row if not over else _exchange(row, what) if row.over == "channel" else _over(row, what)
+        raise SpecError(f"unknown condition '{name}'{of};{meant(near, known)} known are {', '.join(known)}")
+    return _over(row, what) if over else row
 
 
 def asked_of(who: str) -> list[Condition]:
@@ -420,14 +420,7 @@ def _may_be_over(row: Condition, over: str, what: str) -> bool:
 
 def _row(name: str) -> Condition:
     """Return the row of a condition, whoever is asked so; raises SpecError where there is none."""
-    row = TABLE.get(name.partition(OVER)[0])
-    return row or find_condition(name)
-
-
-def _exchange(row: Condition, channel: str) -> Condition:
-    """Return a condition over a channel."""
-    name, image = f"{row.name}{OVER}{channel}", f"{channel}: {row.image}"
-    return replace(row, name=name, image=image, make=partial(row.make, channel))
+    return TABLE.get(name.partition(OVER)[0]) or find_condition(name)
 
 
 def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
@@ -457,7 +450,10 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
 
 
 def _over(whole: Condition, camera: str) -> Condition:
-    """Return a condition whose pictures are shown over one camera, and the true ones over the others."""
+    """Return a condition over a channel, or over one camera: the others show the true pictures."""
+    name = f"{whole.name}{OVER}{camera}"
+    if whole.over == "channel":
+        return replace(whole, name=name, image=f"{camera}: {whole.image}", make=partial(whole.make, camera))
 
     def make(frame: Frame, source: Source, seed: int) -> Stimulus:
         made, images = whole.make(frame, source, seed), {**source.images(frame)}
@@ -468,7 +464,7 @@ def _over(whole: Condition, camera: str) -> Condition:
             del images[camera]
         return replace(made, images=images)
 
-    return replace(whole, name=f"{whole.name}{OVER}{camera}", image=f"{whole.image}, over {camera}", make=make)
+    return replace(whole, name=name, image=f"{whole.image}, over {camera}", make=make)
 
 
 def require_partners(names: Sequence[str], source: Source) -> None:

@@ -15,7 +15,7 @@ from eyechart.channels import (
     partners,
     whose,
 )
-from eyechart.conditions import EXCHANGED, OVER, PARTNERS, TABLE, asked_of, available
+from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, available
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
@@ -59,12 +59,12 @@ def further_conditions(bank: FrameBank) -> tuple[str, ...]:
 
 
 def listed_conditions() -> dict[str, str]:
-    """Return the conditions of policies that stand over a channel or a camera, or are drawn, each in words."""
+    """Return all conditions in words, first those of policies that stand over a channel or a camera, or are drawn."""
     every = {f"{name}{OVER}CHANNEL": TABLE[name] for name in PARTNERS} | {name: TABLE[name] for name in _DRAWN}
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
         listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
-    return listed
+    return listed | {name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:
