@@ -146,6 +146,11 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
         "read_policies of models": lambda: api.read_policies(run),
         "examine_policy two": lambda: api.examine_policy(table, {"one": reach, "other": reach}),
         "examine_policy no motions": lambda: api.examine_policy(bank, reach),
+        "compare_prompts one": lambda: api.compare_prompts(bank, "scripted:depth", ["baseline"], tmp / "p"),
+        "compare_prompts unknown": lambda: api.compare_prompts(bank, "scripted:depth", ["baseline", "loud"], tmp / "p"),
+        "compare_prompts limit": lambda: api.compare_prompts(
+            bank, "scripted:depth", ["baseline", "minimal"], tmp, limit=0
+        ),
         "report model": lambda: report["scripted:none"],
         "report page taken": lambda: report.to_html(tmp / "taken"),
         "assert_grounded no run": lambda: assert_grounded(tmp / "taken"),
@@ -183,7 +188,7 @@ def test_errors_speak_of_arguments(bank: FrameBank, demo: Demo, tmp_path: Path) 
         assert not OPTION.search(COMMAND.sub("", said)), (name, said)
     tried = {name.split()[0] for name in calls}
     assert tried >= {"build_bank", "run_battery", "read_report", "assert_grounded", "import_table", "import_lerobot"}
-    kinds = {"Report", "PolicyReport", "AskedModel", "AskedPolicy"}
+    kinds = {"Report", "PolicyReport", "PromptsReport", "AskedModel", "AskedPolicy"}
     assert {*api.__all__} - kinds == {name for name in tried if hasattr(api, name)}
     of_tables = {name for name in importing.__all__ if name.startswith(("import", "read"))}
     assert of_tables - tried == {"read_answer_table"}, "which commands take too"

@@ -29,16 +29,8 @@ from eyechart.channels import (
     told,
 )
 from eyechart.cli.app import app
-from eyechart.conditions import (
-    available,
-    conditions_of,
-    find_condition,
-    further_conditions,
-    listed_conditions,
-    show,
-    sources,
-    unshown_channels,
-)
+from eyechart.conditions import available, find_condition, show, sources
+from eyechart.conditions.policies import conditions_of, further_conditions, listed_conditions, unshown_channels
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode
 from eyechart.importing import costs

@@ -213,3 +213,73 @@ def test_what_decides_by_words_is_found(code: str) -> None:
     """Each way to take a text apart; to print it whole, or to ask whether there is any, decides nothing by it."""
     assert any(map(_decides, ast.walk(ast.parse(code))))
     assert not any(map(_decides, ast.walk(ast.parse("print(one.note if one.detail is not None else one.method)"))))
+
+
+SPACES = {"Space", "Discrete", "SceneSpace", "MotionSpace"}
+"""The kinds of spaces, whatever they are called where they are imported."""
+
+
+def kinds_asked(tree: ast.Module) -> list[str]:
+    """Return where a module asks which kind of space something is: by isinstance, its type, or a pattern."""
+    named = {
+        one.asname or one.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("eyechart.spaces")
+        for one in node.names
+        if one.name in SPACES
+    }
+
+    def is_kind(node: ast.AST) -> bool:
+        return any(
+            (isinstance(one, ast.Name) and one.id in named)
+            or (isinstance(one, ast.Attribute) and one.attr in SPACES and not ast.unparse(one).startswith("gymnasium"))
+            for one in ast.walk(node)
+        )
+
+    asked = []
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in {"isinstance", "issubclass"}
+        ):
+            asked += [node] if is_kind(node.args[1]) else []
+        elif isinstance(node, ast.Compare) and any(isinstance(one, ast.Is | ast.IsNot | ast.Eq) for one in node.ops):
+            asked += [node] if any(is_kind(one) for one in node.comparators if isinstance(one, ast.Name)) else []
+        elif isinstance(node, ast.MatchClass) and is_kind(node.cls):
+            asked.append(node)
+    return [ast.unparse(one) for one in asked]
+
+
+def test_nobody_outside_its_room_asks_which_kind_of_space_it_is() -> None:
+    """What differs between spaces is a member of them; a new space is one module."""
+    asked = {module: found for module, tree in trees().items() if (found := kinds_asked(tree))}
+    assert {module: found for module, found in asked.items() if not module.startswith("spaces/")} == {}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "from eyechart.spaces.motion import MotionSpace\nisinstance(one, int | MotionSpace)",
+        "from eyechart.spaces.discrete import Discrete as D\nisinstance(one, (str, D))",
+        "from eyechart.spaces import scene\nisinstance(one, scene.SceneSpace)",
+        "from eyechart.spaces.scene import SceneSpace\ntype(one) is SceneSpace",
+        "from eyechart.spaces.scene import SceneSpace\nmatch one:\n    case SceneSpace():\n        pass",
+    ],
+)
+def test_who_asks_which_kind_of_space_it_is_is_found(code: str) -> None:
+    """In each way in which that can be asked; an environment of Gymnasium has spaces of its own."""
+    assert kinds_asked(ast.parse(code))
+    assert not kinds_asked(ast.parse("isinstance(one, gymnasium.spaces.Discrete)"))
+
+
+def test_one_registry_is_called_policies() -> None:
+    """The adapters of policies, which are models; drivers that need no model are references."""
+    named = [
+        module
+        for module, tree in trees().items()
+        for node in tree.body
+        if isinstance(node, ast.Assign | ast.AnnAssign)
+        and any(isinstance(one, ast.Name) and one.id == "POLICIES" for one in ast.walk(node) if one is not node.value)
+    ]
+    assert named == ["models/__init__.py"]

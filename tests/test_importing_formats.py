@@ -41,7 +41,7 @@ def test_every_format_is_recognised(name: str, tmp_path: Path) -> None:
     sign = tmp_path / (FORMATS[name].sign or "photo.png")
     sign.parent.mkdir(exist_ok=True)
     sign.touch()
-    assert find_format(None, tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
+    assert find_format("table", tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
 
 
 @pytest.mark.parametrize("name", FORMATS)

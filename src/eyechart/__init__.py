@@ -4,9 +4,9 @@ __version__ = "0.2.0.dev0"
 
 
 def __getattr__(name: str) -> object:
-    """Return ``eyechart.look``, which is `eyechart.api.look`, once somebody asks for it: it is slow to import."""
-    if name == "look":
-        from eyechart.api import look  # noqa: PLC0415 - the version alone is to be had without it
+    """Return ``look`` or ``compare_prompts`` of `eyechart.api` once somebody asks for it: it is slow to import."""
+    if name in {"look", "compare_prompts"}:
+        from eyechart import api  # noqa: PLC0415 - the version alone is to be had without it
 
-        return look
+        return {"look": api.look, "compare_prompts": api.compare_prompts}[name]
     raise AttributeError(f"module 'eyechart' has no attribute '{name}'")

@@ -19,8 +19,6 @@ from eyechart.spaces.motion import MotionSpace, reflect
 from eyechart.stats.outliers import outlying, recurs
 from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners, reaches
 
-OVER = "@"
-"""Stands between a condition and the camera or channel over which it is shown: ``blank@wrist``, ``swapped@state``."""
 CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
 CAMERA = "camera:"
 """Stands before the name of a camera that is a channel of its own."""
@@ -110,7 +108,7 @@ def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
     """Return whose channel a frame is shown; raises BankError where nobody's can be."""
     place = partner_place(frame, source, base, channel)
     if place == NOBODY:
-        raise BankError(f"frame '{frame.id}' has no partner for {base}{OVER}{channel}: no other episode differs there")
+        raise BankError(f"frame '{frame.id}' has no partner for {base}@{channel}: no other episode differs there")
     return source.frames[place]
 
 

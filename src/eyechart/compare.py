@@ -43,6 +43,11 @@ class Replication(Written):
         return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA)
 
     @property
+    def words(self) -> str:
+        """Return in words which statistics differ."""
+        return f"differs in {', '.join(self.changed)}" if self.changed else "no statistic differs (Holm)"
+
+    @property
     def replicated(self) -> bool:
         """Return whether the calibrated verdict and the lateral label came out again and no statistic differs."""
         same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
@@ -77,9 +82,8 @@ class Comparison(Written):
         yield from (f"{MARK} {line}" for line in self.marks)
         for one in self.models.values():
             yield replication_table(one, every=every)
-            changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
             pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in one.labels.items())
-            yield Text(f"{one.model}: {'; '.join(pairs)}; {changed}", style="bold")
+            yield Text(f"{one.model}: {'; '.join(pairs)}; {one.words}", style="bold")
 
 
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:

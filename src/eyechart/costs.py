@@ -13,7 +13,7 @@ from eyechart.ledger import AGAIN, UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
-from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
 
 ALL = "all"
@@ -218,18 +218,18 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
     Of a policy's answers, which are numbers, those that lack the same are one; and its errors are listed too, the most
     frequent ones: they are texts of its own program, and a run shows the last one alone.
     """
-    motions = space if isinstance(space, MotionSpace) else None
+    of_policy = space.who == "policy"
     found: Counter[tuple[Missing, str | None, str]] = Counter()
     for _, reply in ledger.replies(model):
         decision = space.read(reply)
-        if decision.missing is None or (reply.error is not None and motions is None):
+        if decision.missing is None or (reply.error is not None and not of_policy):
             continue
-        why, text = decision.why, reply.text if motions is None else motions.lacks(reply)
+        why, text = decision.why, require_motions(space).lacks(reply) if of_policy else reply.text
         if reply.error is not None:
             why, text = reply.error, reply.error_detail
         seen = (decision.missing, why, printable(text))
         found[seen if seen in found or len(found) < _UNREAD_AT_MOST else (decision.missing, None, _OTHERS)] += 1
-    if motions is not None:  # texts of errors may hold an address or a count, each another one
+    if of_policy:  # texts of errors may hold an address or a count, each another one
         for seen, count in found.most_common()[_ROWS_OF_POLICIES:]:
             del found[seen]
             found[seen[0], None, _OTHERS] += count

@@ -15,9 +15,9 @@ class Format:
 
     ``opens`` is ``module:function``, called with the folder, the bank's place, the `Choices`, ``reads`` and
     ``progress``, and of ``table``, ``camera`` and ``ahead`` those that are among its ``options``; ``convert`` is one
-    too. ``folder`` says what the folder is, and ``sign`` is a file in it by which the format is recognised; one that
-    takes a table is recognised by that. ``extra`` is what its libraries are installed with, and ``refuses`` says why it
-    does not take an option of another.
+    too. ``folder`` says what the folder is, and ``sign`` is a file in it by which the format is recognised where
+    no table is given. ``extra`` is what its libraries are installed with, and ``refuses`` says why it does not take an
+    option of another.
     """
 
     opens: str
@@ -35,10 +35,6 @@ class Format:
         except ImportError as error:
             raise SourceError(f"this needs {error.name}: pip install 'eyechart[{self.extra}]'") from error
         return found
-
-    def is_source(self, folder: Path, given: Collection[str]) -> bool:
-        """Return whether a folder, with these options, looks like a source of this format."""
-        return "table" in given if "table" in self.options else (folder / self.sign).is_file()
 
 
 FORMATS: dict[str, Format] = {
@@ -70,15 +66,18 @@ def takers(option: str) -> str:
     return " or ".join(one.folder for one in FORMATS.values() if option in one.options)
 
 
-def find_format(name: str | None, folder: Path, given: Collection[str]) -> Format:
-    """Return the format of this name, or the one that is recognised; ``given`` are the options that were used.
+def find_format(name: str, folder: Path, given: Collection[str]) -> Format:
+    """Return the format of this name; ``given`` are the options that were used.
+
+    Where a table is to be read and none is given, a folder of another format is recognised.
 
     Raises SpecError for an unknown name, and where the format does not take what was given.
     """
-    if name is not None and name not in FORMATS:
+    if name not in FORMATS:
         raise SpecError(f"--format takes {' or '.join(FORMATS)}, not '{name}'{perhaps(name, tuple(FORMATS))}")
-    recognised = (known for known, one in FORMATS.items() if one.is_source(folder, given))
-    found = FORMATS[name or next(recognised, "table")]
+    found = FORMATS[name]
+    if "table" in found.options and "table" not in given:
+        found = next((one for one in FORMATS.values() if one.sign and (folder / one.sign).is_file()), found)
     if ("table" in found.options) != ("table" in given):
         others = " or ".join(known for known, one in FORMATS.items() if "table" not in one.options)
         raise SpecError(f"give --table FILE of the pictures, or --format {others}, and not both")

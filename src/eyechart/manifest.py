@@ -23,8 +23,8 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.records import build, parse_json, shown
-from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.discrete import Discrete, named_actions
+from eyechart.spaces.motion import require_motions
 from eyechart.spaces.reader import READER
 
 LEDGER = "ledger.sqlite"
@@ -204,10 +204,10 @@ class Manifest:
         if not isinstance(own, Prompt):
             return f"{name} {own}"
         space, theirs = own.space, other.prompt.space
-        if not isinstance(space, MotionSpace) or not isinstance(theirs, MotionSpace) or space == theirs:
+        if space == theirs or "model" in {own.who, other.prompt.who}:
             return f"{name} {own.key}"
-        apart = {what: mine for what, (mine, _) in space.apart(theirs).items()}
-        return f"motion with {', '.join(f'{what} {mine}' for what, mine in apart.items()) or 'another reflection'}"
+        apart = require_motions(space).apart(require_motions(theirs))
+        return f"motion with {', '.join(f'{what} {mine}' for what, (mine, _) in apart.items()) or 'another reflection'}"
 
     def _wider(self, other: Self) -> dict[str, Any]:
         """Return the bounds of both together; raises LedgerError where they cannot be."""
@@ -495,7 +495,7 @@ def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank
 
 def asked_space(bank: BankManifest, prompt: Prompt, reader: int = READER) -> Discrete:
     """Return the actions that are read from replies: the prompt's own, or the bank's."""
-    return (prompt.space if isinstance(prompt.space, Discrete) else bank.action_space).by(reader)
+    return named_actions(prompt.space, bank.action_space).by(reader)
 
 
 def read_run(path: Path, *, reread: bool = False) -> tuple[RunManifest, FrameBank]:

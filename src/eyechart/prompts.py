@@ -6,7 +6,6 @@ A formulation of one's own comes from a TOML file, and may say of each frame wha
 """
 
 import hashlib
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from eyechart.perception.view import View
 from eyechart.records import build, picked
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.motion import MotionSpace
-from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
+from eyechart.spaces.scene import HIGHWAY, SCENES
 from eyechart.spaces.space import AnySpace
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
@@ -49,9 +48,7 @@ class Prompt:
 
     def asks(self, space: Discrete) -> AnySpace:
         """Return the space of its answers, where the bank or the world has the actions of ``space``."""
-        if isinstance(self.space, Discrete):
-            return self.space.by(space.reader)
-        return space if self.space is None else self.space
+        return space if self.space is None else self.space.by(space.reader)
 
     @property
     def readers(self) -> tuple[int, ...]:
@@ -63,16 +60,17 @@ class Prompt:
         """Return who is asked so: a ``model``, or a ``policy``."""
         return (self.space or Discrete).who
 
+    @property
+    def asks_scene(self) -> bool:
+        """Return whether it asks for an estimate of the scene."""
+        return (self.space or Discrete).is_scene
+
     @cached_property
     def key(self) -> str:
         """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"
-        if isinstance(self.space, Discrete):
-            wording += f"\x1f{json.dumps(self.space.as_dict())}"
-        elif isinstance(self.space, MotionSpace):
-            wording += f"\x1f{json.dumps(self.space.as_dict(), sort_keys=True)}"
-        elif self.space is not None:
-            wording += f"\x1f{json.dumps(self.space.schema(), sort_keys=True)}"
+        if self.space is not None:
+            wording += f"\x1f{self.space.wording()}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
 
     @property
@@ -104,9 +102,7 @@ class Prompt:
         """Return the wording and its key as plain JSON values."""
         return {
             **picked(self, "name system user template" if self.template else "name system user"),
-            **({"action_space": self.space.as_dict()} if isinstance(self.space, Discrete) else {}),
-            **({"scene": True} if isinstance(self.space, SceneSpace) else {}),
-            **({"motion": self.space.as_dict()} if isinstance(self.space, MotionSpace) else {}),
+            **({} if self.space is None else self.space.written()),
             "key": self.key,
         }
 

@@ -20,7 +20,7 @@ from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
-from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.motion import MotionSpace, require_motions
 from eyechart.spaces.space import AnySpace
 from eyechart.stimuli import Stimuli
 
@@ -151,8 +151,7 @@ class MotionPlan(Plan):
     @property
     def motions(self) -> MotionSpace:
         """Return what a motion is."""
-        assert isinstance(self.space, MotionSpace)
-        return self.space
+        return require_motions(self.space)
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a policy is given in a call."""

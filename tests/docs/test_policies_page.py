@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.conditions import conditions_of
+from eyechart.conditions.policies import conditions_of
 from eyechart.models.policy_callable import DECLARED
 from eyechart.simulators import open_bank_simulator
 from eyechart.verdicts.channels import AXES

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import photographs
 from data_sets import CAMERA, REAR, arm, arrow, describe, film, first_rows, lerobot, places, reach, rewrite, write_table
+from eyechart.cli.app import app
 from eyechart.errors import EyechartError, SourceError
-from eyechart.frames import FrameBank, check, decode
+from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot
 from eyechart.importing.costs import taken
 from eyechart.importing.layout import video_of
@@ -606,3 +608,18 @@ def test_nothing_hangs_and_nothing_grows_without_bound(tmp_path: Path) -> None:
     assert [line.endswith("is no plain file") for line in lines] == [True] * 4 + [False] * 2
     assert lines[4].endswith("info.json has more than 4000000 bytes, too many for the description of a data set")
     assert lines[5].endswith("info.json lists 1900 cameras; the limit is 64")
+
+
+def test_a_data_set_is_recognised_without_its_format(tmp_path: Path) -> None:
+    """By a file of its folder; with it, all is as it was, and an option of a table is refused by its name."""
+    lerobot(tmp_path / "set", episodes=4, length=6)
+    told = ("frames", "import", str(tmp_path / "set"), "--every", "2")
+    banks = []
+    for name, more in (("told", ("--format", "lerobot")), ("found", ())):
+        done = CliRunner().invoke(app, [*told, *more, "--out", str(tmp_path / name)])
+        assert done.exit_code == 0, done.output
+        banks.append(open_bank(tmp_path / name))
+    assert banks[0].manifest.fingerprint == banks[1].manifest.fingerprint
+    refused = CliRunner().invoke(app, [*told, "--convert", "--out", str(tmp_path / "bank")])
+    assert "--convert is for the pictures of --table" in str(refused.exception)
+    assert not (tmp_path / "bank").exists()

@@ -14,7 +14,8 @@ import parquets
 import photographs
 from data_sets import CAMERA, REAR, arm, arrow, film, lerobot, reach, write_table
 from eyechart.channels import reflected
-from eyechart.conditions import conditions_of, show
+from eyechart.conditions import show
+from eyechart.conditions.policies import conditions_of
 from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
@@ -75,7 +76,8 @@ from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]), int(sys.argv[3])))
 from eyechart.importing import Choices, import_table
 from eyechart.channels import reflected
-from eyechart.conditions import conditions_of, show
+from eyechart.conditions import show
+from eyechart.conditions.policies import conditions_of
 from eyechart.errors import SourceError, SpecError
 try:
     import_table(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[1]) / "bank", Choices())
@@ -112,7 +114,8 @@ BEYOND = """
 import sys
 from pathlib import Path
 from eyechart.channels import reflected
-from eyechart.conditions import conditions_of, show
+from eyechart.conditions import show
+from eyechart.conditions.policies import conditions_of
 from eyechart.errors import SourceError, SpecError
 from eyechart.importing.parquet import open_parquet
 for path in map(Path, sys.argv[1:]):

@@ -10,7 +10,7 @@ import pytest
 
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
-from eyechart.policies import POLICIES, Observation, is_policy, open_policy
+from eyechart.policies import REFERENCES, Observation, is_policy, open_policy
 from eyechart.simulators import open_simulator
 from eyechart.spaces.discrete import DRIVING, Discrete
 
@@ -106,6 +106,6 @@ def test_an_oracle_without_a_scene_says_what_is_missing() -> None:
 
 def test_every_other_spec_is_a_models() -> None:
     """A policy is known by its first word."""
-    assert all(is_policy(kind) for kind in POLICIES)
+    assert all(is_policy(kind) for kind in REFERENCES)
     assert not is_policy("scripted:constant")
     assert not is_policy("openai:oracle")

@@ -14,7 +14,7 @@ from eyechart.calls import Query, Reply
 from eyechart.ledger import Ledger
 from eyechart.prompts import Prompt
 from eyechart.run import Plan, execute
-from eyechart.spaces.space import Answer, Decision, unanswered
+from eyechart.spaces.space import Answer, Decision, Usual, unanswered
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.published import Resampling
@@ -27,7 +27,7 @@ Chunk = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
-class Chunks:
+class Chunks(Usual):
     """The next eight commands at once, each of three numbers; the first of them is exchanged by a reflection."""
 
     reader: ClassVar[int] = 1

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import arms
 from eyechart import channels
 from eyechart.cli.app import app
-from eyechart.conditions import subset_conditions
+from eyechart.conditions.policies import subset_conditions
 from eyechart.errors import BankError
 from eyechart.frames import FrameBank
 from eyechart.simulators import open_bank_simulator

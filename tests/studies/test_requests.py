@@ -164,12 +164,12 @@ def test_another_encoder_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("eyechart.frames.pictures.encode", otherwise)
     for name in ("encode", "stored"):
         monkeypatch.setattr(conditions, name, otherwise)
-    conditions.table._grey.cache_clear()
+    conditions._grey.cache_clear()
     assert battery.score(run).models[MODEL].answered
     change(run, lambda name: name == "text_only")
     with pytest.raises(LedgerError, match="under text_only"):
         battery.score(run)
-    conditions.table._grey.cache_clear()
+    conditions._grey.cache_clear()
 
 
 def test_pictures_that_are_gone_or_were_changed_since_say_nothing_of_a_run(bank: FrameBank, tmp_path: Path) -> None:

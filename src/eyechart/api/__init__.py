@@ -7,13 +7,16 @@ What the command line does step by step is done here in one call each; the steps
 from eyechart.api.battery import AskedModel, Report, build_bank, read_report, run_battery
 from eyechart.api.looking import look
 from eyechart.api.policy import AskedPolicy, PolicyReport, examine_policy, read_policies, run_policies
+from eyechart.api.prompts import PromptsReport, compare_prompts
 
 __all__ = [
     "AskedModel",
     "AskedPolicy",
     "PolicyReport",
+    "PromptsReport",
     "Report",
     "build_bank",
+    "compare_prompts",
     "examine_policy",
     "look",
     "read_policies",

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, own_pictures, partners
-from eyechart.conditions import EXCHANGED, OVER, conditions_of
+from eyechart.conditions import EXCHANGED, OVER
+from eyechart.conditions.policies import conditions_of
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.verdicts.channels import AXES

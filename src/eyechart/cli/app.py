@@ -81,10 +81,9 @@ def policies(json: Json = False) -> None:
 @listing.command()
 def conditions(json: Json = False) -> None:
     """List the input conditions and what each asks; those over a CHANNEL or CAMERA are of policies."""
-    from eyechart.conditions import CONDITIONS, listed_conditions
+    from eyechart.conditions.policies import listed_conditions
 
-    of_pictures = {name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}
-    _show({**listed_conditions(), **of_pictures}, json=json)
+    _show(listed_conditions(), json=json)
 
 
 @listing.command()

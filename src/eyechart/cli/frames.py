@@ -92,10 +92,7 @@ class Described:
         str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
     ] = ""
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
-    format_: Annotated[
-        str | None,
-        typer.Option("--format", help=f"{' or '.join(FORMATS)}; default: as --table or a file of the folder tells."),
-    ] = None
+    format_: Annotated[str, typer.Option("--format", help=f"{' or '.join(FORMATS)}.")] = "table"
     camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
     rig: Annotated[
         Path | None,
@@ -252,7 +249,8 @@ def check(
 
 def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
     """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
-    from eyechart.conditions import undrawn_controls, unshown_channels
+    from eyechart.conditions import undrawn_controls
+    from eyechart.conditions.policies import unshown_channels
     from eyechart.frames import open_bank
     from eyechart.importing.notes import notes
 
@@ -350,7 +348,8 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
     from eyechart.channels import channels_of
     from eyechart.cli.terminal import print_each
-    from eyechart.conditions import available, by_reason, conditions_of, subset_conditions
+    from eyechart.conditions import available, by_reason
+    from eyechart.conditions.policies import conditions_of, subset_conditions
     from eyechart.importing.notes import notes
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.axes import OF_DATA_SET, SURENESS

@@ -1,93 +1,529 @@
-"""What is shown of a frame, and of whom else: one table of conditions, for models and for policies."""
+"""An input condition decides what is shown of a frame of a bank or a world; the rest of the query stays the same."""
 
-from eyechart.channels import OVER
-from eyechart.conditions.policies import (
-    conditions_of,
-    further_conditions,
-    listed_conditions,
-    subset_conditions,
-    unshown_channels,
-)
-from eyechart.conditions.table import (
-    ABSENT,
-    AGAIN,
-    BATTERY,
-    CONDITIONS,
-    CONTROLS,
-    COUNTERFACTUALS,
-    EXCHANGED,
-    FEWEST,
-    MID_GREY,
-    NUDGES,
-    OF_BANKS,
-    OF_WORLDS,
-    OLDER,
-    PARTNERS,
-    RANGED,
-    SAMPLED,
-    SHARE,
-    TABLE,
-    Condition,
-    asked_in_stages,
-    available,
-    by_reason,
-    find_condition,
-    flip,
-    is_nudged,
-    partner,
-    require_camera,
-    require_partners,
-    require_shown,
-    sample,
-    seed_of,
-    show,
-    shuffled_order,
-    sources,
-    speaker,
-    undrawn_controls,
-)
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any
 
-__all__ = [
-    "ABSENT",
-    "AGAIN",
-    "BATTERY",
-    "CONDITIONS",
-    "CONTROLS",
-    "COUNTERFACTUALS",
-    "EXCHANGED",
-    "FEWEST",
-    "MID_GREY",
-    "NUDGES",
-    "OF_BANKS",
-    "OF_WORLDS",
-    "OLDER",
-    "OVER",
-    "PARTNERS",
-    "RANGED",
-    "SAMPLED",
-    "SHARE",
-    "TABLE",
-    "Condition",
-    "asked_in_stages",
-    "available",
-    "by_reason",
-    "conditions_of",
-    "find_condition",
-    "flip",
-    "further_conditions",
-    "is_nudged",
-    "listed_conditions",
-    "partner",
-    "require_camera",
-    "require_partners",
-    "require_shown",
-    "sample",
-    "seed_of",
-    "show",
-    "shuffled_order",
-    "sources",
-    "speaker",
-    "subset_conditions",
-    "undrawn_controls",
-    "unshown_channels",
-]
+import numpy as np
+
+from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
+from eyechart.errors import BankError, SpecError, meant, require_known
+from eyechart.frames import RGB, Camera, Frame, Source, Stimulus, decode, encode, stored
+from eyechart.seeds import key_seed
+from eyechart.stats.partners import NOBODY
+
+MID_GREY = 128
+OVER = "@"
+"""Stands between a condition and the camera or channel over which it is shown: ``blank@wrist``, ``swapped@state``."""
+AGAIN, ABSENT = "real_again", "lead_absent"
+"""The true picture in the stage of the picture without the lead, of frames that have the latter."""
+EXCHANGED = "exchanged"
+"""The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
+_MODELS, _POLICIES = frozenset({"model"}), frozenset({"policy"})
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One row of Table t:conditions: what it shows, and the question that it answers.
+
+    ``make(frame, source, seed)`` returns the stimulus; it raises BankError where the source cannot supply it. ``seed``
+    is the frame's own, so the order of calls has no say. ``needs`` are what a source must have: an ``axis`` of
+    reflection, a ``partner`` in the scenario, a ``stranger`` of another, a ``counterfactual`` picture of the same
+    moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``. A ``control`` is asked
+    to take a claim away, never to make one. ``drawn`` is the counterfactual that it is made of, where that has another
+    name. ``over`` says what may stand behind its name: a ``camera``, nothing (""), or a ``channel``, which must, and is
+    then what ``make`` is called with first. ``asked`` are who may be asked so: a ``model``, a ``policy``, or both.
+    """
+
+    name: str
+    image: str
+    asks: str
+    make: Callable[..., Stimulus]
+    needs: frozenset[str] = frozenset()
+    drawn: str = ""
+    over: str = "camera"
+    asked: frozenset[str] = _MODELS
+
+
+def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
+    """Return other pictures with what else is said of a frame."""
+    return Stimulus(images, frame.fields, frame.state)
+
+
+def _real(frame: Frame, source: Source, _: int) -> Stimulus:
+    return _shown(frame, source.images(frame))
+
+
+def _again(frame: Frame, source: Source, _: int) -> Stimulus:
+    if ABSENT not in frame.counterfactuals:
+        raise BankError(f"frame '{frame.id}' has no picture {ABSENT}, with which {AGAIN} is asked")
+    return _shown(frame, source.images(frame))
+
+
+def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
+    shapes = source.shapes(frame).items()
+    return _shown(frame, {name: _grey(shape) for name, shape in shapes})
+
+
+@lru_cache(maxsize=8)
+def _grey(shape: tuple[int, int, int]) -> bytes:
+    return encode(np.full(shape, MID_GREY, dtype=np.uint8))
+
+
+def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
+    rng, shapes = np.random.default_rng(seed), source.shapes(frame).items()
+    written = stored if source.stores_noise else encode
+    return _shown(frame, {name: written(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
+
+
+def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what shows the picture of a frame's partner under this condition."""
+    return lambda frame, source, seed: _shown(frame, source.images(partner(frame, source, seed, name)))
+
+
+def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
+    if frame.mirror_axis == "none":
+        raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
+    seen, axes = source.images(frame), {one.name: one.mirror_axis for one in frame.cameras}
+    images = {}
+    for one in frame.cameras:
+        other = one.mirrors or one.name
+        images[one.name] = encode(flip(decode(seen[other], frame.pictures[other]), axes[other]))
+    return _shown(frame, images)
+
+
+def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what makes a counterfactual of this name."""
+    return lambda frame, source, _: _shown(frame, source.images(frame, name))
+
+
+def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what nudges the true pictures, or those of a counterfactual; what a frame has by this name is shown as is.
+
+    One value of one pixel is changed by one level: other files, the same pictures. The pixel is one of the first row,
+    the sky or the verge of a road: a reader of exact colours loses nothing there.
+    """
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        if name in frame.counterfactuals:
+            return _shown(frame, source.images(frame, name))
+        rng, images = np.random.default_rng(seed), {}
+        files = frame.pictures if of is None else frame.counterfactuals.get(of, {})
+        for camera, picture in source.images(frame, of).items():
+            pixels = decode(picture, files[camera]).copy()
+            _, width, channels = pixels.shape
+            pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
+            images[camera] = encode(pixels)
+        return _shown(frame, images)
+
+    return make
+
+
+def is_nudged(picture: bytes, of: bytes) -> bool:
+    """Return whether a picture is another with one value of one pixel changed by one level."""
+    one, other = (decode(each, "a picture").astype(np.int16) for each in (picture, of))
+    return one.shape == other.shape and int(np.abs(one - other).sum()) == 1
+
+
+def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
+    return replace(_real(frame, source, seed), fields=speaker(frame, source, seed).fields)
+
+
+def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what makes a counterfactual, of which another episode's instruction is told."""
+    return lambda frame, source, _: replace(
+        _shown(frame, source.images(frame, name)), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
+    )
+
+
+def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
+    """Return what shows a frame with one channel of its partner, or, if kept, with all of the partner's but one."""
+
+    def make(channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
+        own, other = frame, partner_of(frame, source, base, channel)
+        given, taken = (other, own) if base == "kept" else (own, other)
+        images = dict(source.images(given))
+        if channel == CAMERAS:
+            images = dict(source.images(taken))
+        elif channel.startswith(CAMERA):
+            name = channel.removeprefix(CAMERA)
+            require_picture(name, frame, images)
+            images[name] = source.images(taken)[name]
+        fields = taken.fields if channel == INSTRUCTION else given.fields
+        return Stimulus(images, fields, taken.state if channel == STATE else given.state)
+
+    return make
+
+
+def require_picture(camera: str, frame: Frame, images: Mapping[str, bytes]) -> None:
+    """Raise BankError where a frame has no picture of a camera."""
+    if camera not in images:
+        raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
+
+
+_AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
+_CONTROL = frozenset({"control"})
+_BOTH = _MODELS | _POLICIES
+
+
+def _moment(name: str, image: str, asks: str, also: frozenset[str] = frozenset(), **how: Any) -> Condition:  # noqa: ANN401
+    """Return a condition that shows the same moment with one thing changed."""
+    return Condition(name, f"same moment, {image}", asks, _drawn(name), _DRAWN | also, **how)
+
+
+TABLE: dict[str, Condition] = {
+    one.name: one
+    for one in (
+        Condition("real", "true frame", "reference", _real, asked=_BOTH),
+        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real, asked=_BOTH),
+        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank, asked=_BOTH),
+        Condition("noise", "uniform random RGB", "is any content used?", _noise, asked=_BOTH),
+        Condition(
+            "shuffled", "other frame, same scenario", "is this frame used?", _other("shuffled"), frozenset({"partner"})
+        ),
+        Condition(
+            "cross_scenario",
+            "frame, other scenario",
+            "is scene context used?",
+            _other("cross_scenario"),
+            frozenset({"stranger"}),
+        ),
+        Condition("text_only", "none", "prompt alone sufficient?", lambda frame, *_: _shown(frame, {})),
+        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS, asked=_BOTH),
+        _moment("lead_near", "lead vehicle near", "does distance decide?"),
+        _moment("lead_far", "lead vehicle far", "does distance decide?"),
+        *(
+            Condition(
+                f"{TOLD}{name}" if told else name,
+                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if told else ''}",
+                "is the named one followed?" if told else "is the object followed?",
+                _told(name) if told else _drawn(name),
+                _DRAWN,
+                name,
+                over="",
+                asked=_POLICIES,
+            )
+            for told in (False, True)
+            for name in MOVES
+        ),
+        _moment(EXCHANGED, "the objects' colours exchanged", "does it know which is which?", asked=_POLICIES),
+        _moment("recoloured", "ego recoloured", "does paint decide?", asked=_BOTH),
+        _moment("decoys", "further objects", "do others distract it?", over="", asked=_POLICIES),
+        _moment("lane_own", "lead near, neighbour far", "does it matter who is near?", _CONTROL),
+        _moment("lane_beside", "neighbour near, lead far", "does it matter who is near?", _CONTROL),
+        _moment("lead_mid_near", "lead at 9.1 to 20 m", "does its braking fall with distance?", _CONTROL),
+        _moment("lead_mid_far", "lead at 20 to 49 m", "does its braking fall with distance?", _CONTROL),
+        _moment("lead_absent", "no lead vehicle", "does any lead decide, however far?", _CONTROL),
+        Condition(
+            "real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _again, _CONTROL, ABSENT
+        ),
+        Condition(
+            "nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL, asked=_BOTH
+        ),
+        *(
+            Condition(
+                f"{name}_nudged" if again else name,
+                f"same moment, {image}{', one value off by one' if again else ''}",
+                "does it repeat what it said?" if again else asks,
+                _nudged(f"{name}_nudged", name) if again else _drawn(name),
+                _DRAWN | _CONTROL,
+                name,
+            )
+            for name, image, asks, both in (
+                ("lead_near", "lead vehicle near", "does distance decide?", (True,)),
+                ("lead_drawn", "lead anywhere", "does its braking fall with distance?", (False, True)),
+                ("exchange_own", "lead anywhere, neighbour far", "does it matter who is near?", (False, True)),
+                ("exchange_beside", "neighbour anywhere, lead far", "does it matter who is near?", (False,)),
+                ("exchange_apart", "lead and neighbour far", "how does it answer with nobody near?", (False,)),
+            )
+            for again in both
+        ),
+        Condition(
+            "text_swapped",
+            "true frame, other text",
+            "does the text decide?",
+            _text_swapped,
+            frozenset({"text"}),
+            over="",
+        ),
+        *(
+            Condition(base, image, asks, _exchanged(base), over="channel", asked=_POLICIES)
+            for base, image, asks in (
+                ("swapped", "another episode's", "does the channel decide?"),
+                ("matched", "that of another episode at a similar state", "does it tell more than the state?"),
+                (
+                    "near",
+                    "that of its own episode, as far off in its state as the matched one or farther",
+                    "is it no more than the pose?",
+                ),
+                ("kept", "its own, all others another episode's", "is the channel enough?"),
+                (ALONE, "that of the moment whose pictures are swapped", "what is its Shapley share?"),
+            )
+        ),
+        Condition(
+            "frozen",
+            "first picture of the drive",
+            "is the picture of now used?",
+            _drawn("frozen"),
+            frozenset({"drive"}),
+        ),
+    )
+}
+"""All conditions: of banks, of worlds that are driven, and of the channels of a policy."""
+
+CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= _MODELS}
+"""Those of models."""
+
+PARTNERS: tuple[str, ...] = tuple(name for name, one in TABLE.items() if one.over == "channel")
+"""Those that show another frame's channel: any, one of a similar state, of the own episode; all but one."""
+
+BATTERY: tuple[str, ...] = (
+    "real",
+    "real_repeat",
+    "blank",
+    "noise",
+    "shuffled",
+    "cross_scenario",
+    "text_only",
+    "mirrored",
+)
+"""The eight conditions of Table t:conditions; the paper's statistics are of these, whatever else is asked."""
+
+CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "control" in one.needs)
+"""What takes away a claim that rests on something else than the distance of the lead; asked by name."""
+
+NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
+"""Controls that show a counterfactual again, one value off by one: made of its picture, or given with a bank."""
+
+RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
+"""Controls with distances over all that a world can show, and what is asked with them."""
+
+OLDER: tuple[str, ...] = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
+"""Controls with a few distances: what is asked of a bank that has none over all of them."""
+
+COUNTERFACTUALS: tuple[str, ...] = tuple(
+    name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
+)
+"""Pictures of the same moment with one thing changed, where the simulator can draw them."""
+
+OF_BANKS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "drive" not in one.needs)
+"""What a bank may supply; a battery asks for all that it does but the controls."""
+
+OF_WORLDS: tuple[str, ...] = tuple(
+    name for name, one in CONDITIONS.items() if one.needs <= {"axis", "partner", "drive"}
+)
+"""What a world that is driven supplies: of each moment its pictures, other worlds' and the first of the drive."""
+
+
+def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
+    """Return the frame whose picture ``shuffled`` or ``cross_scenario`` shows; never the frame itself.
+
+    Raises BankError, naming frame and scenario, where the source holds no such frame.
+    """
+    mine = source.scenarios[frame.scenario]
+    if condition == "shuffled":
+        others, need = len(mine) - 1, f"another frame in scenario '{frame.scenario}'"
+    else:
+        others, need = len(source.frames) - len(mine), f"a frame of another scenario than '{frame.scenario}'"
+    if not others:
+        raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
+    place = int(np.random.default_rng(seed).integers(others))
+    if condition == "shuffled":
+        return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
+    elsewhere = [frames for scenario, frames in source.scenarios.items() if scenario != frame.scenario]
+    while place >= len(elsewhere[0]):  # no list of all their frames: a bank may hold many thousands
+        place -= len(elsewhere.pop(0))
+    return elsewhere[0][place]
+
+
+def flip(pixels: RGB, axis: str) -> RGB:
+    """Return the picture, shape (h, w, 3), flipped across the lane axis: rows for vertical, columns for horizontal.
+
+    Raises SpecError for any other axis.
+    """
+    if axis not in {"vertical", "horizontal"}:
+        raise SpecError(f"a picture is flipped across the axis vertical or horizontal, not '{axis}'")
+    return pixels[::-1] if axis == "vertical" else pixels[:, ::-1]
+
+
+def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulus:
+    """Return what a condition shows of a frame.
+
+    The stimulus is seeded from (condition, frame, run seed), so every model sees the same one.
+    """
+    who = min(_row(condition).asked)
+    return find_condition(condition, who).make(frame, source, seed_of(condition, frame, run_seed))
+
+
+def seed_of(condition: str, frame: Frame, run_seed: int) -> int:
+    """Return the seed of a frame's stimulus under a condition."""
+    kind = "text" if "text" in _row(condition).needs else "stimulus"
+    return key_seed(kind, run_seed, condition, frame.id)
+
+
+def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
+    """Return the files of the bank of which a condition's pictures of a frame are made, none where it shows none."""
+    base, over, camera = name.partition(OVER)
+    row, files = _row(name), frame.pictures
+    if row.over == "channel":
+        files = partner_of(frame, source, base, camera).pictures
+    elif base == "text_only":
+        files = {}
+    elif "counterfactual" in row.needs:
+        files = frame.counterfactuals[base if base in frame.counterfactuals else row.drawn or base]
+        files = {camera: files[camera]} if over else files
+    elif row.needs & {"partner", "stranger"}:
+        files = partner(frame, source, seed_of(name, frame, run_seed), base).pictures
+    return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
+
+
+def speaker(frame: Frame, source: Source, seed: int) -> Frame:
+    """Return the frame of which the prompt speaks under text_swapped.
+
+    It says something else in the fields of the prompt, and is of the same scenario where there is such a frame. Raises
+    BankError where no frame of the bank says anything else.
+    """
+    told = [frame.fields[field] for field in source.said]
+    others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
+    near = [other for other in others if other.scenario == frame.scenario] or others
+    if not near:
+        raise BankError(f"frame '{frame.id}' cannot be told another frame's text: all frames say the same {told}")
+    return near[int(np.random.default_rng(seed).integers(len(near)))]
+
+
+def find_condition(name: str, who: str = "model") -> Condition:
+    """Return the condition of this name, also over one camera or channel; raises SpecError that lists the known ones.
+
+    ``who`` is asked so: a ``model``, or a ``policy``.
+    """
+    base, over, what = name.partition(OVER)
+    row = TABLE.get(base)
+    if row is None or who not in row.asked or not _may_be_over(row, over, what):
+        of, near = (" of a policy", name) if who == "policy" else ("", base)
+        known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
+        raise SpecError(f"unknown condition '{name}'{of};{meant(near, known)} known are {', '.join(known)}")
+    return _over(row, what) if over else row
+
+
+def asked_of(who: str) -> list[Condition]:
+    """Return the conditions that a ``model`` or a ``policy`` may be asked."""
+    return [one for one in TABLE.values() if who in one.asked]
+
+
+def _may_be_over(row: Condition, over: str, what: str) -> bool:
+    """Return whether what stands behind a condition's name may stand there."""
+    if row.over == "channel":
+        return what in {CAMERAS, STATE, INSTRUCTION} or what.startswith(CAMERA)
+    return not over or bool(row.over)
+
+
+def _row(name: str) -> Condition:
+    """Return the row of a condition, whoever is asked so; raises SpecError where there is none."""
+    return TABLE.get(name.partition(OVER)[0]) or find_condition(name)
+
+
+def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
+    """Return why conditions are left out by the names of all that one reason leaves out, with commas."""
+    names: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        names.setdefault(why, []).append(name)
+    return {", ".join(many): why for why, many in names.items()}
+
+
+def require_shown(name: str, cameras: Sequence[Camera]) -> None:
+    """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
+    base = name.partition(OVER)[0]
+    require_known(f"condition '{base}' of a closed loop", base, OF_WORLDS)
+    if "axis" in CONDITIONS[base].needs and any(one.mirror_axis == "none" for one in cameras):
+        raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, and this one has none")
+    require_camera(name, cameras)
+
+
+def require_camera(name: str, cameras: Sequence[Camera]) -> None:
+    """Raise SpecError where a condition is of one camera that is none of these."""
+    _, over, camera = name.partition(OVER)
+    if over and camera not in (names := [one.name for one in cameras]):
+        raise SpecError(
+            f"condition '{name}': there is no camera '{camera}';{meant(camera, names)} there are {', '.join(names)}"
+        )
+
+
+def _over(whole: Condition, camera: str) -> Condition:
+    """Return a condition over a channel, or over one camera: the others show the true pictures."""
+    name = f"{whole.name}{OVER}{camera}"
+    if whole.over == "channel":
+        return replace(whole, name=name, image=f"{camera}: {whole.image}", make=partial(whole.make, camera))
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        made, images = whole.make(frame, source, seed), {**source.images(frame)}
+        require_picture(camera, frame, images)
+        if camera in made.images:
+            images[camera] = made.images[camera]
+        else:
+            del images[camera]
+        return replace(made, images=images)
+
+    return replace(whole, name=name, image=f"{whole.image}, over {camera}", make=make)
+
+
+def require_partners(names: Sequence[str], source: Source) -> None:
+    """Raise BankError before any call is made if a frame lacks the partner or the other text that a condition needs."""
+    for name in names:
+        needs = find_condition(name).needs
+        if needs & {"partner", "stranger"}:
+            for frames in source.scenarios.values():
+                partner(frames[0], source, 0, name.partition(OVER)[0])
+        elif "text" in needs:
+            speaker(source.frames[0], source, 0)
+
+
+def available(name: str, frame: Frame, source: Source | None = None) -> bool:
+    """Return whether a frame can be shown under a condition; one over a channel is asked of the ``source`` too.
+
+    A counterfactual picture that was not drawn and a missing mirror axis are absences that scoring reports.
+    A bank too small for ``shuffled`` or ``cross_scenario`` is an error, raised when its picture is made.
+    """
+    base, _, what = name.partition(OVER)
+    row = _row(name)
+    if row.over == "channel":
+        return source is not None and partner_place(frame, source, base, what) != NOBODY
+    if row.drawn or "counterfactual" in row.needs:
+        return base in frame.counterfactuals or row.drawn in frame.counterfactuals
+    return not ("axis" in row.needs and frame.mirror_axis == "none")
+
+
+SAMPLED, SHARE = (ABSENT, AGAIN), 0.05
+"""Controls that are asked of some frames alone, where answers call for them: so much of a run's other calls."""
+FEWEST = 25
+"""Frames that such a control is asked of at least, where there are so many: fewer could never bound an effect."""
+
+
+def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[str]:
+    """Return of which frames a control in `SAMPLED` is asked: of those ``shown`` under it, in a run of so many calls.
+
+    They are the first in the order that comes from the seed and their ids, see `shuffled_order`. `AGAIN` comes after
+    `ABSENT`, whose calls are among the others.
+    """
+    most = min(len(shown), max(FEWEST, int(SHARE * calls + 1e-9)))
+    if name == AGAIN:
+        most = min(most, int(SHARE * (calls + most) + 1e-9))
+    return frozenset(shuffled_order(shown, seed)[:most])
+
+
+def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
+    """Return ids of frames in an order in which each one's place comes from the seed and the id alone."""
+    return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
+
+
+def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
+    """Return the controls that the stages of a run may ask, of those ``supplied``: over all distances, or the older."""
+    left_out = OLDER if set(RANGED) <= set(supplied) else RANGED
+    return tuple(name for name in CONTROLS if name in supplied and name not in left_out)
+
+
+def undrawn_controls(source: Source) -> dict[str, int]:
+    """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
+    drawn = (name for name in CONTROLS if name not in {*NUDGES, AGAIN})
+    have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
+    return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

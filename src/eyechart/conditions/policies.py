@@ -8,7 +8,6 @@ from eyechart.channels import (
     CAMERA,
     CAMERAS,
     INSTRUCTION,
-    OVER,
     STATE,
     TOLD,
     channels_of,
@@ -16,14 +15,16 @@ from eyechart.channels import (
     partners,
     whose,
 )
-from eyechart.conditions.table import EXCHANGED, PARTNERS, TABLE, available
+from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, available
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
 
 LEAST_MATCHED = 0.25
 """Of fewer frames with a partner at a similar state nothing is asked of those that have one."""
-_DRAWN = tuple(name for name, one in TABLE.items() if "counterfactual" in one.needs and "policy" in one.asked)
+_DRAWN = tuple(one.name for one in asked_of("policy") if "counterfactual" in one.needs)
+_PLAIN = {"real", "real_repeat", "nudged", "blank", "noise", "mirrored"}
+_FURTHER = tuple(one.name for one in asked_of("policy") if one.name not in {*_PLAIN, *_DRAWN, *PARTNERS})
 
 
 def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -40,7 +41,7 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
         elif over:
             every.append(f"blank{OVER}{over}")
             every += [f"{EXCHANGED}{OVER}{over}"] if all(EXCHANGED in frame.counterfactuals for frame in bank) else []
-    every += [*(["mirrored"] if reading else []), *_DRAWN]
+    every += [*(["mirrored"] if reading else []), *_DRAWN, *_FURTHER]
     for name in every:
         if why := _lacking(name, bank):
             left_out[name] = why
@@ -58,12 +59,12 @@ def further_conditions(bank: FrameBank) -> tuple[str, ...]:
 
 
 def listed_conditions() -> dict[str, str]:
-    """Return the conditions of policies that stand over a channel or a camera, or are drawn, each in words."""
+    """Return all conditions in words, first those of policies that stand over a channel or a camera, or are drawn."""
     every = {f"{name}{OVER}CHANNEL": TABLE[name] for name in PARTNERS} | {name: TABLE[name] for name in _DRAWN}
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
         listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
-    return listed
+    return listed | {name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:

@@ -54,7 +54,6 @@ from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
 from eyechart.spaces.discrete import DRIVING, read_toml
-from eyechart.spaces.scene import SceneSpace
 
 if TYPE_CHECKING:  # a score probes no model
     from eyechart.probe import Sample
@@ -267,7 +266,7 @@ def _drivers(
         prompt=prompt,
         space=space,
         seed=setup.seed,
-        answers=SceneSpace(distances_of(world.camera)) if isinstance(answers, SceneSpace) else answers,
+        answers=answers.in_world(distances_of(world.camera)),
         silent=SILENCES[setup.silence],
     )
 

@@ -24,7 +24,6 @@ from eyechart.perception.view import find_view
 from eyechart.policies import Policy, open_policy
 from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import SIMULATORS, Simulator, open_simulator
-from eyechart.spaces.scene import SceneSpace
 
 _CLOSE = 1e-9
 _UNDER_WAY = 8
@@ -171,7 +170,7 @@ def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[
         prompt=manifest.prompt,
         space=space,
         seed=manifest.seed,
-        answers=SceneSpace(distances_of(simulator.declared.camera)) if isinstance(answers, SceneSpace) else answers,
+        answers=answers.in_world(distances_of(simulator.declared.camera)),
         view=find_view(manifest.view),
         silent=SILENCES[manifest.silence],
     )

@@ -10,7 +10,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
 from eyechart.prompts import close_m_of
-from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
+from eyechart.spaces.scene import SCENE_READER, SCENES
 from eyechart.studies.guardian import VIEWS, VOTE_READER, Frozen, read_vote
 
 Answer = Literal["hazard", "clear", "abstain"]
@@ -75,7 +75,7 @@ def interface_of(frozen: Frozen) -> Interface:
             "this guardian's votes came from a table, so its prompt and view are not known here: give Guardian.load an "
             "interface of your own"
         )
-    if not isinstance(prompt.space, SceneSpace) or prompt.fields:
+    if not prompt.asks_scene or prompt.fields:
         said = f"says {{{prompt.fields[0]}}} of a frame" if prompt.fields else "asks for no scene"
         raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
     if about.voting not in {None, VOTE_READER}:

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import cast
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of
-from eyechart.conditions import OVER, by_reason, conditions_of, undrawn_controls
+from eyechart.conditions import OVER, by_reason, undrawn_controls
+from eyechart.conditions.policies import conditions_of
 from eyechart.frames import EXCHANGE, LEAD, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID

@@ -39,7 +39,7 @@ class Policy(Protocol):
 Recorded = Callable[[Path], Mapping[str, int]]
 """Returns how often each action was decided in a run's folder; it comes from above, where runs can be read."""
 
-POLICIES: dict[str, str] = {
+REFERENCES: dict[str, str] = {
     "constant": "eyechart.policies.baselines:constant",
     "random": "eyechart.policies.baselines:Uniform",
     "marginal": "eyechart.policies.baselines:marginal",
@@ -48,8 +48,8 @@ POLICIES: dict[str, str] = {
     "mirrored": "eyechart.policies.scripted:mirrored",
     "positive_control": "eyechart.policies.scripted:PositiveControl",
 }
-"""What a SPEC's first word means: ``module:function``, called with what stands after the colon, the action space and
-how to read a run's decisions. Any other SPEC is a model's.
+"""Policies that need no model, by a SPEC's first word: ``module:function``, called with what stands after the colon,
+the action space and how to read a run's decisions. Any other SPEC is a model's.
 """
 
 
@@ -60,7 +60,7 @@ BARE = {"random": (), "oracle": _SIDES, "route": ("STOP", *_SIDES), "positive_co
 
 def is_policy(spec: str) -> bool:
     """Return whether a SPEC names a policy that is no model."""
-    return spec.partition(":")[0] in POLICIES
+    return spec.partition(":")[0] in REFERENCES
 
 
 def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
@@ -69,15 +69,15 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
     Raises SpecError for an unknown name, and for what the policy cannot do with these actions.
     """
     kind, _, name = spec.partition(":")
-    if kind not in POLICIES:
+    if kind not in REFERENCES:
         raise SpecError(
-            f"unknown policy '{spec}';{meant(spec, POLICIES)} known are {', '.join(POLICIES)}, and any model's SPEC"
+            f"unknown policy '{spec}';{meant(spec, REFERENCES)} known are {', '.join(REFERENCES)}, and any model's SPEC"
         )
     if name and kind in BARE:
         raise SpecError(f"'{spec}': policy '{kind}' stands alone")
     if lacking := [action for action in BARE.get(kind, ()) if action not in space.actions]:
         raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
-    module, _, function = POLICIES[kind].partition(":")
+    module, _, function = REFERENCES[kind].partition(":")
     opened = getattr(import_module(module), function)
     policy: Policy = opened() if kind in BARE else opened(name, space, recorded)
     return policy

@@ -3,6 +3,7 @@
 The decision is found in a reply's verbatim text: strictly, the same way every time, and never guessing.
 """
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,16 @@ from typing import ClassVar
 from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import build, picked
 from eyechart.spaces.reader import READER, READERS, Names, read_by, spelled
-from eyechart.spaces.space import READ_AT_MOST, UNPARSED, Answer, Decision, unanswered, without_thinking
+from eyechart.spaces.space import (
+    READ_AT_MOST,
+    UNPARSED,
+    Answer,
+    AnySpace,
+    Decision,
+    Usual,
+    unanswered,
+    without_thinking,
+)
 
 _TOML_BYTES = 1_000_000
 _NAME = re.compile(r"[+-]?\d+(\.\d+)?\s?[°%]?|([+-]?\d|[^\W_])(.*[^\W_])?")
@@ -24,7 +34,7 @@ _READINGS_KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Discrete:
+class Discrete(Usual):
     """Discrete actions with the roles that the battery asks about.
 
     ``mirror_pairs`` exchange under reflection; actions in none of them are their own mirror image.
@@ -34,7 +44,6 @@ class Discrete:
     SpecError for an unknown, repeated, unreadable or contradictory name.
     """
 
-    who: ClassVar[str] = "model"
     readers: ClassVar[tuple[int, ...]] = READERS
     name: str
     actions: tuple[str, ...]
@@ -134,6 +143,14 @@ class Discrete:
         both = (either for pair in self.mirror_pairs for either in (pair, pair[::-1]))
         return next((other for one, other in both if one == action), action)
 
+    def wording(self) -> str:
+        """Return the space as a text that changes with what it asks for."""
+        return json.dumps(self.as_dict())
+
+    def written(self) -> dict[str, object]:
+        """Return the space as plain JSON values, by the name that a prompt has for it."""
+        return {"action_space": self.as_dict()}
+
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
         return picked(self, "name actions mirror_pairs brake proceed" + " aliases" * bool(self.aliases))
@@ -151,6 +168,11 @@ class Discrete:
             written.proceed,
             tuple(written.aliases.items()) if isinstance(written.aliases, Mapping) else written.aliases,
         )
+
+
+def named_actions(space: AnySpace | None, own: Discrete) -> Discrete:
+    """Return the actions with names that are read from replies: those of a prompt's space, or a bank's ``own``."""
+    return space if isinstance(space, Discrete) else own
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from eyechart.errors import SpecError, perhaps, raising
 from eyechart.records import LARGEST, picked
-from eyechart.spaces.space import Answer, Decision, unanswered, unparsed
+from eyechart.spaces.space import Answer, AnySpace, Decision, Usual, unanswered, unparsed
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
 """What the numbers of a step are: a change to make, a place to be at, a speed, or a place to pass."""
@@ -159,7 +159,7 @@ def _as_reflected(one: Dimension) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class MotionSpace:
+class MotionSpace(Usual):
     """Motions of ``horizon`` steps, ``rate_hz`` a second, in these ``dimensions``.
 
     ``state`` says what the numbers of the state are, all of them in the order in which a controller gets them, none
@@ -380,6 +380,20 @@ class MotionSpace:
     def _state_of(self, one: Dimension) -> str:
         return "none" if one.state is None else self.state[one.state].name
 
+    def wording(self) -> str:
+        """Return the space as a text that changes with what it asks for."""
+        return json.dumps(self.as_dict(), sort_keys=True)
+
+    def written(self) -> dict[str, object]:
+        """Return the space as plain JSON values, by the name that a prompt has for it."""
+        return {"motion": self.as_dict()}
+
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
         return picked(self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state")
+
+
+def require_motions(space: AnySpace | None) -> MotionSpace:
+    """Return the space of a run of policies."""
+    assert isinstance(space, MotionSpace)
+    return space

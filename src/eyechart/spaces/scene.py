@@ -18,6 +18,7 @@ from eyechart.spaces.space import (
     READ_AT_MOST,
     Answer,
     Decision,
+    Usual,
     refuses,
     thinks_behind,
     too_deep,
@@ -218,10 +219,10 @@ class SceneDecision(Decision[Estimate]):
 
 
 @dataclass(frozen=True, slots=True)
-class SceneSpace:
+class SceneSpace(Usual):
     """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world."""
 
-    who: ClassVar[str] = "model"
+    is_scene: ClassVar[bool] = True
     reader: ClassVar[int] = SCENE_READER
     readers: ClassVar[tuple[int, ...]] = (SCENE_READER,)
     name: ClassVar[str] = "scene"
@@ -255,6 +256,14 @@ class SceneSpace:
     def role(self, symbol: str) -> str:
         """Return what a safe action is to the gap tests."""
         return DRIVING.role(symbol)
+
+    def written(self) -> dict[str, object]:
+        """Return that a scene is asked for."""
+        return {"scene": True}
+
+    def in_world(self, distances: Distances) -> "SceneSpace":
+        """Return the estimates of a world with these distances."""
+        return SceneSpace(distances)
 
 
 SCENES = SceneSpace()

@@ -5,7 +5,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar
+
+from eyechart.cameras import Distances
 
 Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 """Why a reply holds no decision."""
@@ -69,15 +71,44 @@ class Answer(Protocol):
         """The kind of the failure, None where something came back."""
 
 
-class Space(Protocol[A]):
+class Usual(Protocol):
+    """What most spaces have in common: a model's answers, read by one version of the rules, the same in every world.
+
+    ``who`` is whose answers these are, a ``model``'s or a ``policy``'s; ``is_scene`` whether one is an estimate of the
+    scene.
+    """
+
+    __slots__ = ()
+    who: ClassVar[str] = "model"
+    is_scene: ClassVar[bool] = False
+
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
+
+    def wording(self) -> str:
+        """Return a text that changes with what the space asks for."""
+        return json.dumps(self.schema(), sort_keys=True)
+
+    def written(self) -> Mapping[str, object]:
+        """Return the space as plain JSON values, by the name that a prompt has for it; nothing where none has one."""
+        return {}
+
+    def by(self, reader: int) -> Self:
+        """Return the space with replies read by this version of the rules, where it has others."""
+        del reader
+        return self
+
+    def in_world(self, distances: Distances) -> Self:
+        """Return the space as a world with these distances has it."""
+        del distances
+        return self
+
+
+class Space(Usual, Protocol[A]):
     """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
 
     Actions are hashable. ``actions`` are the names that an answer may give, none where an answer is no name.
     """
-
-    @property
-    def who(self) -> str:
-        """Whose answers these are: a ``model``'s, or a ``policy``'s."""
 
     @property
     def reader(self) -> int:
@@ -90,9 +121,6 @@ class Space(Protocol[A]):
     @property
     def actions(self) -> tuple[str, ...]:
         """The names that an answer may give."""
-
-    def schema(self) -> Mapping[str, object]:
-        """Return the JSON schema of an answer."""
 
     def read(self, reply: Answer) -> Decision[A]:
         """Return the decision that a reply holds: strict, the same every time, and never guessing."""
@@ -114,6 +142,7 @@ class Space(Protocol[A]):
 
 
 AnySpace = Space[Any]
+
 
 _REFUSAL = re.compile(
     r"\b(i\s+(can(no|')t|am\s+(unable|not\s+able)|won't|will\s+not|must\s+decline)|i'm\s+(unable|not\s+able|sorry)"

@@ -18,6 +18,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.integrity import Guard, unfinished
 from eyechart.limits import Outcome
 from eyechart.manifest import is_run
+from eyechart.models import Opened
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast, moving
@@ -129,8 +130,13 @@ class Factor:
     max_tokens: int | None = None
     structured: str | None = None
 
-    def applied(self, mode: RequestMode) -> RequestMode:
-        """Return a model's mode under this setting; what replies took under another is not kept."""
+    def applied(self, mode: RequestMode | Opened) -> RequestMode | Opened:
+        """Return a model's mode under this setting; what replies took under another is not kept.
+
+        A model that is open already is asked as it was opened.
+        """
+        if isinstance(mode, Opened):
+            return mode
         changed = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
         tokens = ("completion_tokens", "completion_tokens_max", "reasoning_tokens")
         lost: dict[str, Any] = dict.fromkeys((*tokens, "seconds", "seconds_min"))
@@ -145,7 +151,7 @@ class Factor:
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str | RequestMode],
+    specs: Sequence[str | RequestMode | Opened],
     out: Path,
     *,
     prompts: Sequence[str] = tuple(PROMPTS),
@@ -159,7 +165,7 @@ def plan(
     ``prompts`` are names or TOML files, ``factors`` the settings that are crossed with them, ``limit`` the frames a
     cell, the same in each. Raises what `battery.plan` raises, and SpecError where two cells would be the same.
     """
-    modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
+    modes = [RequestMode(one) if isinstance(one, str) else one for one in specs]
     cells: dict[str, battery.Battery] = {}
     for prompt in prompts:
         for factor in factors:

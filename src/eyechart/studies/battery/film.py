@@ -15,7 +15,6 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.view import find_view
 from eyechart.report.charts import font, plain
 from eyechart.report.names import shortener
-from eyechart.spaces.motion import MotionSpace
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.subjects import find_pictures
 
@@ -45,7 +44,7 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
     """
     manifest, asked = read_run(run)
     space = manifest.prompt.asks(asked.manifest.action_space)
-    if isinstance(space, MotionSpace):
+    if space.who == "policy":
         raise SpecError(f"{run} is a run of policies, whose answers are no words: a film shows a battery or a drive")
     pictures, why = find_pictures(manifest, asked, run, banks)
     if pictures is None:

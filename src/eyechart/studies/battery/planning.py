@@ -49,7 +49,6 @@ from eyechart.perception.view import View, through
 from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Calling, MotionPlan, Plan, Stages, ask_again, execute, spread
-from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
@@ -457,7 +456,7 @@ def plan_of(
         shard=manifest.shard,
         view=view,
     )
-    if not isinstance(manifest.prompt.space, MotionSpace):
+    if manifest.prompt.who == "model":
         return found
     given = {one.name: getattr(found, one.name) for one in fields(found)}
     return MotionPlan(**given, answers=manifest.answers)

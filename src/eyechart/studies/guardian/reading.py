@@ -20,7 +20,7 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import close_m_of
 from eyechart.spaces.discrete import read_toml
-from eyechart.spaces.scene import SCENE_READER, SceneSpace
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
 from eyechart.studies.guardian.votes import (
@@ -205,7 +205,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     where the folder is no run of scene estimates, or was read by another version of the reader and not ``reread``.
     """
     manifest, bank = read_run(path)
-    if not isinstance(manifest.prompt.space, SceneSpace):
+    if not manifest.prompt.asks_scene:
         raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
     if manifest.reader != SCENE_READER and not reread:
         raise VoteError(

@@ -27,7 +27,8 @@ from eyechart.channels import (
     rare,
     told,
 )
-from eyechart.conditions import OVER, PARTNERS, subset_conditions
+from eyechart.conditions import OVER, PARTNERS
+from eyechart.conditions.policies import subset_conditions
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import PLACES
 from eyechart.stats.agreement import rate

@@ -10,15 +10,8 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import (
-    OVER,
-    PARTNERS,
-    by_reason,
-    conditions_of,
-    find_condition,
-    further_conditions,
-    subset_conditions,
-)
+from eyechart.conditions import OVER, PARTNERS, by_reason, find_condition
+from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
 from eyechart.importing.notes import notes
@@ -30,7 +23,7 @@ from eyechart.models import Opened, open_policy
 from eyechart.planned import Allowed, Ending, calls_ended
 from eyechart.prompts import policy_prompt
 from eyechart.run import Calling, MotionPlan, Stages, in_order, spread
-from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace
+from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
 from eyechart.stats.total_effect import rounded
 from eyechart.studies.battery import Battery, open_whole, plan_of, resumed
 from eyechart.studies.battery import run as run_battery
@@ -221,8 +214,7 @@ def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
     By more than rounding: a policy that sums in parallel answers otherwise in the last bits, and asking it again for
     those would cost calls and tell nothing.
     """
-    space = manifest.prompt.space
-    assert isinstance(space, MotionSpace)
+    space = require_motions(manifest.prompt.space)
     return frozenset(
         spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(seeded(manifest, spec)))
     )

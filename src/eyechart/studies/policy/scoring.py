@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.channels import CAMERA, CAMERAS, channels_of
-from eyechart.conditions import conditions_of
+from eyechart.conditions.policies import conditions_of
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank

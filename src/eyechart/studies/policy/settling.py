@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
-from eyechart.conditions import OVER, conditions_of
+from eyechart.conditions import OVER
+from eyechart.conditions.policies import conditions_of
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.uses import ALPHA, USED, Known, used
 

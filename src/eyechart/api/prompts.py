@@ -1,0 +1,164 @@
+"""Prompts compared: the same frames and models under each, what each does to looking, and what differs between them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Unpack
+
+from eyechart.api.asked import placed, still
+from eyechart.api.battery import AskedModel, _ask, _asked_models, _Mode
+from eyechart.api.reports import row_of, written_page
+from eyechart.compare import Comparison, compare, replication_table
+from eyechart.errors import SpecError, speaks_of_arguments, whole_number
+from eyechart.frames import FrameBank
+from eyechart.limits import Spent
+from eyechart.loops import make_calls
+from eyechart.models.prices import read_prices
+from eyechart.modes import RequestMode
+from eyechart.prompts import PROMPTS
+from eyechart.report.table import Table
+from eyechart.run import Progress
+from eyechart.studies import Reading, battery
+from eyechart.studies import prompts as study
+from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
+from eyechart.studies.prompts import Held, Prompts, PromptsScore, PromptStudy
+
+
+@dataclass(frozen=True, repr=False)
+class PromptsReport:
+    """A prompt study, scored: ``report["scripted:depth"]`` says under which prompts that model looks.
+
+    ``path`` is the study's folder, a run a prompt, and ``score`` holds their statistics. ``against`` maps every prompt
+    but the first to what differs from that: of each statistic the difference over the frames that both have, with its
+    interval, and a p that is corrected over the statistics of a model. ``print`` it for the sentences.
+    """
+
+    path: Path
+    score: PromptsScore
+    first: str
+    against: Mapping[str, Comparison]
+
+    @property
+    def models(self) -> dict[str, Held]:
+        """Return what each model's answers hold under every prompt, by SPEC."""
+        return {one.model: one for one in study.by_model(self.score.cells)}
+
+    @speaks_of_arguments
+    def __getitem__(self, model: str) -> Held:
+        """Return what a model's answers hold under every prompt; raises SpecError that lists the models of the run."""
+        if model not in self.models:
+            raise SpecError(f"{self.path} holds no model '{model}'; it holds {', '.join(self.models)}")
+        return self.models[model]
+
+    def __repr__(self) -> str:
+        return f"<PromptsReport on {self.path}: {', '.join(f'{who}: {one.label}' for who, one in self.models.items())}>"
+
+    def __str__(self) -> str:
+        """Return under which prompts each model looks, why not under others, and what differs from the first."""
+        words = [
+            " ".join(filter(None, (f"{who} looks: {one.label}.", one.words, one.why_not)))
+            for who, one in self.models.items()
+        ]
+        for name, found in self.against.items():
+            words += [f"{spec}, {name} against {self.first}: {one.words}." for spec, one in found.models.items()]
+        return "\n".join(words)
+
+    def table(self) -> Table:
+        """Return a row a model and prompt: how varied its answers are, and what they hold of the scene."""
+        return study.prompts_table(self.score.cells)
+
+    def differences(self, *, every: bool = False) -> list[Table]:
+        """Return what differs from the first prompt, a table a model and prompt: ``every`` statistic, or the main."""
+        return [
+            replace(replication_table(one, every=every), caption=f"{spec}: {name} against {self.first}")
+            for name, found in self.against.items()
+            for spec, one in found.models.items()
+        ]
+
+    def rows(self) -> list[dict[str, object]]:
+        """Return every statistic of every model and prompt as plain values, a row each, as of a `Report`."""
+        return [
+            {"prompt": cell.name, **row_of("model", cell.model, name, one, p_holm=cell.holm.get(name))}
+            for cell in self.score.cells
+            for name, one in cell.statistics.items()
+        ]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values: the cells as ``eyechart score --json`` prints them, and the differences."""
+        against = {name: one.as_dict() for name, one in self.against.items()}
+        return {**self.score.as_dict(), "first": self.first, "against": against}
+
+    @speaks_of_arguments
+    def to_html(self, out: Path | str) -> Path:
+        """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is."""
+        return written_page(lambda: Prompts().report([self.path], [], Reading(), lambda *_: None).page, out)
+
+
+class _Comparing(_Mode, total=False):
+    """How prompts are compared: what a request mode takes, and what ``eyechart run prompts`` does."""
+
+    limit: int
+    seed: int
+    conditions: Sequence[str]
+    again: bool
+
+
+@speaks_of_arguments
+def compare_prompts(
+    bank: FrameBank | Path | str,
+    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
+    prompts: Sequence[Path | str],
+    out: Path | str,
+    *,
+    concurrency: int = 8,
+    probe: bool = True,
+    progress: Progress | None = None,
+    **asking: Unpack[_Comparing],
+) -> PromptsReport:
+    """Ask models about the same frames under several prompts, and return what each does to looking, and to the answers.
+
+    ``prompts`` are names of ``eyechart list prompts`` or files; the others are held against the first. It does as
+    ``eyechart run prompts``: each is a run in the folder ``out``, which goes on where it was stopped. ``models``,
+    ``probe``, ``concurrency``, ``again``, ``progress`` and the fields of a request mode are those of `run_battery`;
+    ``limit`` (100) is the frames, ``conditions`` what is shown of each (``real`` and ``blank``).
+
+    Raises BankError, SpecError or LedgerError as the study's ``plan`` does, and ProbeError where a model cannot be
+    probed.
+    """
+    named: dict[str, Any] = {**asking}
+    root, place = placed(bank), Path(out).absolute()
+    how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
+    held, modes, by_option = _asked_models(models, how)
+    again, concurrency = named.pop("again", False), whole_number("concurrency", concurrency, 1)
+    named |= {
+        name: whole_number(name, named[name], least) for name, least in (("limit", 1), ("seed", 0)) if name in named
+    }
+    several = [prompts] if isinstance(prompts, str | Path) else prompts
+    if len(several) < 2:
+        raise SpecError(f"two prompts or more are compared, see {', '.join(PROMPTS)}; this is {len(several)}")
+
+    def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> PromptStudy:
+        given = [held.get(mode.spec, mode) for mode in modes]
+        return study.plan(root, given, place, prompts=[*map(str, several)], **named).counting(probes)
+
+    probing = Probing(
+        plan,
+        lambda one: replace(battery.sample_of(one.cells.values()), at_once=concurrency),
+        lambda one, probes: battery.keep_probes(next(iter(one.cells.values())), probes),
+        study.cells_in(place),
+    )
+    asked, allowed = Asked(modes, by_option, how), Allowed(read_prices(), no_probe=not probe)
+    planned = plan_probed(probing, asked, allowed, partial(_ask, fixed=[*how]))[0]
+    assert planned is not None  # a model that cannot be probed has raised
+    make_calls(partial(study.run, planned, concurrency=concurrency, again=again), progress)
+    return _read(still(out, place), list(planned.cells))
+
+
+def _read(path: Path, names: Sequence[str]) -> PromptsReport:
+    """Score a study, and hold the cells of these names against the first of them."""
+    score = Prompts().score(path, Reading())
+    first, *others = (score.batteries[name] for name in names)
+    return PromptsReport(
+        path, score, names[0], {name: compare(first, one) for name, one in zip(names[1:], others, strict=True)}
+    )
