@@ -104,9 +104,9 @@ class Planned(ABC):
         """
         return self.keeper.begin()
 
-    def sample(self, how: Allowed) -> "Sample":
+    def sample(self) -> "Sample":
         """Return what a probe asks of the run's models."""
-        return self.keeper.sample(how)
+        return self.keeper.sample()
 
     @abstractmethod
     def lines(self, how: Allowed) -> Iterator[str]:

@@ -1,7 +1,12 @@
 """Doctor and probe from the command line, and the probe that comes before a run: what it pins, counts and marks."""
 
+import asyncio
 import json
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -9,10 +14,12 @@ from aiohttp import web
 from typer.testing import CliRunner, Result
 
 import banks
+from eyechart import episodes
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, OutputError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.manifest import read_run
+from eyechart.ledger import Ledger
+from eyechart.manifest import read_manifest, read_run
 from eyechart.modes import read_mode
 from eyechart.probe import ProbeError
 from eyechart.studies import battery
@@ -190,6 +197,54 @@ def test_the_probe_counts_towards_the_limits_of_its_run(run: Run, tmp_path: Path
         assert 0.02 < made.cost_usd < 0.06
         assert run(server, *prices, "--max-cost", 0.06).exit_code == 3
         assert server.requests < made.calls + 12
+
+
+@dataclass
+class Stalled(Endpoint):
+    """An endpoint that lets the call of this number wait, until it may go on."""
+
+    at: int = 12
+    came: threading.Event = field(default_factory=threading.Event)
+    goes_on: threading.Event = field(default_factory=threading.Event)
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Answer one request; this one once it may go on."""
+        self.at -= 1
+        if not self.at:
+            self.came.set()
+            await asyncio.to_thread(self.goes_on.wait, 60)
+        return await super().__call__(request, asked, attempt)
+
+
+@pytest.mark.parametrize("name", ["battery", "prompts", "closed-loop"])
+def test_a_kill_while_probing_loses_no_call_of_it(name: str, bank: FrameBank, tmp_path: Path) -> None:
+    """Each stands in the run before it is sent: limits count it, and so does the account of the run that goes on."""
+    frames = ("--model", "openai:m", "--frames", bank.root, "--conditions", "real", "--limit", 1)
+    drives = ("--policy", "openai:m", "--seeds", 1, "--scenarios", "light", "--max-steps", 2, "--no-marginal")
+    asked = {
+        "battery": frames,
+        "prompts": (*frames, "--prompt", "minimal"),
+        "closed-loop": (*drives, "--condition", "real"),
+    }
+    home = tmp_path / "run" / "minimal" if name == "prompts" else tmp_path / "run"
+    manifest = episodes.read_manifest if name == "closed-loop" else read_manifest
+    endpoint = Stalled()
+    with FaultServer([endpoint]) as server:
+        words = [*map(str, ("run", name, *asked[name], "--base-url", server.base_url, "--out", tmp_path / "run"))]
+        with subprocess.Popen([sys.executable, "-m", "eyechart", *words], stderr=subprocess.PIPE) as running:
+            came = endpoint.came.wait(120)
+            running.kill()
+        assert came, running.stderr
+        endpoint.goes_on.set()
+        sent, counted = server.requests, manifest(home).probes["openai:m"].calls
+        assert sent <= counted <= sent + 1
+        with pytest.raises(SpecError, match="--max-calls 76 leaves no room to probe openai:m"):
+            call(*words, "--max-calls", 76)
+        assert server.requests == sent
+        call(*words)
+        with Ledger(home / "ledger.sqlite") as ledger:
+            made = manifest(home).probes["openai:m"].calls + sum(1 for _ in ledger.attempts("openai:m"))
+        assert server.requests <= made <= server.requests + 1
 
 
 def test_what_needs_no_probe_is_not_probed(run: Run, bank: FrameBank, tmp_path: Path) -> None:

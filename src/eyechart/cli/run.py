@@ -4,12 +4,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from eyechart.cli import options, probe
-from eyechart.cli.terminal import progress, resumable, say
+from eyechart.cli.terminal import output_kept, progress, resumable, say
 from eyechart.errors import LedgerError, SpecError, perhaps
 
 if TYPE_CHECKING:
@@ -25,7 +27,28 @@ if TYPE_CHECKING:
 
 P = TypeVar("P", bound="Planned")
 
-app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
+
+class Kinds(TyperGroup):
+    """The kinds of run; a study of frames without a command of its own has the one of them all."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - they differ between versions of typer
+        """Return the names of all."""
+        from eyechart.studies import STUDIES
+
+        own = super().list_commands(ctx)
+        return [*own, *(name for name in STUDIES if name.replace("_", "-") not in own)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
+        """Return a kind's command, None where there is no such kind."""
+        found = super().get_command(ctx, cmd_name)
+        if found is not None or cmd_name not in self.list_commands(ctx):
+            return found
+        alone = typer.Typer()
+        alone.command(cmd_name)(output_kept()(options.from_one_folder(_study)))
+        return get_command(alone)
+
+
+app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True, cls=Kinds)
 
 View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
@@ -209,6 +232,37 @@ def structured(
     probing = Probing(lambda modes: plan(frames, modes, out), [out])
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     make(probing, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
+
+
+@options.expanded
+def _study(
+    ctx: typer.Context,
+    frames: options.Frames,
+    out: options.Out,
+    model: options.Model = None,
+    mode: options.Mode = None,
+    seed: options.Seed = 0,
+    limit: options.Limit = None,
+    concurrency: options.Concurrency = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    again: options.AskAgain = False,
+    dry_run: options.DryRun = False,
+) -> None:
+    """Ask models what this study asks about every frame of a bank.
+
+    A model that is served elsewhere, and that no --mode file says how to ask, is probed first. Exit 1: calls are
+    unfinished; 3: stopped at --max-calls or --max-cost.
+    """
+    from eyechart.studies import open_study
+    from eyechart.studies.probed import Probing
+
+    study = open_study(str(ctx.info_name))
+    probing = Probing(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    make(
+        probing, options.read_modes(model, mode, how.given()), allowed, f"'eyechart score {out}' prints what came of it"
+    )
 
 
 def policy(

@@ -9,7 +9,6 @@ from eyechart.episodes.planning import (
     plan,
     require_engine,
     run,
-    sample_of,
     usual_conditions,
     with_marginals,
 )
@@ -55,7 +54,6 @@ __all__ = [
     "read_manifest",
     "require_engine",
     "run",
-    "sample_of",
     "summarise",
     "unfinished",
     "usual_conditions",

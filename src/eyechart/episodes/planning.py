@@ -27,7 +27,7 @@ from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
 from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, perhaps, printable, raising
-from eyechart.frames import Stimulus, alone
+from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
 from eyechart.loops import asyncio, to_its_end
@@ -63,6 +63,10 @@ ACTION_MAP = "actions.toml"
 """The run's copy of the action map of a ``gym:`` environment."""
 
 
+_PICTURES = 3
+"""So many worlds show a picture to a probe before a run."""
+
+
 @dataclass(frozen=True)
 class Episodes(Planned):
     """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to.
@@ -88,10 +92,20 @@ class Episodes(Planned):
             replace(nobody, scenarios=(), seeds=(), conditions=()).write(self.out)
         return read_episodes_manifest(self.out)
 
-    def sample(self, how: Allowed) -> "Sample":
-        """Return what a probe asks before the drives; see `sample_of`."""
-        del how
-        return sample_of(self)
+    def sample(self) -> "Sample":
+        """Return what a probe asks before drives: their words, with the first real picture of each of the first worlds.
+
+        Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
+        them shows any.
+        """
+        from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
+
+        keys = list({key.world: replace(key, condition="real") for key in self.keys}.values())[:_PICTURES]
+        shown = to_its_end(_shown(self.setup, keys))
+        found = [through(self.drivers.view, one.stimulus, one.frame) for one in shown if isinstance(one, Shown)]
+        if not found:
+            raise SpecError(f"no world of {self.manifest.simulator} shows a picture to probe a model with: {shown[-1]}")
+        return Sample([(self.drivers.prompt, seen) for seen in found], self.drivers.answers)
 
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield who drives how often, and what the models' calls are expected to take."""
@@ -473,7 +487,6 @@ ALTOGETHER_S = 120.0
 """A sample that takes longer is given up."""
 
 _LONGEST_SAMPLE = 200
-_PICTURES = 3
 
 
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
@@ -538,27 +551,6 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
         if one.ended == "error" and len(one.steps) < setup.max_steps:
             raise DriveError(f"{one.key.world}: {printable(one.detail)}")
     return {key.scenario: max(len(one.steps) for one in found if one.key == key) for key in keys}
-
-
-def sample_of(planned: Episodes, most: int = _PICTURES) -> "Sample":
-    """Return what a probe asks before drives: their words, with the first real picture of each of their first worlds.
-
-    Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
-    ``most`` shows any.
-    """
-    from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
-
-    keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
-    found, why = list[Stimulus](), ""
-    for shown in to_its_end(_shown(planned.setup, keys)):
-        if isinstance(shown, str):
-            why = shown
-            continue
-        found.append(through(planned.drivers.view, shown.stimulus, shown.frame))
-    if not found:
-        raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
-    drivers = planned.drivers
-    return Sample([(drivers.prompt, seen) for seen in found], drivers.answers)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

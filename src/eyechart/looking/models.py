@@ -57,7 +57,7 @@ class ModelLook:
         planned = self._sized(known)
         self._agree(planned, 0 if known is not None else MOST_CALLS)
         if known is None:
-            found = self._sights.find(wanted.mode, battery.sample_of([planned]))
+            found = self._sights.find(wanted.mode, planned.sample())
             if isinstance(found, Unseen):
                 return self._unseen(found)
             self.watch.say(f"it is shown its pictures, and is asked as {wanted.out / MODE} says")

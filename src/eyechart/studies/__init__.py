@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs n
 
     from eyechart.gate import Gate, Terms
     from eyechart.integrity import Guard
+    from eyechart.modes import RequestMode
+    from eyechart.planned import Planned
     from eyechart.report.charts import Drawing
     from eyechart.report.page import Opening, Page
     from eyechart.report.table import Table
@@ -170,6 +172,10 @@ class Study(ABC, Generic[S]):
     @abstractmethod
     def score(self, folder: Path, reading: Reading) -> S:
         """Score a run, finished or not; raises LedgerError, BankError or SpecError where it cannot be."""
+
+    def plan(self, bank: Path, modes: "Sequence[RequestMode]", out: Path, *, seed: int, limit: int | None) -> "Planned":
+        """Plan a run of models on a bank, for 'eyechart run NAME'; a study with a command of its own has another."""
+        raise NotImplementedError
 
     @abstractmethod
     def printed(self, score: S) -> "Iterator[Table | str]":

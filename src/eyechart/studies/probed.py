@@ -95,7 +95,7 @@ def _found(
     from eyechart.probe import ProbeError  # noqa: PLC0415 - who reads what a run took probes nothing
 
     found: dict[str, RequestMode | ProbeError] = {}
-    sample = planned.sample(allowed)
+    sample = replace(planned.sample(), at_once=allowed.concurrency)
     keeper = planned.keeper
     with alone_in(keeper.out):
         begun, took = keeper.begin(), dict[str, Spent]()

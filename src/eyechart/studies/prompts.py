@@ -67,9 +67,8 @@ class PromptStudy(Planned):
         """Return the first cell."""
         return next(iter(self.cells.values()))
 
-    def sample(self, how: Allowed) -> "Sample":
+    def sample(self) -> "Sample":
         """Return what the cells will ask, with the prompt of each."""
-        del how
         return battery.sample_of(self.cells.values())
 
     def lines(self, how: Allowed) -> Iterator[str]:

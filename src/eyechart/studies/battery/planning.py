@@ -134,9 +134,9 @@ class Battery(Planned):
             write_run(self.out, replace(self.manifest, models={}, modes={}, facts={}), self.plan.bank)
         return read_manifest(self.out)
 
-    def sample(self, how: Allowed) -> "Sample":
+    def sample(self) -> "Sample":
         """Return what the battery will ask: a few of its frames."""
-        return replace(sample_of([self]), at_once=how.concurrency)
+        return sample_of([self])
 
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield what is left out and why, how many calls there are, what they take, and what stops them early."""

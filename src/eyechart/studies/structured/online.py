@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
 
 from eyechart import episodes as closed_loop
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
@@ -23,7 +22,7 @@ from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
-from eyechart.planned import Allowed, Bar, Ending, Planned
+from eyechart.planned import Allowed, Bar, Ending
 from eyechart.prompts import scene_prompt
 from eyechart.records import Plain, build, parse_json, picked, plain
 from eyechart.run import Progress
@@ -35,9 +34,6 @@ from eyechart.studies.structured.planning import bound
 from eyechart.studies.structured.seen import Checks, Seen, check_all, figures, read_seen
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import CLAUSES, Held, hold
-
-if TYPE_CHECKING:
-    from eyechart.probe import Sample
 
 VETTING = "vetting.json"
 _MOST_STEPS = 1000
@@ -148,41 +144,32 @@ CONTROL = "positive control (vetting)"
 
 
 @dataclass(frozen=True)
-class Online(Planned):
+class Online(Episodes):
     """An online run that was planned and not yet driven: its episodes, and how their worlds were vetted."""
 
-    unit: ClassVar[str] = Episodes.unit
-    kept: ClassVar[str] = Episodes.kept
-    episodes: Episodes
-    vetted: tuple[Vetted, ...]
-    out: Path
+    vetted: tuple[Vetted, ...] = ()
 
     def begin(self) -> EpisodesManifest:
         """Begin the run, with the worlds that were vetted."""
         write_vetting(self.out, self.vetted)
-        return self.episodes.begin()
-
-    def sample(self, how: Allowed) -> "Sample":
-        """Return what a probe asks before the drives."""
-        return self.episodes.sample(how)
+        return super().begin()
 
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield which worlds were refused, how many episodes there are, and what they are expected to take."""
-        manifest, left = self.episodes.manifest, len(self.episodes.left())
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
-        yield f"view: {manifest.view}"
-        yield f"{len(self.episodes.keys)} episodes in worlds that pass the checks, {left} to drive"
-        yield from bound(manifest.modes.values())
-        yield from self.episodes.forecast(how)
+        yield f"view: {self.manifest.view}"
+        yield f"{len(self.keys)} episodes in worlds that pass the checks, {len(self.left())} to drive"
+        yield from bound(self.manifest.modes.values())
+        yield from self.forecast(how)
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
         """Drive what is left."""
         write_vetting(self.out, self.vetted)
-        return self.episodes.make(how, bar)
+        return super().make(how, bar)
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
         """Yield what is left and why, and how many episodes ended in an error."""
-        yield closed_loop.drives_ended({"": self.episodes}, outcome, failed)
+        yield closed_loop.drives_ended({"": self}, outcome, failed)
         if errors := sum(one.errors for one in score(self.out).driven.values()):
             yield Ending([f"{errors} episodes ended in an error; they count in nothing"], 1)
 
@@ -226,13 +213,13 @@ def plan(
         )
     whole = planned(tuple(dict.fromkeys(number for _, number in worlds)))
     keys = tuple(key for key in whole.keys if (key.scenario, key.seed) in worlds)
-    return Online(replace(whole, keys=keys), vetted, out)
+    return Online(**{**vars(whole), "keys": keys}, vetted=vetted)
 
 
 def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> Outcome:
     """Drive the planned episodes that the folder does not hold yet, and return how that ended; see `episodes.run`."""
-    write_vetting(planned.episodes.out, planned.vetted)
-    return closed_loop.run(planned.episodes, bounds=bounds, progress=progress)
+    write_vetting(planned.out, planned.vetted)
+    return closed_loop.run(planned, bounds=bounds, progress=progress)
 
 
 def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
