@@ -1,7 +1,7 @@
 """Prompts compared: the same frames and models under each, what each does to looking, and what differs between them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -12,16 +12,15 @@ from eyechart.api.reports import row_of, written_page
 from eyechart.compare import Comparison, compare, replication_table
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
-from eyechart.limits import Spent
-from eyechart.loops import make_calls
 from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
+from eyechart.planned import Allowed, moving
 from eyechart.prompts import PROMPTS
 from eyechart.report.table import Table
 from eyechart.run import Progress
-from eyechart.studies import Reading, battery
+from eyechart.studies import Reading
 from eyechart.studies import prompts as study
-from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
+from eyechart.studies.probed import Asked, Probing, plan_probed
 from eyechart.studies.prompts import Held, Prompts, PromptsScore, PromptStudy
 
 
@@ -138,20 +137,15 @@ def compare_prompts(
     if len(several) < 2:
         raise SpecError(f"two prompts or more are compared, see {', '.join(PROMPTS)}; this is {len(several)}")
 
-    def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> PromptStudy:
+    def plan(modes: Sequence[RequestMode]) -> PromptStudy:
         given = [held.get(mode.spec, mode) for mode in modes]
-        return study.plan(root, given, place, prompts=[*map(str, several)], **named).counting(probes)
+        return study.plan(root, given, place, prompts=[*map(str, several)], **named)
 
-    probing = Probing(
-        plan,
-        lambda one: replace(battery.sample_of(one.cells.values()), at_once=concurrency),
-        lambda one, probes: battery.keep_probes(next(iter(one.cells.values())), probes),
-        study.cells_in(place),
-    )
-    asked, allowed = Asked(modes, by_option, how), Allowed(read_prices(), no_probe=not probe)
-    planned = plan_probed(probing, asked, allowed, partial(_ask, fixed=[*how]))[0]
+    allowed = Allowed(read_prices(), no_probe=not probe, concurrency=concurrency, again=again)
+    asked = Asked(modes, by_option, how)
+    planned = plan_probed(Probing(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
-    make_calls(partial(study.run, planned, concurrency=concurrency, again=again), progress)
+    planned.make(allowed, moving(progress))
     return _read(still(out, place), list(planned.cells))
 
 
