@@ -113,5 +113,5 @@ def ruled(label: str, decided_by: str, words: str) -> str:
     return f"{label}\t{decided_by}\t{words}"
 
 
-RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13}
+RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13, "early": 14}
 """The axes of which older rules are recorded, and the seed of each."""

@@ -205,16 +205,17 @@ def test_the_words_of_a_verdict_are_those_of_the_command(report: Report, demo: D
 
 
 def test_a_card_holds_all_that_a_verdict_must_not_be_shown_without(report: Report) -> None:
-    """Label, sentence, deciding statistic with its interval, n and p, lateral, the paper's rules, notes and scope."""
+    """The answer first; label, sentence, deciding statistic with its numbers, other rules, notes and scope."""
     for verdict in report.verdicts.values():
         page = Page(verdict._repr_html_())
         deciding = verdict.calibrated.statistic
         assert deciding is not None
+        assert " ".join(page.text.split()).startswith(f"{verdict.model} {verdict.answer} {verdict.headline} ")
         for words in (
             verdict.model,
             verdict.calibrated.label,
             verdict.trust,
-            str(verdict.calibrated.reason),
+            str(verdict.calibrated.reason)[1:],
             f"{verdict.calibrated.decided_by} = ",
             f"n = {deciding.n}",
             "p = ",

@@ -1,24 +1,30 @@
 """Rules as rows: they say of random evidences what older rules said, and every clause has three values."""
 
 import json
+from functools import cache
 from pathlib import Path
 from random import Random
 
 import pytest
 
+import simulated
 from evidences import RECORDED, digests, distance, lateral, paper, ruled
+from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.association import Association
+from eyechart.stats.evalues import EValue
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.stopping import Course, Layout, layout_of
 from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
 from eyechart.verdicts.calibrated import DISTANCE, LATERAL_AXIS
+from eyechart.verdicts.early import EARLY, EARLY_LATERAL
 from eyechart.verdicts.paper import PAPER
 from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, p_below, p_from
 
 OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_rulings.json").read_text("utf-8"))
 """Digests of what the rules said of blocks of 1000 evidences when they were functions and no rows."""
 
-AXES = (DISTANCE, LATERAL_AXIS, PAPER)
+AXES = (DISTANCE, LATERAL_AXIS, PAPER, EARLY, EARLY_LATERAL)
 
 
 def of_distance(rng: Random) -> str:
@@ -48,7 +54,43 @@ def of_paper(rng: Random) -> str:
     return ruled(ruling.label, ruling.decided_by, ruling.because)
 
 
-SAID = {"distance": of_distance, "lateral": of_turns, "paper": of_paper}
+FRAMES = simulated.frames(scenarios=2, episodes=1, steps=6)
+PLAIN = simulated.CONDITIONS[:6]
+SHOWN = (
+    PLAIN,
+    simulated.CONDITIONS,
+    (*PLAIN, *simulated.COUNTERFACTUALS),
+    (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS, *simulated.ALWAYS),
+    (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS, *simulated.RANGED, *simulated.ALWAYS),
+    (*(name for name in simulated.CONDITIONS if name != "shuffled"), *simulated.COUNTERFACTUALS),
+)
+"""The conditions of runs that may stop early."""
+
+
+@cache
+def laid_out(shown: tuple[str, ...]) -> Layout:
+    """Return the layout of a run under these conditions."""
+    return layout_of(FRAMES, {frame.id: shown for frame in FRAMES}, DRIVING, 0)
+
+
+def of_early(rng: Random) -> str:
+    """Return what a run that stops early makes of the next claims, each of which is settled or not."""
+    course = Course(laid_out(rng.choice(SHOWN)))
+    often = rng.choice((0.5, 0.9, 0.97, 1.0))
+    for claim in course.claims.values():
+        claim.settled = rng.random() < often
+    for name in ("unscorable", "bound_blank", "presence", "near_far", "no_swaps", "swaps_rate"):
+        if name in course.claims and rng.random() < 0.7:
+            course.claims[name].settled = False
+    if "bound_lead_absent" in course.claims:
+        course.claims["bound_lead_absent"].settled = True  # its walk is behind it
+    course.turns = {side: rng.choice((0, 0, 3, 8, 20)) for side in course.turns}
+    course.passed, course.frames = 9, rng.choice((5, len(FRAMES)))
+    course._judge()
+    return f"{course.label}\t{course.lateral}\t{course.stopped(40)}"
+
+
+SAID = {"distance": of_distance, "lateral": of_turns, "paper": of_paper, "early": of_early}
 
 
 @pytest.mark.parametrize("axis", SAID)
@@ -94,6 +136,8 @@ def side(reading: Reading, by: float) -> Statistic:
     """Return a statistic whose number is above a threshold by as much."""
     assert isinstance(reading.threshold, float)
     number = reading.threshold + by
+    if reading.reads == "settled":
+        return EValue(number, 9, p=number, threshold=100.0, alpha=0.01, settled=number >= 1, says="it is so")
     return Statistic(number, 9, (number, number), number)
 
 

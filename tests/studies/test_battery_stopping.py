@@ -13,8 +13,8 @@ from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import Row, claims, fewest_turns
-from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of, typical
-from eyechart.verdicts import Stopped
+from eyechart.studies.battery.stopping import Course, Layout, layout_of, typical
+from eyechart.verdicts import LABELS, LATERAL, Stopped
 
 Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
@@ -76,6 +76,7 @@ def cut(condition: str, frame: Frame, rng: object) -> str | None:
     return None if rng.random() < 1 / 3 else "SLOW"  # type: ignore[attr-defined]
 
 
+EARLY = {name: label.early for name, label in LABELS.items() if label.early}
 CLEAR = {
     "not_scorable": cut,
     "depth": depth,
@@ -86,13 +87,13 @@ CLEAR = {
 }
 
 
-@pytest.mark.parametrize("label", RULES)
+@pytest.mark.parametrize("label", EARLY)
 def test_a_clear_controller_is_settled_with_half_of_its_calls_saved(label: str) -> None:
     """Every label that can be settled early is, by the claim that it rests on; of depth a third is saved."""
     stopped = settle(CLEAR[label], FIRST if label == "depth_associated" else ALL)
     assert stopped is not None
     assert (stopped.label, stopped.lateral) == (label, "no_power")
-    assert stopped.decided_by == ("depth_interventional" if label == "depth" else f"early.{RULES[label][0]}")
+    assert stopped.decided_by == ("depth_interventional" if label == "depth" else f"early.{EARLY[label][0]}")
     assert stopped.calls <= stopped.planned * (2 / 3 if label == "depth" else 1 / 2)
     assert stopped.interventional
 
@@ -341,7 +342,7 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     stopped = course.stopped(len(course.counted))
     assert stopped is not None
     assert (stopped.label, stopped.lateral) == ("depth", None)
-    assert set(LATERAL_RULES["swaps"]) & set(course.claims) == set()
+    assert set(LATERAL["swaps"].early) & set(course.claims) == set()
 
 
 def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
@@ -455,5 +456,5 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
 def test_every_claim_that_a_rule_names_can_be_made() -> None:
     """No rule waits for a claim that nobody tests."""
     made = set(claims(144, DRIVING, ALL, mirrored=True))
-    named = set(itertools.chain(*RULES.values(), *LATERAL_RULES.values())) | {"scorable"}
+    named = set(itertools.chain(*EARLY.values(), *(one.early for one in LATERAL.values()))) | {"scorable"}
     assert named == made

@@ -8,11 +8,12 @@ _CARD = (
     "text-align:left;overflow-wrap:anywhere"
 )
 _SOFT = "opacity:.75;font-size:.9em"
+_LABEL = "opacity:.75;font-size:.6em;font-weight:400"
 _CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;white-space:normal"
 
 
-def card(name: str, headline: str, says: str, rows: Mapping[str, str], small: Iterable[str]) -> str:
-    """Return a card: whose it is, the label, the sentence, a row a fact, the small print; tags come out as text."""
+def card(name: str, answer: str, label: str, says: str, rows: Mapping[str, str], small: Iterable[str]) -> str:
+    """Return a card: whose it is, the answer, the label, why, a row a fact, the small print; tags come out as text."""
     facts = "".join(
         f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
         f'{escape(row)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
@@ -22,7 +23,8 @@ def card(name: str, headline: str, says: str, rows: Mapping[str, str], small: It
     told = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
     return (
         f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(name)}</p>'
-        f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(headline)}</p>'
-        f"{told}"
-        f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
+        f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(answer)}'
+        f' <span style="{_LABEL}">{escape(label)}</span></p>{told}'
+        f'<table style="border-collapse:collapse;border:0;margin:0;font-size:1em"><tbody>{facts}</tbody></table>'
+        f"{fine}</div>"
     )

@@ -133,7 +133,7 @@ class PolicyVerdict:
 
     def _repr_html_(self) -> str:
         """Return a card of what is said of each axis."""
-        return card(self.model, self.headline, "", self.facts(), (*self.remarks, self.scope))
+        return card(self.model, self.answer, self.headline, "", self.facts(), (*self.remarks, self.scope))
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; the first nine keys are those that scripts may rely on.

@@ -1,13 +1,14 @@
 """A verdict that was settled early rests on the e-values that stopped its run, and on nothing computed after."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from eyechart.records import Written
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
-from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, NET_ALPHA, NOT_JUDGED
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
+from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared
 from eyechart.verdicts.ruling import Reason, Ruling, decided
 
 PREFIX = "early."
@@ -17,6 +18,57 @@ FORECAST_ALPHA = 0.02
 """Chance that what the rest of the run would have shown is forecast wrongly."""
 
 _SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth"]
+
+NOT_YET = "not_yet"
+"""The label of a run of which no claim is settled that would give one."""
+
+_REQUIRED = frozenset(("bound_shuffled",))
+"""Without it no absence is claimed, also where it cannot be tested."""
+_ALONG = {
+    "depth": compared("along", "value", ">=", 1.0),
+    "depth_associated": compared("along", "value", "<", 1.0),
+}
+"""Braking by distance is evidence for the first where there are pictures along the range, else for the second."""
+_ALONE = compared("one_direction", "value", ">=", 1.0)
+
+
+def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
+    """Return the rule of a label whose claims are settled; those that a bank cannot test are left out but the first."""
+    by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
+    settled = (Reading("settled", ">=", 1.0),)
+    needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
+    return Rule(label, by, (*facts, *needs), lambda found, _: _claimed(found[by]))
+
+
+def _claimed(e: Statistic) -> Reason:
+    assert isinstance(e, EValue)
+    return Reason("{claim}", {"claim": e.says})
+
+
+def _of_turns() -> Iterator[Rule]:
+    for label, one in LATERAL.items():
+        if one.early:
+            if label != "swaps":
+                yield _row("one_sided", one.early, _ALONE)
+            yield _row(label, one.early)
+
+
+_OPEN = Rule(NOT_YET, f"{PREFIX}scorable", says="no claim that would give a label is settled", quiet=True)
+
+EARLY = Axis(
+    "early",
+    (
+        *(_row(label, one.early, *filter(None, (_ALONG.get(label),))) for label, one in LABELS.items() if one.early),
+        _OPEN,
+    ),
+)
+"""The labels that e-values settle, in the order of the rules; ``along`` says whether there are pictures of the range.
+
+What they need of controls, and that replies hold decisions at all, is asked after.
+"""
+
+EARLY_LATERAL = Axis("early lateral", (*_of_turns(), _OPEN))
+"""The lateral labels likewise; ``one_direction`` is that of `lateral_facts`."""
 
 GUARANTEE = (
     f"a false early verdict has a chance of at most {ALPHA * len(_SETTLED):.2f} a model, however often one looks "
@@ -100,5 +152,4 @@ def early_paper(stopped: Stopped) -> Ruling:
 
 def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
     e = found[name]
-    assert isinstance(e, EValue)
-    return decided(label, name, e, "{how}: {claim}", how=how, claim=e.says)
+    return decided(label, name, e, "{how}: {claim}", how=how, claim=_claimed(e))

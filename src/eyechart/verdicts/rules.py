@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from string import Formatter
 
+from eyechart.stats.evalues import EValue
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.ruling import Reason, Ruling
@@ -108,6 +109,10 @@ class Clause:
             unknown = unknown or holds is None
         return None if unknown else False
 
+    def is_settled(self, found: Found) -> bool:
+        """Return whether it holds of an e-value."""
+        return isinstance(found[self.statistic], EValue) and self.outcome(found) is True
+
     def holds(self, found: Found) -> bool | None:
         """Return the same as a rule takes it."""
         said = self.outcome(found)
@@ -154,6 +159,7 @@ class Rule:
             name,
             _reason(self.says, found, clause),
             None if self.quiet else found[name],
+            tuple(one.statistic for one in self.needs if one.statistic != name and one.is_settled(found)),
             why_not=_reason(self.why_not, found, clause),
             may_be=self.may_be,
             bound=found[self.bound] if self.bound else None,

@@ -165,18 +165,19 @@ class Verdict(Written):
     def _repr_html_(self) -> str:
         """Return a card of the evidence."""
         ruling = self.calibrated
+        kept = {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
         rows = {
-            "decided by": _numbers(ruling.decided_by, ruling.statistic),
-            "distance asked by": _ASKED.get(self.evidence, self.evidence),
             **self.measures,
+            "decided by": _numbers(ruling.decided_by, ruling.statistic),
+            **kept,
             "lateral": f"{self.lateral.label}: {self.lateral.because}",
-            **(
-                {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
-            ),
+            "distance asked by": _ASKED.get(self.evidence, self.evidence),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        said = f"{self.sentence} {self.trust}"
-        return card(self.model, self.headline, said, rows, (*self.marks, *self.notes, self.scope))
+        first = (*self.doubts, str(ruling.reason))
+        said = " ".join((*(f"{one[:1].upper()}{one[1:]}." for one in first), self.trust))
+        small = (*self.agreeing, *self.notes, self.scope)
+        return card(self.model, self.answer, self.headline, said, rows, small)
 
 
 def judge(score: Scored) -> dict[str, Verdict]:

@@ -21,17 +21,14 @@ from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.depth import AT, TWICE
 from eyechart.studies.battery.evidence import Claim, Row, claims
 from eyechart.studies.battery.published import Resampling
-from eyechart.verdicts import LABELS, LATERAL, ONE_SIDED_FROM, PREFIX, Stopped, calibrated_rules
+from eyechart.verdicts import LATERAL, PREFIX, Stopped, calibrated_rules
+from eyechart.verdicts.calibrated import lateral_facts
+from eyechart.verdicts.early import EARLY, EARLY_LATERAL, NOT_YET
+from eyechart.verdicts.rules import Axis, fact
+from eyechart.verdicts.ruling import Ruling
 
 NEEDED = ("real", "real_repeat", "blank")
 """Without these conditions nothing can be settled."""
-
-RULES = {name: label.early for name, label in LABELS.items() if label.early}
-"""The labels that can be settled early, in the order of the rules, and the claims that must all be settled. All but
-the first label need ``scorable`` too. Those of a condition that the bank cannot show are left out, but
-``bound_shuffled``, without which no absence is claimed."""
-
-REQUIRED = frozenset(("bound_shuffled",))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +57,21 @@ WALKS: Mapping[str, tuple[Walk, ...]] = {
 }
 """What labels need of controls, where a run may ask these. See docs/decisions/0039-asked-in-stages.md."""
 
-LATERAL_RULES = {name: label.early for name, label in LATERAL.items() if label.early}
-"""The lateral labels likewise; ``one_sided`` stands for the latter two where only one direction is ever given."""
-
-DISTANCE = ("depth", "depth_associated")
-"""The labels whose evidence is that it brakes by distance: the first where there are controls, else the second."""
-
 _LATER = frozenset(walk.until for walks in WALKS.values() for walk in walks)
 _SCORABLE = frozenset(("scorable", "unscorable"))
-_TURNS = frozenset(name for names in LATERAL_RULES.values() for name in names)
+_TURNS = frozenset(name for label in LATERAL.values() for name in label.early)
+
+
+class _Known(dict[str, Statistic]):
+    """What claims say so far, each when a rule reads it, and facts; a claim that is not tested has no numbers."""
+
+    def __init__(self, claims: Mapping[str, Claim], facts: Mapping[str, Statistic]) -> None:
+        super().__init__(facts)
+        self._claims = claims
+
+    def __missing__(self, name: str) -> Statistic:
+        claim = self._claims.get(name.removeprefix(PREFIX))
+        return Statistic(None, 0) if claim is None else claim.statistic()
 
 
 @dataclass(frozen=True)
@@ -256,26 +259,14 @@ class Course:
         self._judge()
 
     def _judge(self) -> None:
-        if self._all("not_scorable", RULES):
-            self.label = "not_scorable"
-        elif self.label is None:
-            self.label = next((label for label in RULES if self._reached(label)), None)
-        if self.lateral is None:
-            self.lateral = next((label for label in LATERAL_RULES if self._all(label, LATERAL_RULES)), None)
+        """Take the labels that the claims settle; what is said of the controls comes with their walk, later."""
+        first = {name: claim for name, claim in self.claims.items() if name not in _LATER}
+        label, lateral = (self._ruling(axis, first).label for axis in (EARLY, EARLY_LATERAL))
+        self.label = None if label == NOT_YET else label
+        self.lateral = None if lateral == NOT_YET else lateral
 
-    def _reached(self, label: str) -> bool:
-        """Return whether a label has its evidence of the first walk; that of its controls is walked for after it."""
-        if label in DISTANCE and label != ("depth" if self.layout.shown >= ALONG else "depth_associated"):
-            return False
-        return self._all(label, RULES)
-
-    def _all(self, label: str, rules: Mapping[str, tuple[str, ...]]) -> bool:
-        needed = (name for name in self._needed(rules[label]) if name not in _LATER)
-        return all(name in self.claims and self.claims[name].settled for name in needed)
-
-    def _needed(self, names: tuple[str, ...]) -> list[str]:
-        """Return the claims that a label needs on this bank; the first always, others where they can be tested."""
-        return [name for name in names if name in self.claims or name in REQUIRED or name == names[0]]
+    def _ruling(self, axis: Axis, claims: Mapping[str, Claim], seen: Mapping[str, Statistic] | None = None) -> Ruling:
+        return axis.evaluate(_Known(claims, {**fact("along", holds=self.layout.shown >= ALONG), **(seen or {})}))
 
     def stopped(self, finished: int) -> Stopped | None:
         """Return where it was settled, None where it was not, or only when every call had been made.
@@ -285,13 +276,12 @@ class Course:
         if not self.settled or self.label is None:
             return None
         lateral, by = self._sideways()
-        whole, claimed = self.label == "depth", [PREFIX + name for name in self._needed(RULES[self.label])]
-        if self.label != "not_scorable":
-            claimed.append(f"{PREFIX}scorable")
+        whole, ruling = self.label == "depth", self._ruling(EARLY, self.claims)
+        scored = () if self.label == "not_scorable" else (f"{PREFIX}scorable",)
         later = [claim.frames for name, claim in self.claims.items() if name in _LATER]
         return Stopped(
             label=self.label,
-            decided_by="depth_interventional" if whole else claimed[0],
+            decided_by="depth_interventional" if whole else ruling.decided_by,
             lateral=lateral,
             lateral_by=by,
             frames=len(self.layout.order) if whole else max(self.frames, *later, 0),
@@ -299,16 +289,15 @@ class Course:
             planned=self.layout.planned + self.layout.most(self.label),
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
-            with_it=() if whole else tuple(claimed[1:]),
+            with_it=() if whole else (*ruling.with_it, *scored),
         )
 
     def _sideways(self) -> tuple[str | None, str]:
         """Return the lateral label that is settled and its statistic; None where the ordinary rules say it."""
         if self.lateral is None or self._turns_again:
             return None, "mirror_swap_rate"
-        by, seen = PREFIX + LATERAL_RULES[self.lateral][0], [count for count in self.turns.values() if count]
-        one_sided = self.lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM
-        return "one_sided" if one_sided else self.lateral, by
+        ruling = self._ruling(EARLY_LATERAL, self.claims, lateral_facts(_Known({}, {}), self.turns))
+        return ruling.label, ruling.decided_by
 
     def statistics(self) -> dict[str, Statistic]:
         """Return every claim's e-value under its name."""
@@ -414,7 +403,7 @@ class EarlyStop(Stages):
 def typical(asked: Layout) -> dict[str, int]:
     """Return how many calls a model of each kind takes that never wavers, for the labels that can be settled early."""
     found = {}
-    for label in RULES:
+    for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
         course = Course(asked)
         course.advance(_unwavering(label, asked))
         stopped = course.stopped(len(course.counted))
