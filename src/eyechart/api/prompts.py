@@ -1,7 +1,7 @@
 """Prompts compared: the same frames and models under each, what each does to looking, and what differs between them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
