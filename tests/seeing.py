@@ -9,6 +9,7 @@ import hashlib
 import json
 import random
 import re
+import threading
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -132,6 +133,23 @@ class Endpoint:
             if kind in user and "STOP" not in user:
                 return look(pixels)
         return ACTIONS[hashlib.sha256(picture).digest()[0] % 5]
+
+
+@dataclass
+class Stalled(Endpoint):
+    """An endpoint that lets the call of this number wait, until it may go on."""
+
+    at: int = 12
+    came: threading.Event = field(default_factory=threading.Event)
+    goes_on: threading.Event = field(default_factory=threading.Event)
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Answer one request; this one once it may go on."""
+        self.at -= 1
+        if not self.at:
+            self.came.set()
+            await asyncio.to_thread(self.goes_on.wait, 60)
+        return await super().__call__(request, asked, attempt)
 
 
 async def stream(request: web.Request, said: dict[str, object], asked: dict[str, object]) -> web.StreamResponse:

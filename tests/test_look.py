@@ -23,9 +23,9 @@ from eyechart.manifest import LEDGER, read_manifest
 from eyechart.modes import read_mode
 from eyechart.simulators import open_bank_simulator
 from eyechart.testing import assert_looks
-from faults import Loopback
+from faults import FaultServer, Loopback
 from known import Demo
-from seeing import Endpoint, OllamaEndpoint, served
+from seeing import Endpoint, OllamaEndpoint, Stalled, served
 from stand_ins import rows_in
 
 ANSWERS = ("Yes.", "In part.", "No.", "Inconclusive.")
@@ -170,6 +170,26 @@ def test_photographs_and_a_table_are_enough(here: Path) -> None:
     other = look(*words, "--threshold", 5, "--unit", "m")
     assert isinstance(other.exception, SpecError)
     assert "holds a bank of other pictures (threshold)" in str(other.exception)
+
+
+def test_a_look_that_is_killed_while_it_finds_out_how_to_ask_counts_each_of_its_calls(small: Path, here: Path) -> None:
+    """They stand in its folder before they are sent, and then in the mode that the next one finds."""
+    endpoint, out = Stalled(), here / "looks/openai-m"
+    with FaultServer([endpoint]) as server:
+        words = ["look", "openai:m", "--base-url", server.base_url, "--frames", str(small)]
+        with subprocess.Popen([sys.executable, "-m", "eyechart", *words], stderr=subprocess.DEVNULL) as running:
+            came = endpoint.came.wait(120)
+            running.kill()
+        assert came
+        endpoint.goes_on.set()
+        assert server.requests <= json.loads((out / "spent.json").read_text())["calls"] <= server.requests + 1
+        look(*words[1:])
+        measured = read_mode(out / "mode.toml").measured
+        assert measured is not None
+        with Ledger(out / "run" / LEDGER) as ledger:
+            made = (measured.calls or 0) + sum(1 for _ in ledger.attempts("openai:m"))
+        assert server.requests <= made <= server.requests + 1
+    assert not (out / "spent.json").exists()
 
 
 def test_a_look_that_was_killed_goes_on(small: Path, here: Path) -> None:

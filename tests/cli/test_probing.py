@@ -1,12 +1,9 @@
 """Doctor and probe from the command line, and the probe that comes before a run: what it pins, counts and marks."""
 
-import asyncio
 import json
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -24,7 +21,7 @@ from eyechart.modes import read_mode
 from eyechart.probe import ProbeError
 from eyechart.studies import battery
 from faults import FaultServer, refuse
-from seeing import Endpoint, served
+from seeing import Endpoint, Stalled, served
 
 PRICE = '[[price]]\nmodel = "openai:m"\ninput = 10.0\noutput = 10.0\ndate = "2026-01-01"\nsource = "a test"\n'
 
@@ -197,23 +194,6 @@ def test_the_probe_counts_towards_the_limits_of_its_run(run: Run, tmp_path: Path
         assert 0.02 < made.cost_usd < 0.06
         assert run(server, *prices, "--max-cost", 0.06).exit_code == 3
         assert server.requests < made.calls + 12
-
-
-@dataclass
-class Stalled(Endpoint):
-    """An endpoint that lets the call of this number wait, until it may go on."""
-
-    at: int = 12
-    came: threading.Event = field(default_factory=threading.Event)
-    goes_on: threading.Event = field(default_factory=threading.Event)
-
-    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
-        """Answer one request; this one once it may go on."""
-        self.at -= 1
-        if not self.at:
-            self.came.set()
-            await asyncio.to_thread(self.goes_on.wait, 60)
-        return await super().__call__(request, asked, attempt)
 
 
 @pytest.mark.parametrize("name", ["battery", "prompts", "closed-loop"])

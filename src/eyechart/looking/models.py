@@ -92,7 +92,7 @@ class ModelLook:
         bank = planned.plan.bank
         most = len(bank)
         if wanted.budget is not None:
-            room = wanted.budget - (MOST_CALLS if known is None else _asked_before(mode))
+            room = wanted.budget - (MOST_CALLS + self._sights.spent.calls if known is None else _asked_before(mode))
             most = affordable(most, partial(_most, planned), room)
         found = fewest(bank, most)
         self.watch.say(*found.lines())

@@ -1,17 +1,21 @@
 """Whether a served model is shown its pictures at all, and how it is best asked: found once, before a run is paid."""
 
+import json
 import secrets
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from eyechart.destination import whole
-from eyechart.limits import Spent
+from eyechart.errors import LedgerError, raising
+from eyechart.limits import NOTHING, Spent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
 from eyechart.planned import Bar
 from eyechart.probe import ProbeError, Sample, doctor, is_served, probe
+from eyechart.records import build, parse_json
 
-MODE = "mode.toml"
+MODE, SPENT = "mode.toml", "spent.json"
 MOST_CALLS = 28 + 76
 """So many calls a doctor and a probe may take together."""
 
@@ -40,11 +44,25 @@ class Sights:
             return replace(kept, base_url=mode.base_url, query=mode.query)
         return None if is_served(mode) else mode
 
+    @property
+    def spent(self) -> Spent:
+        """Return what was spent to find it out, and ended without a mode: blind, or killed."""
+        file = self.out / SPENT
+        with raising(LedgerError, f"{file} does not say what was spent", of=(ValueError, RecursionError)):
+            return build(Spent, parse_json(file.read_text(encoding="utf-8"))) if file.is_file() else NOTHING
+
+    def _keep(self, *spent: Spent) -> None:
+        """Write what was spent, whole or not at all: no end of this process loses a call."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        partly = self.out / f".{SPENT}"
+        partly.write_text(json.dumps(Spent.together(spent).as_dict()), encoding="utf-8")
+        partly.replace(self.out / SPENT)
+
     def find(self, mode: RequestMode, sample: Sample) -> RequestMode | Unseen:
         """Ask a model about drawn pictures, once, and then how it is best asked; what is found is kept."""
-        seed = secrets.randbelow(10**6)
+        seed, before = secrets.randbelow(10**6), self.spent
         with self.bar("sight", "calls") as tell:
-            seen = doctor(mode, seed=seed, prices=self.prices, tell=tell)
+            seen = doctor(mode, seed=seed, prices=self.prices, tell=tell, spend=partial(self._keep, before))
         if seen.outcome == "blind" or seen.unasked:
             return Unseen(seen.because, seen.causes, seen.spent)
         try:
@@ -57,12 +75,14 @@ class Sights:
                     sight=seen.sight,
                     prices=self.prices,
                     tell=tell,
+                    spend=partial(self._keep, before, seen.spent),
                 )
         except ProbeError as error:
             spent = Spent.together([seen.spent, error.spent])
             return Unseen("it cannot be asked as the run would ask it", (str(error),), spent)
-        calls = seen.spent.calls + found.spent.calls
+        calls = before.calls + seen.spent.calls + found.spent.calls
         pinned = replace(found.mode, measured=replace(found.measured, calls=calls))
         with whole(self.out / MODE, "request mode") as partly:
             write_mode(partly, pinned)
+        (self.out / SPENT).unlink()  # the mode says it from here on
         return pinned

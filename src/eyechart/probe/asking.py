@@ -12,7 +12,7 @@ from eyechart.calls import REFUSED, TRANSIENT, Query, Reply
 from eyechart.errors import EyechartError
 from eyechart.limits import NOTHING, Spent, pause_s
 from eyechart.models import Model, ask, open_model
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode, TokenField
 
 Tell = Callable[[int, int], None]
@@ -49,9 +49,9 @@ class Asker:
     """
 
     mode: RequestMode
-    prices: Prices
     _: KW_ONLY
     most: int
+    prices: Prices = field(default_factory=read_prices)
     fixed: Collection[str] = ()
     max_cost: float | None = None
     tell: Tell | None = None

@@ -5,15 +5,15 @@ It needs no bank. What it finds holds for the way in which the model was asked.
 
 import contextlib
 from dataclasses import dataclass
+from typing import Unpack
 
 from eyechart.calls import Reply, is_cut
 from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
-from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.probe.acuity import MOST_CALLS as OF_ACUITY
 from eyechart.probe.acuity import NOT_ASKED, Acuity, acuity
-from eyechart.probe.asking import Asker, LimitReachedError, Tell
+from eyechart.probe.asking import Asker, Asking, LimitReachedError
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.pictures import CHOICES
 from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
@@ -104,15 +104,13 @@ def doctor(
     mode: RequestMode,
     *,
     seed: int = 0,
-    prices: Prices | None = None,
-    max_cost: float | None = None,
-    tell: Tell | None = None,
+    **how: Unpack[Asking],
 ) -> Diagnosis:
     """Ask a model at most 28 questions and return the diagnosis; raises SpecError where it cannot be opened.
 
     ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
     """
-    asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, max_cost=max_cost, tell=tell)
+    asker = Asker(mode, most=MOST_CALLS, **how)
     return in_own_loop(_examine(asker, seed))
 
 

@@ -14,7 +14,6 @@ from eyechart.calls import BLOCKED, REFUSED, Emptiness, Reply, is_cut
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
-from eyechart.models.prices import read_prices
 from eyechart.modes import ALONE, Measured, RequestMode
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
 from eyechart.probe.arrival import apart, arrives, dropped, repeats, reuses, size_of
@@ -83,8 +82,6 @@ def probe(
     ``spend`` is told what its calls took, before and after each.
     Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
-    if "prices" not in how:
-        how["prices"] = read_prices()
     asker = Asker(mode, most=MOST_CALLS, fixed=fixed, **how)
     return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed, sight).find())
 
