@@ -278,10 +278,7 @@ def test_the_far_end_of_the_range_without_braking_is_named() -> None:
 
 @pytest.mark.parametrize("free", [9.5, 15.0, 20.0])
 def test_a_reader_that_takes_the_far_road_for_free_earns_depth(free: float) -> None:
-    """It reads with a spread, or says SLOW to a tenth of the pictures: beyond it nothing answers, but now and then.
-
-    The same reader is denied where a part nearer than one that answers is bounded.
-    """
+    """Beyond it nothing answers, and now and then it says SLOW; a part nearer than one that answers is a hole."""
     rng = np.random.default_rng(7)
 
     def late(lead: np.ndarray, beside: np.ndarray, own: np.ndarray) -> np.ndarray:
