@@ -42,7 +42,6 @@ THIRDS = ("near", "middle", "far")
 KINDS = ("near_far", "near_drawn", "drawn", "drawn_far")
 
 HARDER = "it brakes harder where the lead is nearer"
-_UNTESTED = "whether that holds {note} was not tested"
 
 
 def _needs(name: str, reads: str, holds: str, threshold: float, **more: object) -> Clause:

@@ -11,7 +11,7 @@ from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.depth import KINDS, NO_FILE, REFUTING, SHOWN, is_drawn
 from eyechart.verdicts.labels import ORDER_OPEN
 from eyechart.verdicts.rules import Clause, Found, Reading
-from eyechart.verdicts.ruling import and_p, number
+from eyechart.verdicts.ruling import figures
 
 Outcome = Literal["holds", "not shown", "fails", "not tested"]
 
@@ -68,9 +68,7 @@ class Number:
         one = self.statistic
         if one.value is None and one.p is None:
             return f"{self.outcome} ({one.note})"
-        interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        came = f"{SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
-        return f"{number(one)}{interval}, n = {one.n}{and_p(one)}: {came}"
+        return f"{figures(one)}: {SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
 
 
 def numbers_of(found: Found) -> tuple[Number, ...]:
