@@ -94,12 +94,19 @@ def verdict(**changed: Statistic) -> Verdict:
 
 def test_a_verdict_says_its_answer_then_why() -> None:
     """In one sentence; its places without an answer stand in it, and first among what was measured."""
-    assert verdict().sentence.startswith("Yes: it brakes harder where the lead is nearer, at most 6 of 100 comparisons")
+    assert first_line(verdict()).startswith(
+        "Yes: it brakes harder where the lead is nearer, at most 6 of 100 comparisons"
+    )
     one = verdict(holes=Places(1.0, 7, places=(HOLE,)))
-    assert one.sentence.startswith("In part: brakes by distance, not in `blocked`: 0 of 36; elsewhere")
+    assert first_line(one).startswith("In part: brakes by distance, not in `blocked`: 0 of 36; elsewhere")
     assert next(iter(one.measures.items())) == ("does not answer", "in `blocked`: 0 of 36")
-    assert f"\n  {one.sentence.removesuffix('.')}" in str(one)
-    assert one.sentence.split(":")[0] in one._repr_html_()
+    assert ">In part <" in one._repr_html_()
+    assert "Brakes by distance, not in `blocked`: 0 of 36; elsewhere" in one._repr_html_()
+
+
+def first_line(one: Verdict) -> str:
+    """Return what a verdict says first, below its name."""
+    return str(one).splitlines()[1].strip()
 
 
 def test_places_of_one_count_are_named_together() -> None:

@@ -39,7 +39,7 @@ from eyechart.verdicts.rules import (
     p_from,
     there,
 )
-from eyechart.verdicts.ruling import Reason, Ruling, p_value
+from eyechart.verdicts.ruling import Reason, Ruling
 
 CONTENT = {
     "content_shuffled": "another frame of the scenario",
@@ -307,33 +307,6 @@ def _few_turns(found: Found, clause: Clause | None) -> Reason:
     return Reason("{n} directional decisions would tell a rate of .65 from chance", {"n": need})
 
 
-def _not_reflected(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    return Reason("{note}", {"note": found[_SWAP].note})
-
-
-def _one_direction(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    return Reason("{only} is the only direction it ever gives, mirrored or not", {"only": found["one_direction"].note})
-
-
-def _to_the_clear_side(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    words = "directions are exchanged and go to the clear side, within each lane too (p = {within})"
-    return Reason(words, {"within": p_value(found["turns_clear_within"].p or 0.0)})
-
-
-def _to_the_blocked_side(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    words = "directions are exchanged, but {share:.2f} of its turns, beyond its noise, go to the blocked side"
-    return Reason(words, {"share": found["turns_against"].value})
-
-
-def _exchanged(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    return Reason("directions are exchanged, chance is {chance:.2f}", {"chance": number_of(found[_SWAP], "chance")})
-
-
 _SWAPS = (
     compared("every_direction", "value", ">=", 1.0),
     compared(_SWAP, "value", ">=", SWAP_RATE),
@@ -344,12 +317,12 @@ _SWAPS = (
 LATERAL_AXIS = Axis(
     "lateral",
     (
-        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), _not_reflected, quiet=True),
+        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), f"{{{_SWAP}.note}}", quiet=True),
         Rule(
             "one_sided",
             _SWAP,
             (compared("one_direction", "value", ">=", 1.0),),
-            _one_direction,
+            "{one_direction.note} is the only direction it ever gives, mirrored or not",
         ),
         *(
             Rule(
@@ -365,15 +338,16 @@ LATERAL_AXIS = Axis(
             "swaps",
             "turns_against",
             (*_SWAPS, p_below("turns_against", BOUND_ALPHA), compared("turns_against", "value", ">", MARGIN)),
-            _to_the_blocked_side,
+            "directions are exchanged, but {turns_against.value:.2f} of its turns, beyond its noise, go to the blocked "
+            "side",
         ),
         Rule(
             "turns_clear",
             "turns_clear",
             (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
-            _to_the_clear_side,
+            "directions are exchanged and go to the clear side, within each lane too (p = {turns_clear_within.p})",
         ),
-        Rule("swaps", _SWAP, _SWAPS, _exchanged),
+        Rule("swaps", _SWAP, _SWAPS, f"directions are exchanged, chance is {{{_SWAP}.chance:.2f}}"),
         Rule(
             "does_not_swap",
             _SWAP,

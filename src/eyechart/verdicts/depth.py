@@ -45,7 +45,6 @@ KIND_SHARES = {"near_far": FAR_SHARE, "near_drawn": 1.0, "drawn": 1.0, "drawn_fa
 KINDS = tuple(KIND_SHARES)
 
 HARDER = "it brakes harder where the lead is nearer"
-_UNTESTED = "whether that holds {note} was not tested"
 
 
 def _needs(name: str, reads: str, holds: str, threshold: float, **more: object) -> Clause:
@@ -185,6 +184,9 @@ REFUTING: tuple[Clause, ...] = (
 )
 """What shows that it does not hold: `content`."""
 
+NAMED = tuple(compared(f"order_{kind}", "high", "<=", ORDER_OPEN, untested=False) for kind in KINDS)
+"""What is named where it does not hold, and keeps authority from whoever has the label."""
+
 NO_HOLES = compared("holes", "value", "<=", 0.0)
 HOLES = compared("holes", "value", ">", 0.0)
 NO_OPEN_PLACE = compared(
@@ -221,9 +223,8 @@ def holes(found: Found) -> tuple[Place, ...]:
 
 def open_kinds(found: Found) -> Iterator[str]:
     """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places that are not shown."""
-    for kind in KINDS:
-        high = found[f"order_{kind}"].ci
-        if high is None or high[1] > ORDER_OPEN:
+    for kind, clause in zip(KINDS, NAMED, strict=True):
+        if not clause.holds(found):
             yield f"that it is the wrong way round in comparisons of {kind.replace('_', ' and ')}"
     for name in THIRDS:
         if found[f"specificity_{name}"].ci is None and not any(one.of == "range" for one in holes(found)):

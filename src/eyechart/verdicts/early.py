@@ -4,12 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from eyechart.records import Written
-from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
 from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared
-from eyechart.verdicts.ruling import Reason, Ruling, decided
+from eyechart.verdicts.ruling import Reason, Ruling
 
 PREFIX = "early."
 """What the names of e-values begin with among the statistics of a model."""
@@ -29,6 +28,7 @@ _ALONG = {
     "depth_associated": compared("along", "value", "<", 1.0),
 }
 """Braking by distance is evidence for the first where there are pictures along the range, else for the second."""
+_SAYS = "{claim.says}"
 _ALONE = compared("one_direction", "value", ">=", 1.0)
 
 
@@ -37,12 +37,7 @@ def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
     by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
     settled = (Reading("settled", ">=", 1.0),)
     needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
-    return Rule(label, by, (*facts, *needs), lambda found, _: _claimed(found[by]))
-
-
-def _claimed(e: Statistic) -> Reason:
-    assert isinstance(e, EValue)
-    return Reason("{claim}", {"claim": e.says})
+    return Rule(label, by, (*facts, *needs), lambda found, _: Reason(_SAYS, {"claim": found[by]}))
 
 
 def _of_turns() -> Iterator[Rule]:
@@ -146,10 +141,8 @@ def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | 
 
 def early_paper(stopped: Stopped) -> Ruling:
     """Return what stands for the paper's label of a run that stopped."""
-    words = "{stopped}: the paper's tests need the whole run"
-    return decided(NOT_JUDGED, stopped.decided_by, None, words, stopped=stopped.words())
+    return Ruling(NOT_JUDGED, stopped.decided_by, Reason(f"{stopped.words()}: the paper's tests need the whole run"))
 
 
 def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
-    e = found[name]
-    return decided(label, name, e, "{how}: {claim}", how=how, claim=_claimed(e))
+    return Ruling(label, name, Reason(f"{how}: {_SAYS}", {"claim": found[name]}), found[name])

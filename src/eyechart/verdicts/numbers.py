@@ -3,15 +3,14 @@
 The thresholds are those of the rules' own clauses, so that a page, a card and the docs say what a ruling reads.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.depth import KINDS, NO_FILE, REFUTING, SHOWN, is_drawn
-from eyechart.verdicts.labels import ORDER_OPEN
+from eyechart.verdicts.depth import NAMED, NO_FILE, REFUTING, SHOWN, is_drawn
 from eyechart.verdicts.rules import Clause, Found, Reading
-from eyechart.verdicts.ruling import and_p, number
+from eyechart.verdicts.ruling import figures
 
 Outcome = Literal["holds", "not shown", "fails", "not tested"]
 
@@ -68,9 +67,7 @@ class Number:
         one = self.statistic
         if one.value is None and one.p is None:
             return f"{self.outcome} ({one.note})"
-        interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        came = f"{SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
-        return f"{number(one)}{interval}, n = {one.n}{and_p(one)}: {came}"
+        return f"{figures(one)}: {SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
 
 
 def numbers_of(found: Found) -> tuple[Number, ...]:
@@ -85,16 +82,15 @@ def numbers_of(found: Found) -> tuple[Number, ...]:
 
 def clauses_of(name: str) -> tuple[tuple[Clause, ...], tuple[Clause, ...]]:
     """Return the clauses that have to be shown of a statistic, and those whose failure refutes."""
-    shown = tuple(one for one in (*SHOWN, NO_FILE) if one.statistic == name)
+    shown = tuple(one for one in (*SHOWN, NO_FILE, *NAMED) if one.statistic == name)
     return shown, tuple(one for one in REFUTING if one.statistic == name)
 
 
 def needs_of(name: str) -> str:
     """Return what depth needs of a statistic: of a kind of pairs, what keeps it from being named as not excluded."""
     shown, refuting = clauses_of(name)
-    if _is_kind(name):
-        return f"upper end ≤ {ORDER_OPEN:g}, else named"
-    return " and ".join(_all(clause.readings, " or ") for clause in shown or refuting)
+    named = ", else named" if set(shown) & set(NAMED) else ""
+    return " and ".join(_all(clause.readings, " or ") for clause in shown or refuting) + named
 
 
 def refuted_by(name: str) -> str:
@@ -108,24 +104,12 @@ def _all(readings: Sequence[Reading], joined: str) -> str:
     return joined.join(map(str, readings))
 
 
-def _is_kind(name: str) -> bool:
-    return name in {f"order_{kind}" for kind in KINDS}
-
-
 def _outcome(found: Found, name: str) -> Outcome:
     """Return what came of a statistic: refuted first, then not tested, then not shown."""
     shown, refuting = clauses_of(name)
     if any(one.outcome(found) is False for one in (*refuting, *(one for one in shown if one is NO_FILE))):
         return "fails"
-    said = list(_shown(found, name, shown or refuting))
+    said = [clause.outcome(found) for clause in shown or refuting]
     if None in said:
         return "not tested"
     return "holds" if all(said) else "not shown"
-
-
-def _shown(found: Found, name: str, clauses: Sequence[Clause]) -> Iterator[bool | None]:
-    if _is_kind(name):
-        ends = found[name].ci
-        yield None if ends is None else ends[1] <= ORDER_OPEN
-        return
-    yield from (clause.outcome(found) for clause in clauses)

@@ -9,8 +9,8 @@ from eyechart.stats.association import Association
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.evidence import DECIDED, Evidence
 from eyechart.verdicts.labels import MARGIN, SWAP_RATE
-from eyechart.verdicts.rules import Axis, Clause, Found, Rule, compared, missing, p_below, p_from
-from eyechart.verdicts.ruling import Ruling, and_p, number
+from eyechart.verdicts.rules import Axis, Found, Rule, compared, missing, p_below, p_from
+from eyechart.verdicts.ruling import Ruling, and_p, figures, number
 
 PAPER_ALPHA = 0.05
 """Below this p a test counts, in the rules as we read them. The level is ours: the paper prints none, calls a p of .041
@@ -18,11 +18,6 @@ significant and one of .120 not."""
 PAPER_UNPARSED = 0.20
 """Above this unparsed rate over all calls the rules as we read them do not score. The cut is ours: the paper prints
 none, and any in (.05, .28) gives the five verdicts of Table t:frontier."""
-
-
-def _corrected(name: str) -> tuple[Clause, ...]:
-    """Return that a test does not reject at the paper's level, or was not made."""
-    return (p_from(name, PAPER_ALPHA),)
 
 
 _UNGRADED = "the gap tests cannot be passed"
@@ -45,8 +40,15 @@ PAPER = Axis(
             "fewer than two conditions were asked: there is nothing to compare",
             quiet=True,
         ),
-        Rule("image_invariant", "cramers_v", _corrected("cramers_v.holm"), "no answer depends on the condition"),
-        Rule("refusal_effect", "cramers_v.decision", _corrected("cramers_v.decision"), "only outputs differ"),
+        Rule(
+            "image_invariant",
+            "cramers_v",
+            (p_from("cramers_v.holm", PAPER_ALPHA),),
+            "no answer depends on the condition",
+        ),
+        Rule(
+            "refusal_effect", "cramers_v.decision", (p_from("cramers_v.decision", PAPER_ALPHA),), "only outputs differ"
+        ),
         *(
             Rule(
                 "self_inconsistent",
@@ -151,5 +153,5 @@ def _image_token(found: Mapping[str, Statistic]) -> list[str]:
         return []
     grey, none = found["agree.blank.decision"], found["agree.text_only.decision"]
     agree = f"agree(blank) = {number(grey)} with agree(text_only) = {number(none)}"
-    tested = f"difference {number(more)} [{more.ci[0]:.3f}, {more.ci[1]:.3f}], n = {more.n}{and_p(more)}"
+    tested = f"difference {figures(more)}"
     return [f"image token: {agree}: that there is a picture matters more than what it shows ({tested})"]

@@ -169,7 +169,7 @@ class Rule:
 def _reason(says: str | Callable[[Found, Clause | None], Reason], found: Found, clause: Clause | None) -> Reason:
     if not isinstance(says, str):
         return says(found, clause)
-    names = [name for _, name, _, _ in Formatter().parse(says) if name]
+    names = [name.partition(".")[0] for _, name, _, _ in Formatter().parse(says) if name]
     but = said_of(clause, found) if clause is not None and "but" in names else ""
     return Reason(says, {name: but if name == "but" else found[name] for name in names})
 

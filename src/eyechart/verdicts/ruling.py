@@ -8,6 +8,19 @@ from eyechart.stats.statistic import Statistic
 
 
 @dataclass(frozen=True, slots=True)
+class _Written:
+    """A statistic as a sentence has it: ``{name}`` is its value, ``{name.p}`` its p, ``{name.n}`` another number."""
+
+    one: Statistic
+
+    def __format__(self, _: str) -> str:
+        return number(self.one)
+
+    def __getattr__(self, name: str) -> object:
+        return p_value(self.one.p or 0.0) if name == "p" else getattr(self.one, name)
+
+
+@dataclass(frozen=True, slots=True)
 class Reason:
     """Why a rule gave its label: a sentence with places, and the numbers that are written there."""
 
@@ -17,7 +30,7 @@ class Reason:
     def __str__(self) -> str:
         if not self.numbers:
             return self.says
-        shown = {name: number(one) if isinstance(one, Statistic) else one for name, one in self.numbers.items()}
+        shown = {name: _Written(one) if isinstance(one, Statistic) else one for name, one in self.numbers.items()}
         return self.says.format(**shown)
 
 
@@ -49,17 +62,15 @@ class Ruling:
         return str(self.reason) if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
 
-def decided(label: str, name: str, statistic: Statistic | None, says: str, **numbers: object) -> Ruling:
-    """Return the ruling that a statistic decided, None where none did; ``numbers`` fill the places of ``says``."""
-    return Ruling(label, name, Reason(says, numbers), statistic)
-
-
 def measured(name: str, one: Statistic | None) -> str:
     """Return a statistic by its name with its value, interval, n and p in words; its name alone where there is none."""
-    if one is None:
-        return name
+    return name if one is None else f"{name} = {figures(one)}"
+
+
+def figures(one: Statistic) -> str:
+    """Return a statistic's value, interval, n and p in words; an interval and a p only where there are any."""
     interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-    return f"{name} = {number(one)}{interval}, n = {one.n}{and_p(one)}"
+    return f"{number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 
 def number(statistic: Statistic) -> str:

@@ -19,7 +19,7 @@ from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.numbers import FIRST, Number, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
-from eyechart.verdicts.ruling import Ruling, number, p_value
+from eyechart.verdicts.ruling import Ruling, measured, number
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {
@@ -133,12 +133,6 @@ class Verdict(Written):
         }
         return {name: words for name, words in said.items() if words}
 
-    @property
-    def sentence(self) -> str:
-        """Return the answer and why: what is said first."""
-        because = str(self.calibrated.reason)
-        return f"{self.answer}: {because}."
-
     def __repr__(self) -> str:
         labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
         return f"<Verdict on {self.model}: {labels}>"
@@ -168,7 +162,7 @@ class Verdict(Written):
         kept = {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
         rows = {
             **self.measures,
-            "decided by": _numbers(ruling.decided_by, ruling.statistic),
+            "decided by": measured(ruling.decided_by, ruling.statistic),
             **kept,
             "lateral": f"{self.lateral.label}: {self.lateral.because}",
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
@@ -358,12 +352,3 @@ def _turns(found: Mapping[str, Statistic]) -> list[str]:
     if isinstance(boxed, BoxedTurns) and boxed.turned:
         said.append(f"it turns where no side is clear: {boxed.turned} of {boxed.n} answers")
     return said
-
-
-def _numbers(name: str, statistic: Statistic | None) -> str:
-    """Return a statistic's name with its value, interval, n and p; what there is none of is a dash."""
-    if statistic is None:
-        return name
-    interval = "—" if statistic.ci is None else f"[{statistic.ci[0]:.3f}, {statistic.ci[1]:.3f}]"
-    p = "—" if statistic.p is None else p_value(statistic.p)
-    return f"{name} = {number(statistic)}, interval {interval}, n = {statistic.n}, p = {p}"

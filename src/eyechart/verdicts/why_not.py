@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eyechart.conditions import NUDGES
 from eyechart.records import Written
@@ -94,11 +94,23 @@ def _not_scorable(ruling: Ruling) -> WhyNot:
 
 def _by_one_test(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
     """Say that the test of the next stronger label does not hold; nothing settles what is bounded."""
-    stronger, name = _STRONGER[ruling.label]
-    settle, frames = _frames(found[name])
+    why = _untold(*_STRONGER[ruling.label], found)
     if ruling.label == "presence_only":
-        settle, frames = f"nothing on frames like these: the effect of content is bounded below {MARGIN}", None
-    return WhyNot(stronger, name, found[name], f"p below {ALPHA}", settle, frames)
+        bounded = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
+        return replace(why, settle=bounded, frames=None)
+    return why
+
+
+def _untold(label: str, name: str, found: Mapping[str, Statistic]) -> WhyNot:
+    """Say that a test does not hold, and what would settle it."""
+    settle, frames = _frames(found[name])
+    return WhyNot(label, name, found[name], f"p below {ALPHA}", settle, frames)
+
+
+def _by_file(label: str, found: Mapping[str, Statistic]) -> WhyNot:
+    """Say that it follows the file, or a cache answered."""
+    settle = "an answer to each picture of its own: no cache, and no memory of files"
+    return WhyNot(label, "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
 
 
 _STRONGER = {
@@ -161,12 +173,12 @@ def _not_clear(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
         one = found[name]
         if below(one.p):
             continue
+        why = _untold("depth_lateral", name, found)
         if one.p is None:
-            return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", f"a bank that says more: {one.note}")
-        settle, frames = _frames(one)
+            return replace(why, settle=f"a bank that says more: {one.note}", frames=None)
         if name == "turns_clear_within":
-            settle, frames = "turns on lanes of which either side may be clear", None
-        return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
+            return replace(why, settle="turns on lanes of which either side may be clear", frames=None)
+        return why
     return against
 
 
@@ -237,11 +249,9 @@ def _not_associated(evidence: Evidence) -> WhyNot:
         return WhyNot("depth", clause.statistic, clause.read(found), clause.needs, NOTHING)
     first = observational if interventional.p is None else interventional
     if below(first.p):
-        settle = "an answer to each picture of its own: no cache, and no memory of files"
-        return WhyNot("depth", "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
+        return _by_file("depth", found)
     if interventional.p is not None:
-        settle, frames = _frames(interventional)
-        return WhyNot("depth", "depth_interventional", interventional, f"p below {ALPHA}", settle, frames)
+        return _untold("depth", "depth_interventional", found)
     settle = f"counterfactual pictures ({', '.join(MOVED)})"
     if lacks := [f"{name}: {PHOTOGRAPHED[name]}" for name in MOVED if name in evidence.absent]:
         settle += f", which this bank lacks (of each moment again, {'; '.join(lacks)})"
@@ -256,12 +266,9 @@ def _not_associated(evidence: Evidence) -> WhyNot:
 def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
     name, one = ruling.decided_by, ruling.statistic
     if name == "repeat_over_nudged":
-        settle = "an answer to each picture of its own: no cache, and no memory of files"
-        return WhyNot("content", name, one, f"p of {ALPHA} at least", settle)
+        return _by_file("content", found)
     if name == "repeats_together":
-        tested = found["content_shuffled"]
-        settle, frames = _frames(tested)
-        return WhyNot("content", "content_shuffled", tested, f"p below {ALPHA}", settle, frames)
+        return _untold("content", "content_shuffled", found)
     label = "presence_only" if below(found["presence"].p) else "image_invariant"
     if one is None and name.startswith("bound_"):
         conditions = tuple({"bound_content_shuffled": "shuffled"}.get(name, "blank").split())
