@@ -125,28 +125,40 @@ def compare_prompts(
     Raises BankError, SpecError or LedgerError as the study's ``plan`` does, and ProbeError where a model cannot be
     probed.
     """
-    named: dict[str, Any] = {**asking}
-    root, place = placed(bank), Path(out).absolute()
-    how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
-    held, modes, by_option = _asked_models(models, how)
-    again, concurrency = named.pop("again", False), whole_number("concurrency", concurrency, 1)
-    named |= {
-        name: whole_number(name, named[name], least) for name, least in (("limit", 1), ("seed", 0)) if name in named
-    }
-    several = [prompts] if isinstance(prompts, str | Path) else prompts
+    several, place = [prompts] if isinstance(prompts, str | Path) else prompts, Path(out).absolute()
     if len(several) < 2:
         raise SpecError(f"two prompts or more are compared, see {', '.join(PROMPTS)}; this is {len(several)}")
+    how: dict[str, Any] = {**asking}
+    at_once, again = whole_number("concurrency", concurrency, 1), how.pop("again", False)
+    extent: dict[str, Any] = {name: how.pop(name) for name in ("limit", "seed", "conditions") if name in how}
+    extent |= {name: whole_number(name, extent[name], least) for name, least in _LEAST.items() if name in extent}
+    cells = partial(study.plan, placed(bank), out=place, prompts=[*map(str, several)], **extent)
+    allowed = Allowed(read_prices(), no_probe=not probe, concurrency=at_once, again=again)
+    planned = _planned(cells, models, how, allowed, place)
+    planned.make(allowed, moving(progress))
+    return _read(still(out, place), list(planned.cells))
+
+
+_LEAST = {"limit": 1, "seed": 0}
+
+
+def _planned(
+    cells: Callable[..., PromptStudy],
+    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
+    how: Mapping[str, Any],
+    allowed: Allowed,
+    place: Path,
+) -> PromptStudy:
+    """Return the study with its models as they are asked: those that need it are probed with all of the prompts."""
+    held, modes, by_option = _asked_models(models, how)
 
     def plan(modes: Sequence[RequestMode]) -> PromptStudy:
-        given = [held.get(mode.spec, mode) for mode in modes]
-        return study.plan(root, given, place, prompts=[*map(str, several)], **named)
+        return cells(specs=[held.get(mode.spec, mode) for mode in modes])
 
-    allowed = Allowed(read_prices(), no_probe=not probe, concurrency=concurrency, again=again)
     asked = Asked(modes, by_option, how)
     planned = plan_probed(Probing(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
-    planned.make(allowed, moving(progress))
-    return _read(still(out, place), list(planned.cells))
+    return planned
 
 
 def _read(path: Path, names: Sequence[str]) -> PromptsReport:
