@@ -19,7 +19,7 @@ from eyechart.channels import (
     require_channels,
     subset_conditions,
 )
-from eyechart.conditions import OVER, by_reason
+from eyechart.conditions import OVER
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
 from eyechart.importing.notes import notes
@@ -81,14 +81,10 @@ class PolicyRun(Battery):
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield what is left out and why, and how many calls there are."""
         del how
-        plan, (calls, finished, unknown) = self.plan, self.counts()
-        yield from (f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items())
-        yield from notes(plan.bank)
-        yield (
-            f"{len(plan.models)} policies × {plan.size}: {calls} calls, {finished} finished, {unknown} sent with "
-            f"unknown outcome, {calls - finished} to make; a policy that turns out to draw its answers is asked "
-            f"{plan.answers} times"
-        )
+        calls, finished, _ = self.counts()
+        counted = self._counted("policies", str(calls - finished))
+        yield from (*self._left_out(), *notes(self.plan.bank))
+        yield f"{counted}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
         if self.of_shapley:
             yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
 
