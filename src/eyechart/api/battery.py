@@ -24,7 +24,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore, Extent
-from eyechart.studies.probed import Asked, Probing, accept_losses, plan_probed
+from eyechart.studies.probed import Asked, Planner, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
 if TYPE_CHECKING:  # a score needs no templates
@@ -185,7 +185,7 @@ def run_battery(
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved, **bounds)
     asked = Asked(modes, by_option, how)
-    planned = plan_probed(Probing(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
+    planned = plan_probed(Planner(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
     planned.make(allowed, moving(progress))
     return _read_report(still(out, place))

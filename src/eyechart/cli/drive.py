@@ -149,7 +149,7 @@ def hierarchy(
     """
     from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     allowed = spending.allowed(out, dry_run=dry_run, processes=processes, concurrency=concurrency)
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
@@ -162,8 +162,8 @@ def hierarchy(
         found = score(out)
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
-    probing = Probing(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
-    make(probing, options.read_modes(policy or [], mode, how.given()), allowed, show=show)
+    planner = Planner(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
+    make(planner, options.read_modes(policy or [], mode, how.given()), allowed, show=show)
 
 
 @options.expanded
@@ -194,7 +194,7 @@ def online(
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart.episodes import Setup
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
     from eyechart.studies.structured import online as study
 
     setup = Setup(simulator, seed, reflected=reflections)
@@ -210,7 +210,7 @@ def online(
 
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency)
     done = f"'eyechart score {out}' prints what came of it, 'eyechart gate {out}' holds it to admission"
-    make(Probing(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
+    make(Planner(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
 
 
 @options.expanded
@@ -359,7 +359,7 @@ def _drive(
     ``alone`` says that nobody else drives in the command.
     """
     from eyechart.policies import is_policy
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     asked = options.read_modes([one for one in policies if ":" in one and not is_policy(one)], modes, how.given())
     names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
@@ -370,7 +370,7 @@ def _drive(
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
     others = not alone or len(models) < len(names)
-    make(Probing(planned, [out], others=others), asked, allowed, done, show=show)
+    make(Planner(planned, [out], others=others), asked, allowed, done, show=show)
 
 
 def require_drives(runs: Sequence[Path]) -> None:

@@ -154,7 +154,7 @@ def _sample(frames: Path | None, prompt: str, mode: "RequestMode") -> "Sample":
     from eyechart.studies import battery as study
 
     nowhere = frames / "no-run-is-made-here"
-    return study.sample_of([study.plan(frames, [mode], nowhere, prompt=None if prompt == "baseline" else prompt)])
+    return study.plan(frames, [mode], nowhere, prompt=None if prompt == "baseline" else prompt).sample()
 
 
 def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:

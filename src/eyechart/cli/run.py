@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from eyechart.probe.asking import Asking
     from eyechart.studies.battery import Battery
     from eyechart.studies.policy import PolicyRun
-    from eyechart.studies.probed import Asked, Probing
+    from eyechart.studies.probed import Asked, Planner
     from eyechart.studies.prompts import PromptStudy
 
 P = TypeVar("P", bound="Planned")
@@ -100,7 +100,7 @@ def battery(
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=dry_run) if fresh_controls else frames
 
@@ -112,7 +112,7 @@ def battery(
     asked = options.read_modes(model, mode, how.given())
     allowed = spending.allowed(out, dry_run=dry_run, shard=shard, concurrency=concurrency, again=again)
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    make(Probing(planned, [out]), asked, allowed, done)
+    make(Planner(planned, [out]), asked, allowed, done)
 
 
 @options.expanded
@@ -150,7 +150,7 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     for one in json_mode or ():
         if one not in STRUCTURED:
@@ -172,8 +172,8 @@ def prompts(
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
     # a cell with a budget of its own says nothing of the others'; the form of an answer is a factor of this study
-    probing = Probing(planned, study.cells_in(out), whole=not budget)
-    make(probing, asked, allowed, done, fixed={"structured": "none"})
+    planner = Planner(planned, study.cells_in(out), whole=not budget)
+    make(planner, asked, allowed, done, fixed={"structured": "none"})
 
 
 @options.expanded
@@ -197,11 +197,11 @@ def admission(
     --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
-    probing = Probing(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
+    planner = Planner(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
-    make(probing, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
+    make(planner, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
 
 
 @options.expanded
@@ -226,12 +226,12 @@ def structured(
     Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
-    probing = Probing(lambda modes: plan(frames, modes, out), [out])
+    planner = Planner(lambda modes: plan(frames, modes, out), [out])
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
-    make(probing, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
+    make(planner, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
 
 
 @options.expanded
@@ -255,13 +255,13 @@ def _study(
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.studies import open_study
-    from eyechart.studies.probed import Probing
+    from eyechart.studies.probed import Planner
 
     study = open_study(str(ctx.info_name))
-    probing = Probing(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
+    planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     make(
-        probing, options.read_modes(model, mode, how.given()), allowed, f"'eyechart score {out}' prints what came of it"
+        planner, options.read_modes(model, mode, how.given()), allowed, f"'eyechart score {out}' prints what came of it"
     )
 
 
@@ -294,7 +294,7 @@ def policy(
     """
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
-    from eyechart.studies.probed import NOBODY, Probing
+    from eyechart.studies.probed import NOBODY, Planner
 
     def planned(_: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.Extent(limit, None if shard is None else read_shard(shard), answers, shapley)
@@ -304,14 +304,14 @@ def policy(
     spending = options.Spending(max_calls, accept_loss=accept_loss)
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
-    make(Probing(planned, [out]), NOBODY, allowed, done)
+    make(Planner(planned, [out]), NOBODY, allowed, done)
 
 
 _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 
 
 def make(
-    study: "Probing[P]",
+    study: "Planner[P]",
     asked: "Asked",
     allowed: "Allowed",
     done: str = "",
@@ -344,7 +344,7 @@ def _end(end: "Ending") -> None:
 
 
 def _probed(
-    study: "Probing[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
+    study: "Planner[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
 ) -> "tuple[P, dict[str, str]]":
     """Plan a study with its models probed; return why models were left out too. Exits 1 where none is left."""
     from eyechart.planned import unasked

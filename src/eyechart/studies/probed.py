@@ -50,8 +50,8 @@ NOBODY = Asked((), frozenset(), {})
 
 
 @dataclass(frozen=True)
-class Probing(Generic[P]):
-    """A study as a probe needs it: how it is planned, and the ``runs`` that may be there already.
+class Planner(Generic[P]):
+    """How a study plans a run of models, and the ``runs`` that may be there already.
 
     ``others`` says that something is run beside the models, ``whole`` that modes without measured replies do not count.
     """
@@ -63,7 +63,7 @@ class Probing(Generic[P]):
 
 
 def plan_probed(
-    study: Probing[P], asked: Asked, allowed: Allowed, ask: Ask, tell: Callable[[str], None] = lambda _: None
+    study: Planner[P], asked: Asked, allowed: Allowed, ask: Ask, tell: Callable[[str], None] = lambda _: None
 ) -> tuple[P | None, dict[str, str]]:
     """Plan a study, probe what is to be probed first, and plan it anew with what was found.
 
@@ -112,7 +112,7 @@ def _found(
     return found
 
 
-def _known(study: Probing[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
+def _known(study: Planner[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
     """Return the modes that were asked for, as the runs know them, and the models that are to be probed first."""
     from eyechart.probe import is_served  # noqa: PLC0415 - who reads what a run took probes nothing
 

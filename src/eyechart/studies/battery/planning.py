@@ -162,11 +162,16 @@ class Battery(Planned):
 
     def sizes(self) -> list[str]:
         """Say what is left out and why, and how many calls there are."""
+        to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()}"
+        return [*self._left_out(), self._counted("models", to_make), *self._controls()]
+
+    def _left_out(self) -> list[str]:
+        return [f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items()]
+
+    def _counted(self, who: str, to_make: str) -> str:
         plan, (calls, finished, unknown) = self.plan, self.counts()
-        to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()} to make"
-        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make}"
-        left_out = (f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items())
-        return [*left_out, f"{len(plan.models)} models × {plan.size}: {counted}", *self._controls()]
+        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make"
+        return f"{len(plan.models)} {who} × {plan.size}: {counted}"
 
     def _controls(self) -> list[str]:
         """Say how many calls of controls may come, and where a shard leaves them."""

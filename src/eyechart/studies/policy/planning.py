@@ -10,7 +10,7 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import OVER, PARTNERS, by_reason, find_condition
+from eyechart.conditions import OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FrameBank
@@ -73,14 +73,10 @@ class PolicyRun(Battery):
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield what is left out and why, and how many calls there are."""
         del how
-        plan, (calls, finished, unknown) = self.plan, self.counts()
-        yield from (f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items())
-        yield from notes(plan.bank)
-        yield (
-            f"{len(plan.models)} policies × {plan.size}: {calls} calls, {finished} finished, {unknown} sent with "
-            f"unknown outcome, {calls - finished} to make; a policy that turns out to draw its answers is asked "
-            f"{plan.answers} times"
-        )
+        calls, finished, _ = self.counts()
+        counted = self._counted("policies", str(calls - finished))
+        yield from (*self._left_out(), *notes(self.plan.bank))
+        yield f"{counted}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
         if self.of_shapley:
             yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
 
