@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imported, here and in every child
 
@@ -18,6 +19,9 @@ import typer.testing
 from hypothesis import settings
 
 import known
+
+if TYPE_CHECKING:
+    from eyechart.calibrate import Calibration
 
 typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 """The tree of commands does not change, and each call of a command in this process would build it anew."""
@@ -150,7 +154,19 @@ def _interrupts() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def demo(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> known.Demo:
-    """Return the one demo of this test session, shared by its workers."""
+def shared(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """Return the folder of this test session that its workers share."""
     base = tmp_path_factory.getbasetemp()
-    return known.demo(base if worker_id == "master" else base.parent)
+    return base if worker_id == "master" else base.parent
+
+
+@pytest.fixture(scope="session")
+def demo(shared: Path) -> known.Demo:
+    """Return the one demo of this test session, shared by its workers."""
+    return known.demo(shared)
+
+
+@pytest.fixture(scope="session")
+def calibration(shared: Path) -> "Calibration":
+    """Return the one calibration of the default setting of this test session, shared by its workers."""
+    return known.calibration(shared)

@@ -11,12 +11,16 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from filelock import FileLock
 
 from eyechart.frames import BankWriter, FrameBank, open_bank
 from eyechart.manifest import RUN
 from eyechart.simulators import open_bank_simulator
+
+if TYPE_CHECKING:
+    from eyechart.calibrate import Calibration
 
 EYECHART = Path(sys.executable).with_name("eyechart")
 
@@ -67,6 +71,14 @@ def demo(shared: Path) -> Demo:
             thin(folder / "bank-0", folder.with_name("half"))
             record.write_text(json.dumps({"printed": done.stdout, "code": done.returncode}))
     return Demo(folder, **json.loads(record.read_text()))
+
+
+def calibration(shared: Path) -> "Calibration":
+    """Calibrate one bank of the default setting once a test session, however many workers ask for it."""
+    from eyechart.calibrate import calibrate  # noqa: PLC0415 - few tests need it, and it takes a while to import
+
+    with FileLock(shared / "calibration.lock"):
+        return calibrate(replications=1, seed=3, settings=["default"], keep=shared / "calibration.jsonl")
 
 
 def thin(bank: Path, out: Path) -> FrameBank:

@@ -201,22 +201,23 @@ def _failed(policy: str, steps: int, **said: object) -> Change:
     return _record(lie)
 
 
-@pytest.mark.parametrize("policy", POLICIES)
 @pytest.mark.parametrize(
     ("steps", "said"), [(0, {}), (2, {}), (2, {"detail": "it did not end within 2 steps", "max_steps": 2})]
 )
 def test_an_episode_in_error_is_driven_again_also_without_a_step(
-    policy: str, steps: int, said: dict[str, object], run: Path, tmp_path: Path
+    steps: int, said: dict[str, object], run: Path, tmp_path: Path
 ) -> None:
     """An error takes an episode out of every statistic: one that does not come again is named, and nothing holds."""
     (tmp_path / "made").mkdir()
     shutil.copytree(run, tmp_path / "made" / "run")
-    _failed(policy, steps, **said)(tmp_path / "made")
+    for policy in POLICIES:
+        _failed(policy, steps, **said)(tmp_path / "made")
     write_bundle(tmp_path / "made" / "run", tmp_path / "it.zip", resamples=100)
     found = validate(tmp_path / "it.zip")
     assert found.compared["episodes driven again"] == 3
-    assert found.uncompared == ["how 1 episodes failed"]
-    assert any(note.startswith("an error that does not come again: ") and policy in note for note in found.notes)
+    assert found.uncompared == ["how 3 episodes failed"]
+    for policy in POLICIES:
+        assert any(one.startswith("an error that does not come again: ") and policy in one for one in found.notes)
 
 
 def test_an_error_that_comes_again_is_compared(tmp_path: Path) -> None:
@@ -282,12 +283,32 @@ TEN: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize("what", TEN)
-def test_one_changed_number_is_named(what: str, packed: Path, tmp_path: Path) -> None:
-    """Whoever changed it has mended the digests of all files."""
-    change, line = TEN[what]
+TOGETHER = (
+    ("a step's action", "a state", "a reply"),
+    ("a reward", "the state at the end"),
+    ("a world's parameter", "the bound of an episode"),
+    ("a seed", "a manifest field"),
+    ("a score", "a table cell", "a figure", "a price", "the controllers' source"),
+)
+"""Changes that have nothing to do with each other, and are made in one bundle."""
+
+
+def test_every_change_is_made_in_one_bundle() -> None:
+    """None is forgotten."""
+    assert sorted(TEN) == sorted(what for together in TOGETHER for what in together)
+
+
+@pytest.mark.parametrize("together", TOGETHER)
+def test_one_changed_number_is_named(together: tuple[str, ...], packed: Path, tmp_path: Path) -> None:
+    """Each of several; whoever changed it has mended the digests of all files."""
+
+    def change(folder: Path) -> None:
+        for what in together:
+            TEN[what][0](folder)
+
     found = validate(repacked(packed, tmp_path, change))
-    assert re.search(line, said(found), re.MULTILINE), said(found)
+    for what in together:
+        assert re.search(TEN[what][1], said(found), re.MULTILINE), said(found)
     assert not found.holds
 
 
