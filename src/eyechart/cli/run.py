@@ -461,7 +461,20 @@ def sizes(planned: "Battery") -> list[str]:
         *(f"left out: {names}, because {why}" for names, why in by_reason(planned.left_out).items()),
         f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
         *_controls(planned),
+        *_out_of_reach(planned),
     ]
+
+
+def _out_of_reach(planned: "Battery") -> list[str]:
+    """Say which verdicts so few frames cannot give, before they are paid; nothing of a shard, or where none is left."""
+    from eyechart.studies.battery.reach import unreached
+
+    plan, manifest = planned.plan, planned.manifest
+    if manifest.shard is not None or not planned.left():
+        return []
+    never = ", ".join(unreached(plan.bank, plan.frames, plan.conditions))
+    more = f"'eyechart plan {manifest.bank_path}' says what does"
+    return [f"these {len(plan.frames)} frames cannot show, whoever is asked: {never}; {more}"][: bool(never)]
 
 
 def _controls(planned: "Battery") -> list[str]:
