@@ -98,8 +98,8 @@ def test_how_it_is_installed_is_what_works_today(update_readme: ModuleType) -> N
 
 
 def test_the_readme_explains_every_verdict() -> None:
-    """The table of verdicts has a row for each calibrated label."""
-    assert [label for label in LABELS if f"| `{label}` |" not in README] == []
+    """The table of verdicts has a row for each calibrated label, which begins with its answer."""
+    assert [label for label, one in LABELS.items() if f"| `{label}` | **{one.answer}:** " not in README] == []
 
 
 def test_every_condition_is_in_the_paper_table_or_a_counterfactual() -> None:

@@ -84,7 +84,7 @@ def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]
     return [
         label
         for label in LABELS
-        if label not in _ALWAYS
+        if label in _CONTROLLERS
         and (
             left & {*_NEEDS.get(label, ())}
             or _lacks(label, some)
@@ -93,15 +93,13 @@ def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]
     ]
 
 
-_ALWAYS = frozenset({"not_scorable", "undecided"})
-"""The labels that any frames give."""
 _ENOUGH = 288
 """What can be shown on so many of the frames is not tried on all of them."""
 
 
 def _reach(label: str, bank: FrameBank) -> Reach:
     answer = LABELS[label].answer
-    if label in _ALWAYS:
+    if label not in _CONTROLLERS:  # which any frames give, or of which nothing is known
         return Reach(label, answer, reached=True)
     if lacks := _lacks(label, bank):
         return Reach(label, answer, reached=False, lacks=lacks)
