@@ -1,4 +1,4 @@
-"""Check a built site: no page loads anything from elsewhere, and every page is found by its links.
+"""Check a built site: no page loads anything from elsewhere, and every table is one.
 
 Usage: python docs/check_site.py build/docs
 """
@@ -42,12 +42,35 @@ def loads(page: str) -> list[str]:
     return parser.found
 
 
+class Broken(HTMLParser):
+    """Collects paragraphs that begin as a row of a table does: tables that were not read as such."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self._begun = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Begin a paragraph."""
+        del attrs
+        self._begun = self._begun or tag == "p"
+
+    def handle_data(self, data: str) -> None:
+        """Note the first words of a paragraph."""
+        if self._begun and data.lstrip().startswith("|"):
+            self.found.append(data.strip().partition("\n")[0][:40])
+        self._begun = self._begun and not data.strip()
+
+
 def problems(site: Path) -> list[str]:
     """Return what is wrong with a site, in words: addresses elsewhere, and files that are not there."""
     wrong = []
     for file in sorted(site.rglob("*.html")):
-        name = file.relative_to(site)
-        for address in loads(file.read_text(encoding="utf-8")):
+        name, text = file.relative_to(site), file.read_text(encoding="utf-8")
+        broken = Broken()
+        broken.feed(text)
+        wrong += [f"{name} shows a table as text: {row}" for row in broken.found]
+        for address in loads(text):
             if address.startswith(("http:", "https:", "//")):
                 wrong.append(f"{name} loads {address}")
             elif not address.startswith("data:") and not (file.parent / address.partition("?")[0]).exists():

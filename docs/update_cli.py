@@ -53,9 +53,7 @@ def paragraphs(command: Any) -> list[str]:  # noqa: ANN401
     """Return what a command says of itself, examples as code."""
     said = "\n\n".join(part for part in (command.help, command.epilog) if part)
     return [
-        line
-        for name, words in told.paragraphs(said)
-        for line in (f"{name}: `{words}`" if name else cell(words), "")
+        line for name, words in told.paragraphs(said) for line in (f"{name}: `{words}`" if name else cell(words), "")
     ]
 
 

@@ -67,6 +67,18 @@ def test_a_repeat_is_asked_anew_and_never_answered_from_the_first_call(scored: B
     assert scored.models["scripted:depth"].statistics["noise_floor"].value == 0
 
 
+def test_the_demo_explains_one_of_each_answer_and_folds_the_rest(demo: Demo) -> None:
+    """On 80 columns: who never looks, who looks in part and who sees, with what each does; a line for each other."""
+    told, _, rest = demo.printed.partition("\n\n")
+    heads = [line for line in told.splitlines() if not line.startswith(" ")]
+    assert [line.partition(":")[0] for line in heads] == ["No", "In part", "Yes"]
+    assert "answers SLOW, whatever it is shown" in told
+    others = [line for line in rest.splitlines() if line.startswith("  ")]
+    assert len(others) == len(CONTROLLERS) - 3
+    assert max(map(len, demo.printed.splitlines())) <= 80
+    assert "guard" not in demo.printed
+
+
 @pytest.mark.slow
 def test_a_finished_demo_makes_no_further_calls(demo: Demo) -> None:
     """A second demo in the same folder finds every call finished and prints the same."""

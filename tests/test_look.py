@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -97,6 +98,22 @@ def test_who_never_looks_gets_no(demo: Demo, here: Path) -> None:
     assert "a blank picture                 SLOW" in said
     assert "--prompt FILE.toml --out looks/scripted-constant-2" in flat(said)
     assert (here / "looks/scripted-constant").is_dir()
+
+
+def test_the_first_sentence_is_the_rulings_and_that_it_was_settled_early_stands_below(demo: Demo, here: Path) -> None:
+    """Of who sees too; the JSON has both."""
+    for name, code in (("constant", 1), ("depth", 0)):
+        lines = screen(f"scripted:{name}", "--frames", demo.bank, code=code).splitlines()
+        first = " ".join(lines[: lines.index("")])
+        assert "topped early" not in first
+        (below,) = [line for line in lines if line.startswith("Stopped early after ")]
+        assert lines.index("") < lines.index(below) < lines.index("Next")
+        page = (here / f"looks/scripted-{name}/report.html").read_text(encoding="utf-8")
+        assert not re.search(r">\s*(Yes|No): stopped early", page)
+        found = json.loads(look(f"scripted:{name}", "--frames", demo.bank, "--json").stdout)
+        assert "topped early" not in found["because"]
+        assert not any("nothing on" in line for line in lines)
+        assert found["ended"].startswith(below)
 
 
 def test_who_is_blind_in_one_place_looks_in_part(demo: Demo, here: Path) -> None:
@@ -229,6 +246,16 @@ def test_a_budget_is_kept_and_what_is_out_of_reach_is_said_before_a_call(demo: D
     assert done.stdout.startswith("Inconclusive.")
     with Ledger(here / "looks/scripted-constant/run" / LEDGER) as ledger:
         assert 100 < len(ledger.finished()) <= 300
+    with Ledger(here / "looks/scripted-constant/run" / LEDGER) as ledger:
+        kept = ledger.finished()
+    more = look("scripted:constant", "--frames", demo.bank, "--budget", 3000)
+    said = flat(more.stderr)
+    frames = read_manifest(here / "looks/scripted-constant/run").limit
+    assert f"was begun on {frames} of 144 frames, and goes on with those, whatever the budget" in said
+    assert "--budget 3000 --out looks/scripted-constant-2" in said
+    assert said.index("was begun on") < said.index("at most 0 calls")
+    with Ledger(here / "looks/scripted-constant/run" / LEDGER) as ledger:
+        assert ledger.finished() == kept
     few = look("scripted:constant", "--frames", demo.bank, "--budget", 30, "--out", "few")
     assert isinstance(few.exception, SpecError)
     assert "no answer is within reach of so few calls" in str(few.exception)

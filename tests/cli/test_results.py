@@ -1,5 +1,7 @@
 """What ``score`` and ``verdict`` print of a run: a label that is not final says so, and nothing is said twice."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,9 +11,13 @@ import banks
 import stand_ins
 from eyechart import models
 from eyechart.cli.app import app
+from eyechart.conditions import BATTERY
+from eyechart.frames import open_bank
 from eyechart.limits import Limits
+from eyechart.run import spread
 from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.reach import unreached
 from eyechart.studies.battery.tables import deciding_table, group_tables
 from eyechart.verdicts import judge
 from known import Demo
@@ -93,3 +99,40 @@ def test_score_begins_with_the_five_that_decided_and_has_the_rest_by_groups(demo
     assert "kept it from depth_lateral" in brief.stdout
     assert "scripted:depth: distance" in every.stdout
     assert "kept it from" not in every.stdout
+
+
+@pytest.mark.parametrize(
+    ("more", "never"),
+    [
+        (["--limit", "48"], ["depth", "presence_only", "image_invariant"]),
+        (["--limit", "49"], ["depth"]),
+        (["--conditions", "real,real_repeat,blank"], ["depth", "content", "image_invariant"]),
+        ([], []),
+    ],
+)
+def test_a_run_says_before_a_call_what_so_few_frames_cannot_show(
+    more: list[str], never: list[str], demo: Demo, tmp_path: Path
+) -> None:
+    """And of whoever deserves it the verdict is another one: 48 frames of who never looks are undecided."""
+    words = ["run", "battery", "--model", "scripted:constant", "--frames", str(demo.bank), "--out", str(tmp_path / "r")]
+    planned = CliRunner().invoke(app, [*words, *more, "--dry-run"])
+    assert planned.exit_code == 0
+    said = re.findall(r"cannot show, whoever is asked: (.*); 'eyechart plan", planned.stderr)
+    assert len(said) == bool(never)
+    found = ", ".join(said).split(", ")
+    assert set(never) <= set(found)
+    assert not {"image_invariant", "content"} - set(never) & set(found)
+    if never:
+        CliRunner().invoke(app, [*words, *more])
+        (one,) = judge(battery.score(tmp_path / "r")).values()
+        assert (one.calibrated.label == "image_invariant") is ("image_invariant" not in never)
+
+
+def test_what_a_longer_bank_cannot_show_is_said_as_of_a_shorter_one(demo: Demo) -> None:
+    """A part of the frames is tried first where they are many, and all of them where that is not enough."""
+    bank = open_bank(demo.bank)
+    frames = spread(bank.frames, 48)
+    many = tuple(replace(one, id=f"{one.id}+{n}", episode=f"{one.episode}+{n}") for n in range(7) for one in frames)
+    asked = [*BATTERY, "lead_near", "lead_far"]
+    assert "image_invariant" in unreached(bank, frames, asked)
+    assert not {"depth", "image_invariant"} & set(unreached(bank, many, asked))

@@ -2,10 +2,12 @@
 
 import importlib.util
 import re
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from markdown_it import MarkdownIt
 
 from pages import ROOT
 from test_layers import LAYERS
@@ -55,6 +57,8 @@ def test_the_api_has_a_page_for_every_room_but_the_command_line(tmp_path: Path) 
         ('<img src="gone.png">', "page.html loads gone.png, which is not there"),
         ('<a href="https://example.org">out</a><link rel="next" href="later.html"><img src="data:,">', None),
         ('<link rel="stylesheet" href="style.css?v=1">', None),
+        ("<p>| <code>lead_near</code> | a picture |</p>", "page.html shows a table as text: |"),
+        ("<p>a | b</p><table><tr><td>|</td></tr></table>", None),
     ],
 )
 def test_what_a_site_loads_from_elsewhere_is_told(tmp_path: Path, page: str, wrong: str | None) -> None:
@@ -62,3 +66,20 @@ def test_what_a_site_loads_from_elsewhere_is_told(tmp_path: Path, page: str, wro
     (tmp_path / "page.html").write_text(page)
     (tmp_path / "style.css").write_text("body { margin: 0 }")
     assert program("check_site").problems(tmp_path) == ([wrong] if wrong else [])
+
+
+PAGES = [ROOT / "README.md", ROOT / "benchmarks" / "README.md", *sorted(DOCS.rglob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_row_of_a_table_is_one_as_rendered(page: Path) -> None:
+    """No row stands as text below its table, and none has other cells than the head, which a reader would not see."""
+    text = page.read_text(encoding="utf-8")
+    tokens = MarkdownIt("commonmark").enable("table").parse(text)
+    for before, token in pairwise(tokens):
+        assert before.type != "paragraph_open" or not token.content.startswith("|"), token.content
+    for token in tokens:
+        if token.type == "table_open" and token.map is not None:
+            rows = text.splitlines()[token.map[0] : token.map[1]]
+            cells = {len(re.split(r"(?<!\\)\|", row.strip().removesuffix("|"))) for row in rows}
+            assert len(cells) == 1, rows[0]

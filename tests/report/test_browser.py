@@ -4,13 +4,18 @@ Run by make test-browser; EYECHART_CHROMIUM names another Chromium than the one 
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from report_runs import HOSTILE, LONG, Reported
+from banks import build_bank
+from eyechart.report.page import write_page
+from eyechart.studies import battery
+from eyechart.studies.battery.page import make_page
+from report_runs import HOSTILE, LONG, Reported, read_evidence
 
 pytestmark = pytest.mark.browser
 HEIGHT_PX = 900
@@ -198,3 +203,18 @@ def test_axe_finds_no_serious_violation(page: Any, scheme: str) -> None:  # noqa
     grave = [one for one in found["violations"] if one["impact"] in {"serious", "critical"}]
     assert [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in grave] == []
     assert len(found["passes"]) > 20
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_one_model_fills_the_page(engine: Any, tmp_path: Path, width: int) -> None:  # noqa: ANN401 - as above
+    """Its card is as wide as the place for all cards."""
+    bank = build_bank(tmp_path / "bank", episodes=2, steps=1)
+    planned = battery.plan(bank.root, ["scripted:presence"], tmp_path / "run")
+    with ThreadPoolExecutor(1) as beside:  # the browser has an event loop of its own in this thread
+        beside.submit(battery.run, planned).result()
+    write_page(make_page(read_evidence([tmp_path / "run"])), tmp_path / "page.html")
+    opened = engine.new_page(viewport={"width": width, "height": HEIGHT_PX})
+    opened.goto((tmp_path / "page.html").as_uri())
+    card, cards = (opened.locator(name).bounding_box() for name in (".card", ".cards"))
+    assert card["width"] > 0.98 * cards["width"] > 0.5 * width
+    opened.close()

@@ -1,6 +1,7 @@
 """Figures of policies: no words upon a picture, no chart against a label, and what is drawn is said in words."""
 
 from collections.abc import Iterator
+from html import escape
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
@@ -226,6 +227,19 @@ def test_a_moment_says_whose_it_is_and_how_it_is_read(scored: PolicyScore) -> No
         assert one.description.count(",") < 1 + len(_LINES)
     assert "at which other pictures change its answer most" in drawn[0].note
     assert "Of 4 answers the first is drawn." in moments("u", scored.models["python:arms:unsteady"], None)[0].note
+
+
+@pytest.mark.slow
+def test_the_page_draws_each_moment_once(scored: PolicyScore) -> None:
+    """The one at its head is not drawn again below, and no two figures of a policy are of one moment."""
+    spec = "python:arms:reach"
+    titles = [one.title for one in moments(spec, scored.models[spec], None)]
+    assert len(set(titles)) == len(titles) >= 4
+    head, _, rest = made([(scored, None)]).page.html.decode().partition('id="part-1"')
+    first, *others = map(escape, titles)
+    assert first in head
+    assert first not in rest
+    assert all(one in rest for one in others)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """What is printed of policies: counts by channel, shares by step, nothing of who failed a guard, what to do next."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from eyechart.stats.shares import Misfit
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy.figures import _boxes
-from eyechart.studies.policy.page import made
+from eyechart.studies.policy.page import _answer, _does, _tone, in_a_sentence, made
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.studies.policy.settling import SETTLE, settling
 from eyechart.studies.policy.tables import channel_table, parts_table, steps_table
@@ -157,3 +158,15 @@ def test_the_pictures_of_all_cameras_have_a_place_each(count: int) -> None:
         for other in boxes[:place]:
             apart = left >= other[0] + other[2] or other[0] >= left + wide
             assert apart or low >= other[1] + other[3] or other[1] >= low + high
+
+
+def test_what_overturns_the_headline_stands_in_it() -> None:
+    """Of who does something else than was logged: in the first sentence, in that of several, and not in green."""
+    fine, other = verdict(), replace(verdict(), misfit=2.7)
+    assert (
+        _answer(other)
+        == f"Its error is 2.7 of the log's variance: it does something else than was logged. {_answer(fine)}"
+    )
+    assert (_tone(fine), _tone(other)) == ("sees", "partly")
+    told = in_a_sentence([("a", _does(fine)), ("b", _does(other))])
+    assert told.endswith("and 1 looks but does something else than was logged (b).")

@@ -1,13 +1,17 @@
 """``eyechart demo`` and ``calibrate``: the main job, and the instrument itself, on known answers, offline."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_each, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
+
+if TYPE_CHECKING:
+    from eyechart.verdicts import Verdict
 
 _AT_ONCE = 48
 """Calls under way, a model: a batch of the organisms."""
@@ -59,19 +63,58 @@ def demo(
         study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
     scored = study.score(run)
     verdicts = judge(scored)
-    print_each(verdicts_printed(scored, verdicts))
     if vlm:
+        print_each(verdicts_printed(scored, verdicts))
         print_line("Trained to do, and the verdict that this deserves:")
         for name, one in ORGANISMS.items():
             print_line(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
+    else:
+        found = {spec: (one.answer, one.calibrated.label, _why(one)) for spec, one in verdicts.items()}
+        _explained(found, {f"scripted:{name}": one.says for name, one in CONTROLLERS.items()})
     wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]
     for spec in wrong:
         print_line(f"not as declared: {spec} declares {declared[spec]}")
     who = "organisms were trained for" if vlm else "controllers declared"
     print_line(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
-    say(f"the pictures: 'eyechart frames show {bank} --out sheet.png'; every number: 'eyechart score {run}'")
+    say(
+        f"every verdict and why: 'eyechart verdict {run}'",
+        f"every picture and reply on one page: 'eyechart report {run} --out report.html'",
+    )
     if wrong:
         raise typer.Exit(1)
+
+
+def _why(one: "Verdict") -> str:
+    """Return what a controller may be trusted with, and why."""
+    reason = str(one.calibrated.reason)
+    return f"{one.trust} {reason[:1].upper()}{reason[1:]}."
+
+
+_SHOWN = ("No", "In part", "Yes")
+"""Of each answer one is explained."""
+
+
+def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str]) -> None:
+    """Print one of each answer with what it does and why it got its label, and the others in a line each.
+
+    ``found`` holds answer, label and reason.
+    """
+    import textwrap
+
+    first = {one[0]: spec for spec, one in reversed(found.items())}
+    shown = [first[answer] for answer in _SHOWN if answer in first]
+    for spec in shown:
+        answer, label, why = found[spec]
+        print_line(f"{answer}: {spec}, {label}")
+        for words in (f"What it does: {does[spec]}.", f"What is found: {why}"):
+            print_line(textwrap.fill(words, 80, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
+    print_line("")
+    print_line(f"The {len(found) - len(shown)} others:")
+    wide = max(map(len, found))
+    for spec, (answer, label, _) in found.items():
+        if spec not in shown:
+            print_line(f"  {spec:<{wide}}  {answer:<12}  {label}")
+    print_line("")
 
 
 def _demo_policies(out: Path, seed: int) -> None:
@@ -82,19 +125,22 @@ def _demo_policies(out: Path, seed: int) -> None:
 
     with resumable(), ExitStack() as bars:
         _, found = study.make(out, seed, lambda preset: bars.enter_context(progress(preset, "calls")))
-    print_each(study.tables(found))
-    print_each(
-        f"{spec}: {one.verdict.because if one.verdict.guards else one.verdict.camera.because}"
-        for spec, one in found.items()
-    )
+    verdicts = {spec: one.verdict for spec, one in found.items()}
+    said = {
+        spec: (one.answer, one.camera.label, one.because if one.guards else one.camera.because)
+        for spec, one in verdicts.items()
+    }
+    _explained(said, {spec: one.says for spec, one in found.items()})
     print_each(f"not as trained: {spec}: {words}" for spec, one in found.items() for words in one.wrong)
     right = sum(not one.wrong for one in found.values())
     print_each([f"{right} of {len(found)} policies got the labels that they were trained for."])
-    runs = [out / f"run-{preset}-{seed}" for preset in study.PRESETS]
-    scores = ", ".join(f"'eyechart score {run}'" for run in runs)
-    page = f"'eyechart report {' '.join(map(str, runs))} --out page.html'"
-    own = f"'eyechart run policy --policy python:MODULE:FUNCTION --frames {out / f'bank-balanced-{seed}'} --out my-run'"
-    say(f"every number: {scores}; the page: {page}", f"your own: {own}")
+    runs = " ".join(str(out / f"run-{preset}-{seed}") for preset in study.PRESETS)
+    own = f"eyechart run policy --policy python:MODULE:FUNCTION --frames {out / f'bank-balanced-{seed}'} --out my-run"
+    say(
+        *(f"every verdict and why: 'eyechart verdict {run}'" for run in runs.split()),
+        f"every picture and motion on one page: 'eyechart report {runs} --out report.html'",
+        f"your own: '{own}'",
+    )
     if right < len(found):
         raise typer.Exit(1)
 

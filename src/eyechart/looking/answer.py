@@ -47,11 +47,11 @@ class Look(Written):
     """Whether a model or a policy looks, why, where it does not, and what was made.
 
     ``answer`` is Yes, In part, No or Inconclusive, ``because`` the sentence that goes with it, ``holes`` are the places
-    of which it does not hold. ``pictures`` are three in words, out of ``among``. ``report`` and ``run`` are None where
-    nothing was asked.
+    of which it does not hold. ``pictures`` are three in words, out of ``among``. ``ended`` says where it was asked no
+    more, because it was settled. ``report`` and ``run`` are None where nothing was asked.
     """
 
-    written = "answer because holes next=commands report=page run=folder model=spec label pictures among calls"
+    written = "answer because holes next=commands report=page run=folder model=spec label pictures among ended calls"
 
     spec: str
     answer: str
@@ -64,6 +64,7 @@ class Look(Written):
     report: Path | None = None
     run: Path | None = None
     calls: int = 0
+    ended: str = ""
 
     @property
     def commands(self) -> list[str]:
@@ -110,6 +111,8 @@ class Look(Written):
         wide = max((len(one.shows) for one in self.pictures), default=0)
         for one in self.pictures:
             yield from _wrapped(one.words, f"  {one.shows:<{wide}}  ", " " * (wide + 4))
+        if self.ended:
+            yield from ["", *_wrapped(self.ended)]
         yield from ["", "Next"] if self.next else []
         for step in self.next:
             yield from _wrapped(f"{shown(step.why)}:", "  ")

@@ -13,7 +13,7 @@ from eyechart.costs import assumed, estimate
 from eyechart.limits import Outcome, Spent
 from eyechart.looking.answer import Look, Pictured, Step
 from eyechart.looking.pictures import BANK
-from eyechart.looking.reach import affordable, fewest
+from eyechart.looking.reach import SMALL, affordable, fewest
 from eyechart.looking.sight import MODE, MOST_CALLS, Sights, Unseen
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
 from eyechart.manifest import is_run, read_manifest
@@ -87,7 +87,9 @@ class ModelLook:
         """
         wanted, mode = self.wanted, known or self.wanted.mode
         if is_run(wanted.run):
-            return self._plan(mode, read_manifest(wanted.run).limit)
+            planned = self._plan(mode, read_manifest(wanted.run).limit)
+            self.watch.say(*wanted.begun(len(planned.plan.frames), min(SMALL, len(planned.plan.bank))))
+            return planned
         planned = self._plan(mode, None)
         bank = planned.plan.bank
         most = len(bank)
@@ -147,6 +149,7 @@ class ModelLook:
             wanted.report,
             wanted.run,
             scored.models[wanted.spec].answered,
+            "" if verdict.stopped is None else f"{verdict.stopped.words().capitalize()}.",
         )
 
 
@@ -165,6 +168,8 @@ def _asked_before(mode: RequestMode) -> int:
 def _because(verdict: Verdict) -> str:
     """Return the ruling's sentence: what it may be trusted with and why; what puts it in doubt comes first."""
     reason = str(verdict.calibrated.reason)
+    if verdict.stopped is not None:
+        reason = reason.removeprefix(f"{verdict.stopped.words()}: ")
     said = f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
     untested = [note for note in verdict.notes if note.startswith(UNTESTED) and verdict.answer != "Yes"]
     distance = [f"{note[0].upper()}{note[1:]}." for note in untested[:1]]
@@ -210,7 +215,8 @@ def _steps(wanted: Wanted, verdict: Verdict, *, whole: bool) -> Iterator[Step]:
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks")
     elif verdict.why_not is not None:
         settle = verdict.why_not.settle.partition("; ")[0]
-        yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
+        if not settle.startswith("nothing"):
+            yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
         yield Step("try other words", wanted.command("--prompt", "FILE.toml", out=again))

@@ -97,9 +97,11 @@ class PolicyLook:
         wanted = self.wanted
         limit = read_manifest(wanted.run).limit if is_run(wanted.run) else None
         planned = self._plan(limit)
+        frames = len(planned.plan.bank.frames)
+        if is_run(wanted.run):
+            self.watch.say(*wanted.begun(len(planned.plan.frames), frames))
         if is_run(wanted.run) or wanted.budget is None:
             return planned
-        frames = len(planned.plan.bank.frames)
         some = affordable(frames, partial(_most, planned), wanted.budget - MOST_CALLS)
         if some == frames:
             return planned

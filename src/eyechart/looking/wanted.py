@@ -57,6 +57,12 @@ class Wanted:
         """Return the command that looks so again, with more options."""
         return shlex.join(["eyechart", "look", self.spec, *self.options, *more, "--out", str(out or self.out)])
 
+    def begun(self, frames: int, usual: int) -> list[str]:
+        """Return in words that a run that is there keeps its frames, where they are fewer than a look asks about."""
+        more = self.command(out=self.out.with_name(f"{self.out.name}-2"))
+        goes_on = f"{self.out} was begun on {frames} of {usual} frames, and goes on with those, whatever the budget"
+        return [f"{goes_on}; more frames need a folder of their own: '{more}'"][: frames < usual]
+
 
 def folder_name(spec: str) -> str:
     """Return the name of the folder of a look at a SPEC."""

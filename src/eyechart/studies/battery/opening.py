@@ -47,7 +47,9 @@ def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
     if not everyone:
         return "The run names no model."
     if len(everyone) == 1:
-        return everyone[0].verdict.sentence
+        verdict = everyone[0].verdict
+        early = "" if verdict.stopped is None else f"{verdict.stopped.words()}: "
+        return verdict.sentence.replace(f": {early}", ": ", 1)
     return parted(said, _ANSWERS, "models")
 
 

@@ -163,7 +163,7 @@ class Battery(Planned):
     def sizes(self) -> list[str]:
         """Say what is left out and why, and how many calls there are."""
         to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()}"
-        return [*self._left_out(), self._counted("models", to_make), *self._controls()]
+        return [*self._left_out(), self._counted("models", to_make), *self._controls(), *self._out_of_reach()]
 
     def _left_out(self) -> list[str]:
         return [f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items()]
@@ -183,6 +183,17 @@ class Battery(Planned):
         return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][
             : more > 0
         ]
+
+    def _out_of_reach(self) -> list[str]:
+        """Say which verdicts so few frames cannot give, before they are paid; nothing of a shard, or of none left."""
+        if self.manifest.shard is not None or not self.left():
+            return []
+        from eyechart.studies.battery.reach import unreached  # noqa: PLC0415 - it judges, which a run does not
+
+        never = ", ".join(unreached(self.plan.bank, self.plan.frames, self.plan.conditions))
+        more = f"'eyechart plan {self.manifest.bank_path}' says what does"
+        size = len(self.plan.frames)
+        return [f"these {size} frames cannot show, whoever is asked: {never}; {more}"][: bool(never)]
 
     def _before(self) -> list[str]:
         """Say what stopping early guarantees, and the most and the typical number of calls."""

@@ -6,14 +6,15 @@ looked at, and the rules of a verdict judge these answers; where they give anoth
 
 import random
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from eyechart.conditions import RANGED, available
+from eyechart.conditions import BATTERY, RANGED, available
 from eyechart.frames import Frame, FrameBank
+from eyechart.run import spread
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
@@ -73,9 +74,32 @@ def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
     return tuple(_reach(label, bank) for label in LABELS)
 
 
+def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]) -> list[str]:
+    """Return the labels that nobody gets who is asked about these frames under these conditions, who deserves it too.
+
+    What a run asks in later stages is taken to be ``asked``.
+    """
+    some, left = replace(bank, frames=frames), {*BATTERY, *_DEPTH[:2]} - {*asked}
+    parts = [spread(frames, _ENOUGH), *([frames] if len(frames) > _ENOUGH else [])]
+    return [
+        label
+        for label in LABELS
+        if label in _CONTROLLERS
+        and (
+            left & {*_NEEDS.get(label, ())}
+            or _lacks(label, some)
+            or not any(_ruled(label, some, part).label == label for part in parts)
+        )
+    ]
+
+
+_ENOUGH = 288
+"""What can be shown on so many of the frames is not tried on all of them."""
+
+
 def _reach(label: str, bank: FrameBank) -> Reach:
     answer = LABELS[label].answer
-    if label in {"not_scorable", "undecided"}:
+    if label not in _CONTROLLERS:  # which any frames give, or of which nothing is known
         return Reach(label, answer, reached=True)
     if lacks := _lacks(label, bank):
         return Reach(label, answer, reached=False, lacks=lacks)

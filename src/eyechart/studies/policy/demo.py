@@ -1,16 +1,14 @@
 """The demo of policies: six tiny ones, trained to look in a known way, and what a run says of each."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.models.trained import TRAINED
-from eyechart.report.table import Cell, Column, Table
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies.policy.planning import Extent, plan, run
 from eyechart.studies.policy.scoring import PolicyScore, judge, score
-from eyechart.studies.policy.tables import channel_table, mark
 from eyechart.verdicts.channels import PolicyVerdict
 
 STEPS, SEEDS, ANSWERS = 6, 3, 2
@@ -72,15 +70,3 @@ def shown(spec: str, verdict: PolicyVerdict) -> Shown:
     deserved = {"camera": lesson.camera, "state": lesson.state, "instruction": lesson.instruction}
     deserved |= {f"{name} camera": label for name, label in lesson.cameras.items()}
     return Shown(verdict, lesson.says, deserved)
-
-
-def tables(found: dict[str, Shown]) -> Iterator[Table]:
-    """Yield what every policy got and was trained to do, and the share of each of its channels."""
-    names = {spec: spec.removeprefix("trained:") for spec in found}
-    axes = ("camera", "state", "instruction")
-    rows: list[tuple[Cell, ...]] = [
-        (names[spec], *(mark(one.found[axis]) for axis in axes), f"it {one.says}") for spec, one in found.items()
-    ]
-    head = [Column(name, "word") for name in ("policy", *axes)]
-    yield Table("demo", "what each was found to do, and trained to do", (*head, Column("trained")), tuple(rows))
-    yield channel_table({names[spec]: one.verdict for spec, one in found.items()})

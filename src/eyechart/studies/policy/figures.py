@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import Any
 
 import numpy as np
@@ -287,19 +287,20 @@ def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
 def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
     """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged.
 
-    The first is drawn once more with other pictures, and with what a world changes in them.
+    Others show other pictures, and what a world changes in them. No moment is drawn twice where there are enough.
     """
     found = policy.motions
-    places = _telling(found)
     cameras = [name for name in channels_of(found.plan.bank) if name.startswith(CAMERA)]
     each = {f"swapped@{name}": f"another {name.removeprefix(CAMERA)} picture" for name in cameras}
-    drawn: list[tuple[str, int, str, Mapping[str, str]]] = [("moment", place, why, _OF_ALL) for place, why in places]
-    for place, why in places[:1]:
-        for turn, kept in enumerate(_parts(_OF_PICTURES | each, len(_LINES))):
-            drawn.append((f"pictures-{turn + 1}" if turn else "pictures", place, why, kept))
-        drawn.append(("world", place, why, _OF_THE_WORLD))
-    made = (_moment(kind, spec, found, place, why, shown, pictures) for kind, place, why, shown in drawn)
-    return [one for one in made if one is not None]
+    kinds: list[tuple[str, Mapping[str, str]]] = [("moment", _OF_ALL)] * _MOMENTS
+    for turn, kept in enumerate(_parts(_OF_PICTURES | each, len(_LINES))):
+        kinds.append((f"pictures-{turn + 1}" if turn else "pictures", kept))
+    kinds.append(("world", _OF_THE_WORLD))
+    kinds = [(kind, shown) for kind, shown in kinds if any(found.raw(name) is not None for name in shown)]
+    made = {}
+    for (kind, shown), (place, why) in zip(kinds, cycle(_telling(found, len(kinds))), strict=False):
+        made.setdefault((kind, place), _moment(kind, spec, found, place, why, shown, pictures))
+    return [one for one in made.values() if one is not None]
 
 
 def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
@@ -310,25 +311,26 @@ def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
 
 
 _MOST = "It is the moment at which other pictures change its answer most."
-_MIDDLE = "At half of the moments other pictures change its answer more than at this one."
+_MIDDLE = "At half of the moments or more other pictures change its answer more than at this one."
 
 
-def _telling(found: Motions) -> list[tuple[int, str]]:
-    """Return the moments at which other pictures change the answer most, and in the middle, of different episodes.
+def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
+    """Return the moment at which other pictures change the answer most, and ones in the middle, of other episodes.
 
     Each with what it is in words; of who was not shown other pictures, the first moments.
     """
     real, other = found.of("real"), found.of(f"swapped@{CAMERAS}")
     if real is None or other is None:
-        return [(place, "") for place in range(min(_MOMENTS, len(found.plan.frames)))]
+        return [(place, "") for place in range(min(most, len(found.plan.frames)))]
     apart = ((real.mean(axis=0) - other.mean(axis=0)) ** 2).mean(axis=(1, 2))
     order = np.argsort(np.where(np.isfinite(apart), -apart, np.inf), kind="stable")
     good = order[: int(np.isfinite(apart).sum())]
     if not len(good):
         return []
-    middle = [place for place in good[len(good) // 2 :] if found.episodes[place] != found.episodes[good[0]]]
+    by_episode = {found.episodes[place]: place for place in reversed(good[len(good) // 2 :])}
+    middle = [place for name, place in reversed(by_episode.items()) if name != found.episodes[good[0]]]
     told = _MOST if apart[good[0]] > 0 else ""
-    return [(int(good[0]), told), *((int(place), told and _MIDDLE) for place in middle[: _MOMENTS - 1])]
+    return [(int(good[0]), told), *((int(place), told and _MIDDLE) for place in middle[: most - 1])]
 
 
 def _moment(

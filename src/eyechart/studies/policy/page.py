@@ -32,7 +32,9 @@ Shown = tuple[PolicyScore, FrameBank | None]
 def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
     """Return the report of runs of policies; those of a training with its course, by ``steps`` or as they declare."""
     course = training_of([score for score, _ in runs], steps or {})
-    sections = [section for run in runs for section in _sections(*run, alone=len(runs) == 1)]
+    first = _opening(runs)
+    shown = "" if first.figure is None else first.figure.title
+    sections = [section for run in runs for section in _sections(*run, shown, alone=len(runs) == 1)]
     tables = [table for score, _ in runs for table in _tables(score)]
     if course is not None:
         shares, changes = course.tables()
@@ -46,7 +48,7 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
         )
         sections, tables = [told, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
-    page = page_of("Does it look, and does it listen?", title, sections, notes, _opening(runs))
+    page = page_of("Does it look, and does it listen?", title, sections, notes, first)
     return Made(page, tables, page.notes)
 
 
@@ -78,6 +80,7 @@ def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[
 
 _LOOK = {
     "Yes": ("looks", "look"),
+    "unfit": ("looks but does something else than was logged", "look but do something else than was logged"),
     "deaf": ("looks but does not listen", "look but do not listen"),
     "In part": ("looks in part", "look in part"),
     "No": ("does not look", "do not look"),
@@ -91,6 +94,8 @@ _MOST_NAMED = 4
 def _does(one: PolicyVerdict) -> str:
     """Return in a word of `_LOOK` what a policy does."""
     looks = "none" if one.guards else one.answer
+    if looks == "Yes" and is_unfit(one):
+        return "unfit"
     return "deaf" if looks == "Yes" and INSTRUCTION[one.instruction.label].is_absence else looks
 
 
@@ -107,8 +112,8 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
 
 
 def _tone(one: PolicyVerdict) -> str:
-    """Return what a policy is shown as: by its cameras, and no better than in part where it does not listen."""
-    return "partly" if _does(one) == "deaf" else CAMERA[one.camera.label].family
+    """Return what a policy is shown as: by its cameras, and no better than in part where more is amiss."""
+    return "partly" if _does(one) in {"deaf", "unfit"} else CAMERA[one.camera.label].family
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -119,10 +124,12 @@ def _tables(score: PolicyScore) -> list[Table]:
     return [verdict_table(verdicts), channel_table(verdicts), statistics_table(score), *parts, costs]
 
 
-def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) -> Iterator[Section]:
+def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alone: bool) -> Iterator[Section]:
+    """Yield a section a policy, and the tables; the figure of the title ``shown`` is above already."""
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
-        drawings = [*_shares(score, one), *moments(spec, score.models[spec], pictures)]
+        others = [drawn for drawn in moments(spec, score.models[spec], pictures) if drawn.title != shown]
+        drawings = [*_shares(score, one), *others]
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
@@ -157,7 +164,16 @@ def _answer(one: PolicyVerdict) -> str:
     if one.guards:
         return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " Nothing else is said of it."
     said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
-    return " ".join(label.says for label in said)
+    unfit = [f"Its error is {one.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(one) else []
+    return " ".join([*unfit, *(label.says for label in said)])
+
+
+_UNFIT = "it does something else than was logged"
+
+
+def is_unfit(one: PolicyVerdict) -> bool:
+    """Return whether a policy does something else than was logged, whatever it looks at."""
+    return one.misfit is not None and one.misfit >= MISFIT
 
 
 def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
@@ -191,7 +207,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "undecided" != one.camera.label:
             found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
-    return found or [FINE if one.misfit is None or one.misfit < MISFIT else UNFIT]
+    return found or [UNFIT if is_unfit(one) else FINE]
 
 
 def _of_label(axis: str, one: Judged) -> str:
