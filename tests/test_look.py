@@ -17,7 +17,7 @@ import eyechart
 import photographs
 from banks import build_bank
 from eyechart.cli.app import app
-from eyechart.errors import SpecError
+from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.looking import Look
 from eyechart.manifest import LEDGER, read_manifest
@@ -207,6 +207,17 @@ def test_a_look_that_is_killed_while_it_finds_out_how_to_ask_counts_each_of_its_
             made = (measured.calls or 0) + sum(1 for _ in ledger.attempts("openai:m"))
         assert server.requests <= made <= server.requests + 1
     assert not (out / "spent.json").exists()
+
+
+def test_a_record_of_calls_that_is_none_is_refused(small: Path, here: Path) -> None:
+    """By its name; nothing is asked, for nobody can say what was."""
+    (here / "looks/openai-m").mkdir(parents=True)
+    (here / "looks/openai-m/spent.json").write_text("[]")
+    with served() as server:
+        said = look("openai:m", "--base-url", server.base_url, "--frames", small)
+        assert server.requests == 0
+    assert isinstance(said.exception, LedgerError)
+    assert "spent.json does not say what was spent" in str(said.exception)
 
 
 def test_a_look_that_was_killed_goes_on(small: Path, here: Path) -> None:
