@@ -297,7 +297,7 @@ def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Dr
         kinds.append((f"pictures-{turn + 1}" if turn else "pictures", kept))
     kinds.append(("world", _OF_THE_WORLD))
     kinds = [(kind, shown) for kind, shown in kinds if any(found.raw(name) is not None for name in shown)]
-    made = {}
+    made: dict[tuple[str, int], Drawing | None] = {}
     for (kind, shown), (place, why) in zip(kinds, cycle(_telling(found, len(kinds))), strict=False):
         made.setdefault((kind, place), _moment(kind, spec, found, place, why, shown, pictures))
     return [one for one in made.values() if one is not None]
