@@ -5,6 +5,7 @@ import base64
 import copy
 import io
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,10 +90,13 @@ def enlarged(picture: bytes) -> bytes:
 class Rig(Endpoint):
     """An endpoint of several cameras. ``hands_on`` says how many pictures of a query the model is shown.
 
-    None of more than ``most`` pixels is.
+    None of more than ``most`` pixels is. Where it ``turns``, they come in the reverse of their order; ``lists`` is how
+    the model lists colours, whatever their order.
     """
 
     hands_on: int = 9
+    turns: bool = False
+    lists: Callable[[list[str]], list[str]] = list
     most: int = 10**9
     counts_all: bool = False
 
@@ -100,12 +104,17 @@ class Rig(Endpoint):
         """Name the colours of all pictures that are handed on."""
         urls = [part["image_url"]["url"] for part in asked["messages"][-1]["content"] if part["type"] == "image_url"]
         response = await super().__call__(request, asked, attempt)
-        if not isinstance(response, web.Response) or response.status != 200 or "Which colours" not in read(asked)[0]:
+        if not isinstance(response, web.Response) or response.status != 200 or "Which colour" not in read(asked)[0]:
+            return response
+        if "Each picture" not in read(asked)[0]:
             return response
         shown = [base64.b64decode(url.partition(",")[2]) for url in urls[: self.hands_on]]
+        shown = shown[::-1] if self.turns else shown
         shown = [one for one in shown if np.prod(decode(one, "one").shape[:2]) <= self.most]
         said = json.loads(str(response.text))
-        said["choices"][0]["message"]["content"] = ", ".join(colour(decode(one, "one")) for one in shown)
+        named = [colour(decode(one, "one")) for one in shown]
+        first = "in the first picture" in read(asked)[0]
+        said["choices"][0]["message"]["content"] = ", ".join(named[:1] if first else self.lists(named))
         count = len(urls) if self.counts_all else len(shown)
         said["usage"]["prompt_tokens"] = 50 + 85 * count
         return web.json_response(said)

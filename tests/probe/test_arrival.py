@@ -101,6 +101,23 @@ def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
         assert any("one of two colours" in note for note in found.notes) is noted
 
 
+@pytest.mark.parametrize(
+    ("endpoint", "noted"),
+    [
+        (Rig(turns=True), True),
+        (Rig(), False),
+        (Rig(lists=sorted), False),
+        (Rig(lists=lambda named: named[::-1]), False),
+    ],
+)
+def test_pictures_of_one_query_that_are_exchanged_are_named_before_the_run(endpoint: Rig, *, noted: bool) -> None:
+    """By their order in two answers and the first of a third; a model that lists them in an order of its own is not."""
+    with FaultServer([endpoint]) as server:
+        found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
+        assert server.requests <= MOST_CALLS
+    assert any("of 2 pictures in one query it takes the first for another" in note for note in found.notes) is noted
+
+
 def test_a_camera_whose_size_does_not_arrive_is_found_beside_one_that_does() -> None:
     """Each camera's picture is drawn at the size that it has in the run."""
     sample = default_sample()

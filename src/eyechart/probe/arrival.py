@@ -125,7 +125,8 @@ async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, 
 
     Each camera's picture has the size that it has in the run. Three calls. Two answers that name one of two colours
     each, and tokens that do not grow with the pictures, show that one of them arrives; where the tokens grow, the model
-    may look at one alone.
+    may look at one alone. Answers that name the pictures in another order than they were sent in, once as the choices
+    stand and once not, and the first one by the colour of the last, are noted: the server may have exchanged them.
     """
     sizes = {name: _size(picture, name) for name, picture in sample.asked[0][1].images.items()}
     if len(sizes) < 2:
@@ -133,6 +134,8 @@ async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, 
     alone_at = dict([next(iter(sizes.items()))])
     dice = random.Random(key_seed("arrival", seed, "apart"))  # noqa: S311 - no secret
     colours = dice.sample(CHOICES["colour"], 4)
+    colours[:2] = sorted(colours[:2], key=CHOICES["colour"].index)
+    colours[2:] = sorted(colours[2:], key=CHOICES["colour"].index, reverse=True)
     replies = [
         await asker.ask(_of_several(sizes, shown, key_seed("arrival", seed, 200 + number)))
         for number, shown in enumerate((colours[:2], colours[2:]))
@@ -140,6 +143,8 @@ async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, 
     if any(one.error is not None for one in replies):
         failed = next(one.error_detail for one in replies if one.error is not None)
         return None, f"{len(sizes)} pictures in one query failed: {failed[:200]}"
+    if _is_turned(replies[0], colours[:2]) and _is_turned(replies[1], colours[2:]):
+        return None, await _of_first(asker, sizes, colours[1:3], key_seed("arrival", seed, 202))
     shown_of = zip(replies, (colours[:2], colours[2:]), strict=True)
     if any(sum(_names(reply, colour) for colour in shown) != 1 for reply, shown in shown_of):
         return None, ""
@@ -152,10 +157,30 @@ async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, 
     return Fault("picture", f"{what}; mend the server, or run on one camera"), ""
 
 
-def _of_several(sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int) -> Query:
+async def _of_first(asker: Asker, sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int) -> str:
+    """Return in words that the first of several pictures is named as the last one is; nothing where it is not."""
+    asked = "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
+    reply = await asker.ask(_of_several(sizes, colours, seed, asked))
+    if reply.error is not None or _names(reply, colours[0]) or not _names(reply, colours[-1]):
+        return ""
+    return (
+        f"of {len(sizes)} pictures in one query it takes the first for another: the server exchanges them, or the "
+        "model does not know their order; ask about one camera, or mend the server, before what a camera does is believed"
+    )
+
+
+def _is_turned(reply: Reply, colours: Sequence[str]) -> bool:
+    """Return whether an answer names both colours, the second one first."""
+    first, second = (re.search(rf"\b{colour}\b", reply.text, re.IGNORECASE) for colour in colours)
+    return first is not None and second is not None and second.start() < first.start()
+
+
+_ALL = "Each picture shows a shape of one colour. Which colours are there? Answer with all, in the pictures' order: "
+
+
+def _of_several(sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int, asked: str = _ALL) -> Query:
     """Return a query that shows the first colour to the first camera, and the last one to all others."""
-    names = ", ".join(CHOICES["colour"])
-    asked = f"Each picture shows a shape of one colour. Which colours are there? Answer with all of them: {names}."
+    asked = f"{asked}{', '.join(CHOICES['colour'])}."
     query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
     shown = {
         name: at_size(draw("colour", colours[min(place, len(colours) - 1)], dice), size)
