@@ -20,7 +20,7 @@ from eyechart.report.table import Table
 from eyechart.run import Progress
 from eyechart.studies import Reading
 from eyechart.studies import prompts as study
-from eyechart.studies.probed import Asked, Probing, plan_probed
+from eyechart.studies.probed import Asked, Planner, plan_probed
 from eyechart.studies.prompts import Held, Prompts, PromptsScore, PromptStudy
 
 
@@ -156,7 +156,7 @@ def _planned(
         return cells(specs=[held.get(mode.spec, mode) for mode in modes])
 
     asked = Asked(modes, by_option, how)
-    planned = plan_probed(Probing(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
+    planned = plan_probed(Planner(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
     return planned
 
