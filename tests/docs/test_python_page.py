@@ -1,4 +1,4 @@
-"""The page on Python, and the README's example: run as they stand, in a folder of their own."""
+"""The page on Python: its examples run as they stand, in a folder of their own."""
 
 import importlib
 import importlib.util
@@ -55,15 +55,6 @@ def test_the_page_runs_as_it_stands(demo: Demo, folder: Path, capsys: pytest.Cap
     assert (folder / "run" / "ledger.sqlite").exists()
     run_battery("bank", "scripted:depth", "run-of-the-controller", limit=72)
     exec(compile(suite, "docs/python.md", "exec"), {})  # noqa: S102
-
-
-@pytest.mark.usefixtures("folder")
-def test_the_readmes_example_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
-    """On the bank that its commands build."""
-    Highway().build(Path("bank"), preset="balanced", seeds=(0, 1, 2), steps=12)
-    (block,) = blocks((ROOT / "README.md").read_text(encoding="utf-8"))
-    exec(compile(block, "README.md", "exec"), {})  # noqa: S102
-    assert capsys.readouterr().out == "presence_only\n"
 
 
 def test_every_name_of_the_table_exists() -> None:

@@ -101,7 +101,7 @@ def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str
     """
     import textwrap
 
-    first = {one[0]: spec for spec, one in reversed([*found.items()])}
+    first = {one[0]: spec for spec, one in reversed(list(found.items()))}
     shown = [first[answer] for answer in _SHOWN if answer in first]
     for spec in shown:
         answer, label, why = found[spec]
