@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import arms
-from eyechart import channels
 from eyechart.cli.app import app
+from eyechart.conditions import policies
 from eyechart.conditions.policies import subset_conditions
 from eyechart.errors import BankError
 from eyechart.frames import FrameBank
@@ -70,7 +70,7 @@ def test_shares_add_up_and_who_is_not_read_has_none(
     woven = found[specs[1]]
     assert woven["shapley.state"].value == pytest.approx(0.0, abs=1e-12)
     assert min(woven[f"shapley.{name}"].value for name in ("cameras", "instruction")) > 0.02
-    assert "shapley.cameras" in told("score", tmp_path / "run")
+    assert "shapley.cameras" in told("score", tmp_path / "run", "--all")
 
 
 def test_every_subset_has_the_same_partner_and_nobody_pays_unasked(bank: FrameBank, tmp_path: Path) -> None:
@@ -88,9 +88,9 @@ def test_a_bank_of_pictures_alone_has_nothing_to_divide(
     bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One line, and nothing is written; with two channels three conditions are enough, which are all asked anyway."""
-    monkeypatch.setattr(channels, "channels_of", lambda _: ("cameras", "state"))
+    monkeypatch.setattr(policies, "channels_of", lambda _: ("cameras", "state"))
     assert set(subset_conditions(bank).values()) == {"real", "swapped@cameras", "kept@cameras"}
-    monkeypatch.setattr(channels, "channels_of", lambda _: ("cameras", "camera:top", "camera:wrist"))
+    monkeypatch.setattr(policies, "channels_of", lambda _: ("cameras", "camera:top", "camera:wrist"))
     with pytest.raises(BankError, match="no channel but its cameras"):
         policy.plan(bank.root, ["python:arms:reach_undeclared"], tmp_path / "run", extent=policy.Extent(shapley=True))
     assert not (tmp_path / "run").exists()
