@@ -88,11 +88,10 @@ def test_the_demo_of_policies_ends_with_commands_that_run(
 ) -> None:
     """One report of all its runs, and how to go on with a policy of one's own."""
     monkeypatch.setattr("eyechart.studies.policy.demo.make", lambda *_: ([], {}))
-    monkeypatch.setattr("eyechart.studies.policy.demo.tables", lambda _: ())
     _demo_policies(tmp_path / "demo", 0)
     said = " ".join(capsys.readouterr().err.split())
     commands = NAMED.findall(said)
-    assert [one.split()[0] for one in commands] == ["score", "score", "score", "report", "run"]
+    assert [one.split()[0] for one in commands] == ["verdict", "verdict", "verdict", "report", "run"]
     for one in commands:
         parse(one)
     assert re.search(r"report \S+run-balanced-0 \S+run-privileged-0 \S+run-fixed-0 --out ", said)

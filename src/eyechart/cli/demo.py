@@ -110,7 +110,7 @@ def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str
             print_line(textwrap.fill(words, 80, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
     print_line("")
     print_line(f"The {len(found) - len(shown)} others:")
-    wide = max(map(len, found))
+    wide = max(map(len, found), default=0)
     for spec, (answer, label, _) in found.items():
         if spec not in shown:
             print_line(f"  {spec:<{wide}}  {answer:<12}  {label}")
