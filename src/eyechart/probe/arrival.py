@@ -165,8 +165,7 @@ async def _of_first(asker: Asker, sizes: Mapping[str, tuple[int, int]], colours:
         return ""
     return (
         f"of {len(sizes)} pictures in one query it takes the first for another: the server exchanges them, or the "
-        "model does not know their order; ask about one camera, or mend the server, before what a camera does is "
-        "believed"
+        "model does not know their order; before what one camera does is believed, mend the server or ask about one"
     )
 
 
