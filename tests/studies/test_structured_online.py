@@ -98,8 +98,7 @@ def test_worlds_with_the_rovers_camera_have_its_distances_and_its_view(tmp_path:
     """Under the controller too: an estimator is told that near is below 8 m, and drives by that."""
     passed = (Vetted("offset", 0, 24, "goal", {}, 0.0, None, 0),)
     plain, planned = (
-        online.plan(name, [CONTROL], tmp_path / name, episodes=1, vetted=passed)
-        for name in ("rover", "rover-mpc")
+        online.plan(name, [CONTROL], tmp_path / name, episodes=1, vetted=passed) for name in ("rover", "rover-mpc")
     )
     assert planned.manifest.prompt == plain.manifest.prompt
     assert "8 m" in planned.manifest.prompt.user

@@ -174,7 +174,7 @@ class Study(ABC, Generic[S]):
         """Score a run, finished or not; raises LedgerError, BankError or SpecError where it cannot be."""
 
     def plan(self, bank: Path, modes: "Sequence[RequestMode]", out: Path, *, seed: int, limit: int | None) -> "Planned":
-        """Plan a run of models on a bank, for the command of its name; a study with a command of its own has another."""
+        """Plan a run of models on a bank, for the command of its name, where a study has no other of its own."""
         raise NotImplementedError
 
     @abstractmethod
