@@ -74,7 +74,7 @@ class Code:
 def said_of(root: Path) -> Code:
     """Return the digests of today's code; comments and the shape of its lines are none of it."""
     source, benchmarks = root / "src" / "eyechart", root / "benchmarks"
-    judging = [source / "conditions.py", source / "calibrate" / "world.py"]
+    judging = [source / "conditions" / "__init__.py", source / "calibrate" / "world.py"]
     judging += [
         file for part in ("verdicts", "studies/battery", "stats") for file in sorted((source / part).rglob("*.py"))
     ]

@@ -182,7 +182,7 @@ def test_verdict_and_score_say_that_a_run_stopped_early(
     assert ordinary["idi"]["value"] is not None
     blind = raw["models"]["scripted:constant"]["statistics"]
     assert all(one["p"] is None and one["ci"] is None for name, one in blind.items() if not name.startswith("early."))
-    table = CliRunner().invoke(app, ["score", str(out)], env={"COLUMNS": "200"}).output
+    table = CliRunner().invoke(app, ["score", str(out), "--all"], env={"COLUMNS": "200"}).output
     assert "1687 of 2592 calls" in table
 
 

@@ -94,9 +94,11 @@ _MOST_NAMED = 4
 def _does(one: PolicyVerdict) -> str:
     """Return in a word of `_LOOK` what a policy does."""
     looks = "none" if one.guards else one.answer
-    if looks == "Yes" and is_unfit(one):
-        return "unfit"
-    return "deaf" if looks == "Yes" and INSTRUCTION[one.instruction.label].is_absence else looks
+    if looks != "Yes":
+        return looks
+    if INSTRUCTION[one.instruction.label].is_absence:  # why it does something else, too
+        return "deaf"
+    return "unfit" if is_unfit(one) else looks
 
 
 def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
