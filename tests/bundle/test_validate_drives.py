@@ -79,7 +79,7 @@ def _hierarchy(folder: Path) -> Path:
 def _online(folder: Path, seeds: tuple[int, ...] = (0,)) -> Path:
     passed = tuple(Vetted("offset", seed, 24, "goal", {"STRAIGHT": 1}, 0.0) for seed in seeds)
     planned = online.plan("rover", ["scripted:scene_side_blind"], folder / "run", episodes=len(seeds), vetted=passed)
-    simulator, view = online.open_simulator("rover"), planned.drivers.view
+    simulator, view = online.open_simulator("rover"), planned.episodes.drivers.view
     online.run(replace(planned, vetted=tuple(online.vet(simulator, "offset", seed, view) for seed in seeds)))
     online.check_seen(folder / "run")
     return folder / "run"

@@ -149,6 +149,11 @@ class Online(Episodes):
 
     vetted: tuple[Vetted, ...] = ()
 
+    @property
+    def episodes(self) -> Episodes:
+        """Return its episodes, which it is."""
+        return self
+
     def begin(self) -> EpisodesManifest:
         """Begin the run, with the worlds that were vetted."""
         write_vetting(self.out, self.vetted)
