@@ -218,7 +218,7 @@ def test_a_card_holds_all_that_a_verdict_must_not_be_shown_without(report: Repor
             str(verdict.calibrated.reason)[1:],
             f"{verdict.calibrated.decided_by} = ",
             f"n = {deciding.n}",
-            "p = ",
+            *(() if deciding.p is None else ("p = ",)),
             f"{verdict.lateral.label}: {verdict.lateral.because}",
             f"{verdict.paper.label}: {verdict.paper.because}",
             *verdict.notes,

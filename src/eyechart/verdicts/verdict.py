@@ -133,6 +133,11 @@ class Verdict(Written):
         }
         return {name: words for name, words in said.items() if words}
 
+    @property
+    def sentence(self) -> str:
+        """Return the answer and why: what is said first."""
+        return f"{self.answer}: {self.calibrated.reason}."
+
     def __repr__(self) -> str:
         labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
         return f"<Verdict on {self.model}: {labels}>"
