@@ -49,7 +49,7 @@ def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
     if len(everyone) == 1:
         verdict = everyone[0].verdict
         early = "" if verdict.stopped is None else f"{verdict.stopped.words()}: "
-        return f"{verdict.answer}: {verdict.calibrated.reason}.".replace(f": {early}", ": ", 1)
+        return verdict.sentence.replace(f": {early}", ": ", 1)
     return parted(said, _ANSWERS, "models")
 
 
