@@ -18,6 +18,7 @@ from eyechart.frames import FrameBank, encode
 from eyechart.guardian import Guardian
 from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
+from eyechart.spaces.scene import SCENES
 from eyechart.studies import guardian as study
 from eyechart.studies.guardian.reading import _served_as
 
@@ -83,6 +84,18 @@ def test_what_is_no_run_of_estimates_has_no_votes(table: study.VoteTable, tmp_pa
     with pytest.raises(VoteError, match="version 0 of the reader"):
         study.votes_of_run(tmp_path / "run")
     assert study.votes_of_run(tmp_path / "run", reread=True).frames == table.frames
+
+
+def test_a_guardian_goes_on_with_runs_of_each_reader_of_scenes(table: study.VoteTable, tmp_path: Path) -> None:
+    """What the later one holds against a reply is no vote in any case, so the votes of both are the same."""
+    manifest = tmp_path / "run" / "run.json"
+    said = json.loads(manifest.read_text())
+    for reader in SCENES.readers:
+        manifest.write_text(json.dumps({**said, "reader": reader}))
+        again = study.votes_of_run(tmp_path / "run")
+        assert np.array_equal(again.votes, table.votes)
+        assert again.about == table.about
+    assert table.about.reader == SCENES.readers[0]
 
 
 @pytest.mark.usefixtures("watched")

@@ -7,8 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.calls import Reply
-from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import CLOSE_GAP_M, FIELDS, FREE_GAP_M, REPAIRS, SCENES, SCHEMA, Estimate, SceneDecision
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.scene import (
+    CLOSE_GAP_M,
+    FIELDS,
+    FREE_GAP_M,
+    HIGHWAY,
+    REPAIRS,
+    SCENES,
+    SCHEMA,
+    Estimate,
+    SceneDecision,
+)
 
 SCENE = Estimate(22.5, close=False, left_clear=True, right_clear=False, confidence=0.9)
 GOOD = str(SCENE)
@@ -142,6 +152,66 @@ def test_a_reply_that_is_none_says_which() -> None:
     assert read("<think>22 m</think> ").missing == "empty"
     assert read("I’m sorry, I cannot see a road.").missing == "refused"
     assert read(f"I'm sorry, this is a guess: {GOOD}").action == SCENE
+
+
+FAILED: list[dict[str, object]] = [
+    {"error": "no image"},
+    {"Error": {"code": 400, "message": "bad request"}},
+    {"errors": [{"detail": "decoder"}]},
+    {"error_message": "x"},
+    {"refusal": "I would rather not."},
+    {"refused": True},
+    {"unable": True},
+    {"failure": 3},
+    {"note": "image not provided"},
+    {"Note": "The image was not provided."},
+    {"status": "no_image"},
+    {"no_image": True},
+    {"reasoning": "I could not see the picture, so this is a guess."},
+    {"reasoning": "I don\u2019t have access to the attached image."},
+    {"warnings": ["Image missing"]},
+    {"meta": {"why": {"said": "No picture was attached"}}},
+    {"comment": "Please upload the image again."},
+    {"comment": "Without seeing an image I assume a free road."},
+]
+
+
+@pytest.mark.parametrize("said", FAILED, ids=str)
+def test_an_answer_that_says_that_it_saw_nothing_is_no_estimate(said: dict[str, object]) -> None:
+    """In a field of the object, before or behind the others, in an object beside it, or in the words around."""
+    none = SceneDecision(None, "unparsed", "says_error")
+    beside = json.dumps(said)
+    assert read(changed(**said)) == none
+    assert read(json.dumps({**said, **json.loads(GOOD)})) == none
+    assert read(f"{beside}\n{GOOD}") == read(f"{GOOD}\n{beside}") == none
+    assert read("No image was provided. " + GOOD) == read(GOOD + " I cannot see any image.") == none
+    assert read(beside).why == "missing_field"
+
+
+ORDINARY: list[dict[str, object]] = [
+    {"reasoning": "I do not see any vehicle in the image, so the road is free."},
+    {"explanation": "There is no lead in this picture; I cannot see beyond the frame."},
+    {"notes": "Sorry, the distance is a guess: I cannot determine it exactly."},
+    {"quality": "no image noise, no frame drops", "image_ok": True},
+    {"reasoning": "The left lane in the image is not visible."},
+    {"error": None, "errors": [], "refusal": "", "refused": False, "failure": "none", "unable": {"to": None}},
+    {"gap_error_m": 1.5, "error_margin": 0.5, "valid": True},
+]
+
+
+@pytest.mark.parametrize("said", ORDINARY, ids=str)
+def test_ordinary_words_beside_an_estimate_take_nothing_from_it(said: dict[str, object]) -> None:
+    """That nothing is seen in a picture is no picture that was not seen, and a failure without a value is none."""
+    assert read(changed(**said)) == SceneDecision(SCENE)
+
+
+@pytest.mark.parametrize("said", FAILED, ids=str)
+def test_a_run_that_was_begun_under_version_3_is_read_as_it_was(said: dict[str, object]) -> None:
+    """The version of the bank's actions is that of the run; each of the scene's is one of theirs, so none is lost."""
+    before = SCENES.by(3)
+    assert before.read(Reply(changed(**said), "stop", None)) == SceneDecision(SCENE)
+    assert (before, before.reader, before.in_world(HIGHWAY).reader, SCENES.by(99)) == (SCENES, 3, 3, SCENES)
+    assert set(SCENES.readers) <= set(Discrete.readers)
 
 
 PIECES = st.sampled_from([*GOOD, *FIELDS, "{", "}", '"', "\\", ",", ":", "```", "true", "1e999", "<think>", "[", "]"])

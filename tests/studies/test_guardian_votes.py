@@ -25,8 +25,9 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS, SCENE, close_m_of, scene_prompt
 from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate
 from eyechart.studies import guardian as study
-from eyechart.studies.guardian.voting import LEAD_IN, Unvoted
+from eyechart.studies.guardian.voting import LEAD_IN, VOTED, Unvoted
 from reply_classes import CLOSE_M, OBJECTS, ROWS
+from reply_classes import reply as row_reply
 
 GAPS = st.none() | st.floats(min_value=0.0, max_value=1000.0)
 ESTIMATES = st.builds(Estimate, GAPS, st.booleans(), st.booleans(), st.booleans(), st.floats(0.0, 1.0))
@@ -124,6 +125,14 @@ def test_an_estimate_alone_votes_what_close_says_or_contradicts_itself(found: Es
     fits = not (far if found.close else near) and found.confidence > 0
     assert vote.hazard == (found.close if fits else None)
     assert bool(vote.why) == (vote.hazard is None)
+
+
+def test_what_the_reader_of_scenes_holds_against_a_reply_is_no_vote() -> None:
+    """Although votes go on being read by the version of its rules that does not."""
+    held = [row for row in ROWS if SCENES.read(row_reply(row)).why == "says_error"]
+    assert {row.name for row in held} >= {"an error within", "denied within, in words"}
+    assert all(VOTED.read(row_reply(row)).action is not None for row in held)
+    assert [row.name for row in held if study.read_vote(row_reply(row), CLOSE_M).hazard is not None] == []
 
 
 @given(st.text(max_size=40), st.text(max_size=40), st.sampled_from(sorted(OBJECTS)))

@@ -331,3 +331,31 @@ def test_forward_cameras_are_asked_through_their_own_view_with_their_own_distanc
     assert scored.models[CONTROL].statistics["gap_mae_m"].value < 0.05
     failed = {name: scored.models[f"scripted:{name}"].failed for name in ESTIMATORS}
     assert failed == {name: one.fails for name, one in ESTIMATORS.items()}
+
+
+class Unseeing(Oracle):
+    """Tells a clear road, and in a field of its own that there was no picture."""
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer the same to every query."""
+        del query
+        said = json.loads(str(Estimate(None, close=False, left_clear=True, right_clear=True, confidence=0.9)))
+        return Reply(json.dumps({"error": "no image", **said}), "stop")
+
+
+def test_an_estimate_without_a_picture_is_counted_by_name_and_by_the_version_of_the_run(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of version 3 is scored by it, and by today's only where its replies are read anew."""
+    monkeypatch.setattr("oracle_door.ORACLE", Unseeing({}), raising=False)
+    monkeypatch.setitem(ADAPTERS, "oracle", "oracle_door")
+    out, file = tmp_path / "run", tmp_path / "run" / "run.json"
+
+    def counted(found: StructuredScore) -> tuple[object, Mapping[str, int]]:
+        return found.as_dict()["reader"], found.models["oracle:none"].told.reasons
+
+    assert counted(ran("structured", bank, out, ["oracle:none"], limit=2)) == (4, {"says_error": 4})
+    file.write_text(json.dumps({**json.loads(file.read_text(encoding="utf-8")), "reader": 3}), encoding="utf-8")
+    assert counted(structured.score(out)) == (3, {})
+    assert counted(structured.score(out, reread=True)) == (4, {"says_error": 4})
+    assert structured.plan("structured", bank.root, ["oracle:none"], out, limit=2).manifest.reader == 3

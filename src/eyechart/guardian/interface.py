@@ -10,8 +10,8 @@ from eyechart.errors import GuardianError
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
 from eyechart.prompts import close_m_of
-from eyechart.spaces.scene import SCENE_READER, SCENES
-from eyechart.studies.guardian import VIEWS, VOTE_READER, Frozen, read_vote
+from eyechart.spaces.scene import SCENES
+from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, Frozen, read_vote
 
 Answer = Literal["hazard", "clear", "abstain"]
 Vote = bool | None
@@ -108,4 +108,4 @@ def interface_of(frozen: Frozen) -> Interface:
         found = read_vote(reply, close_m)
         return found.hazard, "" if found.hazard is not None else f"no vote: {found}"
 
-    return Interface(about.view, prompt.key, SCENE_READER, views, query, read)
+    return Interface(about.view, prompt.key, VOTED.reader, views, query, read)

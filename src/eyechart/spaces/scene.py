@@ -14,6 +14,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 from eyechart.cameras import Distances
 from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.failures import says_failed, says_no_picture
 from eyechart.spaces.space import (
     READ_AT_MOST,
     Answer,
@@ -40,8 +41,12 @@ CLEAR_AHEAD_M = 40.0
 """A side is clear when its lane exists and holds no vehicle centre from 12 m behind to 40 m ahead."""
 
 
-SCENE_READER = 3
-"""The version of these rules. A run records it, so that scenes read by other rules are never taken for these."""
+SCENE_READER = 4
+"""The version of these rules. A run records it, and is read by the version that it was begun under."""
+
+_TRUSTING = 3
+SCENE_READERS = (_TRUSTING, SCENE_READER)
+"""The versions by which a scene can be read; 3 takes an answer that says that it failed for its estimate."""
 
 _READINGS_KEPT = 1000
 
@@ -72,6 +77,7 @@ Unscened = Literal[
     "missing_field",
     "wrong_type",  # a word or a number for true or false, a word for a number
     "out_of_range",  # a gap below 0 or above 1000 m, a confidence outside 0 to 1
+    "says_error",  # a whole estimate, beside which the answer says that it failed or that there was no picture
     "too_long",  # more words than are read, so that an estimate beyond them might say otherwise
 ]
 """Why a reply of words holds no estimate."""
@@ -197,7 +203,8 @@ class Beside(NamedTuple):
     """What a reply with an estimate says beside it, thinking left aside.
 
     ``before`` and ``after`` stand around its first and its last object, of which there are ``objects``; ``names`` are
-    of all their fields, as often as they stand there. ``thinking_after`` is whether it thinks on behind the first.
+    of all their fields, as often as they stand there. ``thinking_after`` is whether it thinks on behind the first,
+    ``failed`` whether a field or the words around say that the answer is none.
     """
 
     before: str
@@ -205,6 +212,7 @@ class Beside(NamedTuple):
     objects: int
     names: tuple[str, ...]
     thinking_after: bool
+    failed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,14 +228,17 @@ class SceneDecision(Decision[Estimate]):
 
 @dataclass(frozen=True, slots=True)
 class SceneSpace(Usual):
-    """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world."""
+    """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world.
+
+    ``reader`` is the version of the rules of reading, which is no part of the space.
+    """
 
     is_scene: ClassVar[bool] = True
-    reader: ClassVar[int] = SCENE_READER
-    readers: ClassVar[tuple[int, ...]] = (SCENE_READER,)
+    readers: ClassVar[tuple[int, ...]] = SCENE_READERS
     name: ClassVar[str] = "scene"
     actions: ClassVar[tuple[str, ...]] = ()
     distances: Distances = HIGHWAY
+    reader: int = field(default=SCENE_READER, compare=False)
 
     def schema(self) -> Mapping[str, object]:
         """Return the JSON schema of an estimate."""
@@ -235,7 +246,7 @@ class SceneSpace(Usual):
 
     def read(self, reply: Answer) -> SceneDecision:
         """Return the estimate that a reply holds; see `_read` for the rules."""
-        return _read(reply.text, reply.finish_reason, reply.error)
+        return _read(self.reader, reply.text, reply.finish_reason, reply.error)
 
     def distance(self, one: Estimate, other: Estimate) -> float:
         """Return 0 where two estimates say the same of the scene, whatever their confidence, else 1."""
@@ -261,9 +272,13 @@ class SceneSpace(Usual):
         """Return that a scene is asked for."""
         return {"scene": True}
 
+    def by(self, reader: int) -> "SceneSpace":
+        """Return the space with replies read by this version of the rules; the same where there is no such version."""
+        return replace(self, reader=reader) if reader in SCENE_READERS else self
+
     def in_world(self, distances: Distances) -> "SceneSpace":
         """Return the estimates of a world with these distances."""
-        return SceneSpace(distances)
+        return replace(self, distances=distances)
 
 
 SCENES = SceneSpace()
@@ -276,11 +291,12 @@ class _Unreadable(Exception):  # noqa: N818 - no error: it says why a reply hold
 
 
 @lru_cache(maxsize=_READINGS_KEPT)
-def _read(text: str, finish_reason: str | None, error: str | None) -> SceneDecision:
+def _read(rules: int, text: str, finish_reason: str | None, error: str | None) -> SceneDecision:
     """Read the scene estimate from a reply's verbatim text; strict, deterministic, and never guessing.
 
     In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is none. What stands in
-    ``<think>`` is no answer. Then the JSON object in what is left. Fields that the schema does not have are not read.
+    ``<think>`` is no answer. Then the JSON object in what is left. Fields that the schema does not have are not read,
+    but one that says that the answer is none is believed, as words around are; not by version 3 of the ``rules``.
     Nothing is read of an answer that is longer than `READ_AT_MOST`, for a part of it is not what the model said;
     thinking may be longer.
     """
@@ -292,7 +308,8 @@ def _read(text: str, finish_reason: str | None, error: str | None) -> SceneDecis
     repairs: dict[Repair, None] = {}
     try:
         values, beside = _only_one(visible, repairs)
-        found, beside = _estimate(values), beside._replace(thinking_after=thinks_behind(text, "{"))
+        found = _estimate(values) if rules == _TRUSTING else _believed(_estimate(values), beside)
+        beside = beside._replace(thinking_after=thinks_behind(text, "{"))
         return SceneDecision(found, repairs=tuple(name for name in REPAIRS if name in repairs), beside=beside)
     except _Unreadable as unreadable:
         if unreadable.why == "no_object" and refuses(visible):
@@ -312,7 +329,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
         raise _Unreadable("malformed" if "{" in text else "no_object")
     if len(spans) > _OBJECTS_AT_MOST:
         raise _Unreadable("several_objects")
-    _note_around(text, spans, repairs)
+    around = _around(text, spans, repairs)
     loaded = [_loaded(text[start:end], repairs) for start, end in spans]
     objects = [one for one in loaded if one is not None]
     broken = [text[start:end] for (start, end), one in zip(spans, loaded, strict=True) if one is None]
@@ -325,6 +342,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
         objects=len(spans),
         names=tuple(name for one in objects for name, _ in one),
         thinking_after=False,
+        failed=says_no_picture(around) or any(says_failed(one, FIELDS) for one in objects),
     )
     return _agreed([dict(one) for one in objects]), beside
 
@@ -337,15 +355,16 @@ def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
     return answers[0]
 
 
-def _note_around(text: str, spans: Sequence[tuple[int, int]], repairs: dict[Repair, None]) -> None:
-    """Note code fences and words around the objects of a text."""
-    around = "".join(
+def _around(text: str, spans: Sequence[tuple[int, int]], repairs: dict[Repair, None]) -> str:
+    """Return what stands around the objects of a text, and note code fences and words in it."""
+    around = "\n".join(
         text[end:start] for (_, end), (start, _) in zip([(0, 0), *spans], [*spans, (None, 0)], strict=True)
     )
     if _FENCE.search(around):
         repairs["code_fence"] = None
     if _FENCE.sub("", around).strip():
         repairs["text_around"] = None
+    return around
 
 
 def _spans(text: str) -> Iterator[tuple[int, int]]:
@@ -419,6 +438,12 @@ def _estimate(values: Mapping[str, object]) -> Estimate:
         right_clear=_flag(values["right_clear"]),
         confidence=_number(values["confidence"], 1.0),
     )
+
+
+def _believed(found: Estimate, beside: Beside) -> Estimate:
+    if beside.failed:
+        raise _Unreadable("says_error")
+    return found
 
 
 def _flag(value: object) -> bool:

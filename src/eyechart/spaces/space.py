@@ -149,6 +149,12 @@ _REFUSAL = re.compile(
     r"|sorry|cannot\s+(assist|help|see|comply)|unable\s+to\s+(assist|help|see|determine|comply)|no\s+image\b)",
     re.IGNORECASE,
 )
+PICTURE_ASKED_FOR = (
+    r"\b(?:please|kindly|(?:could|can|will|would|need) you(?: to)?|(?:once|if|when|until|after|unless) you)\s+"
+    r"(?:\w+\s+){0,2}?(?:provide|(?:re-?)?upload|(?:re-?)?attach|(?:re)?send|share|supply|submit|paste)\b"
+    r"[^.;\n{]{0,40}?\b(?:images?|pictures?|photos?|frames?|feed)\b"
+)
+"""A regular expression of words that ask for a picture: the one who says them was shown none."""
 _THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
 READ_AT_MOST = 100_000
 """Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""

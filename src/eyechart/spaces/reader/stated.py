@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from eyechart.patterns import pattern
 from eyechart.spaces.reader.marks import is_contrary, is_mark, split_number
 from eyechart.spaces.reader.names import Names, fold
-from eyechart.spaces.space import Decision, json_objects, refuses, unparsed
+from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
 _THOUGHT = pattern(
@@ -105,9 +105,7 @@ _NOTHING_SEEN = pattern(
     r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
     r"|photos?|frames?|that|this"
     r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
-    r"|\b(?:please|kindly|(?:could|can|will|would|need) you(?: to)?|(?:once|if|when|until|after|unless) you)\s+"
-    r"(?:\w+\s+){0,2}?(?:provide|(?:re-?)?upload|(?:re-?)?attach|(?:re)?send|share|supply|submit|paste)\b"
-    r"[^.;\n{]{0,40}?\b(?:images?|pictures?|photos?|frames?|feed)\b",
+    rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
 _NO_STATEMENT = pattern(

@@ -49,7 +49,6 @@ from eyechart.perception.view import View, through
 from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Calling, MotionPlan, Plan, Stages, ask_again, execute, spread
-from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
@@ -422,7 +421,7 @@ def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
             raise LedgerError(
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )
-        kept = before.reader if before.reader in READERS else manifest.reader
+        kept = before.reader if before.reader in manifest.prompt.readers else manifest.reader
         extended = before.extended(replace(manifest, encoding=before.encoding, reader=kept))
         if manifest.stop_early:
             _require_as_begun(before, manifest)

@@ -9,11 +9,12 @@ from eyechart.studies.guardian.modular import Replay, reader_of, replay
 from eyechart.studies.guardian.reading import read_votes, votes_of_run
 from eyechart.studies.guardian.scoring import ESTIMANDS, Bound, GuardianScore, bound, score
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, hazards_of, join, pictures_of
-from eyechart.studies.guardian.voting import VOTE_READER, Vote, read_vote
+from eyechart.studies.guardian.voting import VOTE_READER, VOTED, Vote, read_vote
 
 __all__ = [
     "ESTIMANDS",
     "VIEWS",
+    "VOTED",
     "VOTE_READER",
     "About",
     "Bound",

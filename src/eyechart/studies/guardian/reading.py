@@ -20,7 +20,7 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import close_m_of
 from eyechart.spaces.discrete import read_toml
-from eyechart.spaces.scene import SCENE_READER
+from eyechart.spaces.scene import SCENE_READER, SCENE_READERS
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
 from eyechart.studies.guardian.votes import (
@@ -34,7 +34,7 @@ from eyechart.studies.guardian.votes import (
     hazards_of,
     pictures_of,
 )
-from eyechart.studies.guardian.voting import VOTE_READER, read_vote
+from eyechart.studies.guardian.voting import VOTE_READER, VOTED, read_vote
 
 T = TypeVar("T")
 
@@ -207,7 +207,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     manifest, bank = read_run(path)
     if not manifest.prompt.asks_scene:
         raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
-    if manifest.reader != SCENE_READER and not reread:
+    if manifest.reader not in SCENE_READERS and not reread:
         raise VoteError(
             f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version "
             f"{SCENE_READER}: its votes may differ from those seen before; read its replies anew with --reread"
@@ -237,7 +237,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         modes=dict(manifest.modes),
         wording=manifest.prompt,
         axis=axes.pop() if len(axes) == 1 else None,
-        reader=SCENE_READER,
+        reader=VOTED.reader,
         voting=VOTE_READER,
     )
     return VoteTable(

@@ -12,6 +12,10 @@ from typing import Literal
 from eyechart.spaces.scene import FIELDS, SCENES, Beside, Estimate
 from eyechart.spaces.space import Answer, ending, refuses
 
+VOTED = SCENES.by(3)
+"""Estimates as votes are read of them. What a later version of their reader holds against a reply stands in words and
+fields that pass none of the rules here; so a guardian that was chosen under version 3 goes on."""
+
 VOTE_READER = 1
 """The version of these rules, which a guardian remembers."""
 
@@ -64,7 +68,7 @@ def read_vote(reply: Answer, close_m: float) -> Vote:
     It needs a scene estimate as `SceneSpace.read` reads it, and nothing that speaks against acting on it. A finish
     reason that is not reported is no fault.
     """
-    found = SCENES.read(reply)
+    found = VOTED.read(reply)
     if found.missing == "unparsed":
         return Vote(None, str(found.why))
     if found.missing is not None:

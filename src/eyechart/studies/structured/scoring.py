@@ -13,14 +13,14 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.records import Written
 from eyechart.spaces.discrete import DRIVING, Discrete
-from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
+from eyechart.spaces.scene import SCENE_READER, SCENE_READERS, SCENES, Estimate, SceneSpace
 from eyechart.stats.agreement import rate
 from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.jackknife import mean_over_episodes
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies.battery import CallsScore, plan_of, require_requests, took_run
 from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.told import Floats, Mask, Told, read_told
+from eyechart.studies.structured.told import Floats, Mask, Told, read_told, scenes_of
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import Held, hold
 
@@ -193,13 +193,18 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
 
     written = (
         "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.view manifest.seed "
-        "manifest.prompt.space.reader pairs manifest.frames models accounting guards"
+        "space.reader pairs manifest.frames models accounting guards"
     )
 
     pairs: int
 
     def __repr__(self) -> str:
         return f"<StructuredScore of {', '.join(self.models) or 'no model'} on {self.pairs} pairs of {self.bank.name}>"
+
+    @property
+    def space(self) -> SceneSpace:
+        """Return the estimates, read by the version of the rules by which they were read here."""
+        return scenes_of(self.bank)
 
     def measured(self) -> tuple[Measured, ...]:
         """Return the figures of every estimator on the bank."""
@@ -231,10 +236,10 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
 def score(path: Path, *, reread: bool = False) -> StructuredScore:
     """Score the admission or structured run in a folder, finished or not.
 
-    ``reread`` allows the replies of a run that was begun under another version of the reader to be read by today's.
+    ``reread`` has the replies of a run that was begun under an older version of the reader read by today's.
     Raises LedgerError or BankError where the folder is no such run, or needs ``reread``.
     """
-    manifest, bank = read_run(path)
+    manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, reread=reread)
     return score_run(manifest, bank, path / LEDGER, held=True)
 
@@ -243,7 +248,7 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
     """Raise LedgerError where a run may not be scored as was asked, see ``score``."""
     if manifest.study not in STUDIES:
         raise LedgerError(f"{path} is a run of the study '{manifest.study}', not one of {', '.join(STUDIES)}")
-    if manifest.reader != SCENE_READER and not reread:
+    if manifest.reader not in SCENE_READERS and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of scenes, and this is version "
             f"{SCENE_READER}: its estimates may differ from those seen before; read its replies anew with --reread"

@@ -24,7 +24,7 @@ from eyechart.records import Plain, build, parse_json
 from eyechart.run import Progress
 from eyechart.simulators import Drive, HalfBlind, Simulator, declared_by, execute
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Estimate, Scene
+from eyechart.spaces.scene import SCENES, Estimate, Scene
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.structured.scoring import Figures, How
 from eyechart.studies.structured.told import told_of
@@ -190,7 +190,8 @@ def figures(
         for step in one.steps
     )
     gaps = [gap if isinstance(gap := frame.truth.get("lead_gap_m"), int | float) else np.inf for frame in frames]
-    told = told_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, distances)
+    space = SCENES.by(manifest.reader).in_world(distances)
+    told = told_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, space)
     every = np.ones(len(frames), dtype=np.bool_)
     worlds = np.array([frame.episode for frame in frames], dtype=np.str_)
     return Figures(told, DRIVING, every, How(worlds)).statistics()

@@ -13,7 +13,7 @@ from eyechart.cameras import Distances
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Scalar
 from eyechart.perception.forward import worlds_distances
-from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate, SceneDecision
+from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate, SceneDecision, SceneSpace
 from eyechart.studies.battery import read_columns
 
 Mask = NDArray[np.bool_]
@@ -77,24 +77,30 @@ class Told:
 def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameBank, frames: tuple[Frame, ...]) -> Told:
     """Read every reply of a model as a scene estimate; replies about frames that are not asked for are left out.
 
-    Raises BankError where the bank records no gap.
+    They are read by the version of the rules by which the bank is asked about. Raises BankError where it records no
+    gap.
     """
     gap = bank.manifest.gap
     if gap is None:
         raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
     gap_m = np.array([gap.of(frame) for frame in frames], dtype=np.float64)
-    told = told_of(replies, frames, gap_m, gap.threshold, worlds_distances(bank))
+    told = told_of(replies, frames, gap_m, gap.threshold, scenes_of(bank).in_world(worlds_distances(bank)))
     return replace(told, model=model, before=before_collision(bank, frames), unit=gap.unit)
 
 
+def scenes_of(bank: FrameBank) -> SceneSpace:
+    """Return the estimates that are told of a bank, read by the version of the rules by which it is asked about."""
+    return SCENES.by(bank.manifest.action_space.reader)
+
+
 def told_of(
-    replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, near: Distances
+    replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, space: SceneSpace
 ) -> Told:
-    """Return what was told of frames with such gaps, the ``close`` ones smaller, in a world where so much is near."""
-    found, finished = read_columns(replies, frames, SCENES.read)
+    """Return what was told of frames with such gaps, the ``close`` ones smaller, as a world's ``space`` reads it."""
+    found, finished = read_columns(replies, frames, space.read)
     there = np.array([frame.truth.get("lead_visible") is not False for frame in frames], dtype=np.bool_)
     visible = np.isfinite(gap_m) & there
-    return Told("", frames, found, gap_m, gap_m < close, visible, None, distances=near, finished=finished)
+    return Told("", frames, found, gap_m, gap_m < close, visible, None, distances=space.distances, finished=finished)
 
 
 def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:

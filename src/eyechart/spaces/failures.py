@@ -1,0 +1,77 @@
+"""What an answer in JSON says of its own failure: a field that names one, or words that say that there was no picture.
+
+The words are few, because ordinary ones stand in many a field: that no lead is seen in the picture is no failure.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+
+from eyechart.patterns import pattern
+from eyechart.spaces.space import PICTURE_ASKED_FOR
+
+_FAILURES = """
+error errors errormessage errormsg errorcode errorreason errordetail errordetails exception failed failure failures
+failurereason refusal refusals refusalreason refused unable
+"""
+_NAMES = frozenset(_FAILURES.split())
+"""Names of fields that say why nothing was seen, in small letters without anything between them."""
+_NOTHING = frozenset(["", "0", "false", "n/a", "na", "nil", "no", "none", "null", "ok"])
+"""Texts of such a field that say that nothing failed."""
+
+_PICTURE = (
+    r"(?:(?:actual|attached|camera|dashcam|driving|front|input|provided|usable|valid|video|visible|visual)\s+){0,2}"
+    r"(?:images?|pictures?|photos?|photographs?|frames?|feed|visual (?:input|information|content))"
+)
+_ENDS = (
+    r"(?:\s+(?:data|input|content|files?)\b)?(?=\s*(?:$|[^\w\s'-]|(?:and|attached|available|because|but|found|from|given|has"
+    r"|here|i|included|is|present|provided|received|seen|sent|shown|so|supplied|that|therefore|to|uploaded|visible|was|were"
+    r"|which|with|yet|you)\b))"
+)
+"""What may follow: not "no image noise", "no picture of a lead", or "I cannot see the image's edges"."""
+_CAME = r"(?:accessible|attached|available|given|included|loaded|opened|provided|received|sent|supplied|uploaded)"
+_NO_PICTURE = pattern(
+    rf"\b(?:no|missing|without (?:access to )?(?:(?:seeing )?(?:any|an?|the)\b)?)\s*\b{_PICTURE}\b{_ENDS}"
+    rf"|\b{_PICTURE}\s+(?:(?:(?:is|was|are|were|has|have|could|can)(?:n't|not| not)|not)\s+(?:been |be )?{_CAME}"
+    rf"|(?:(?:is|was|are|were)\s+)?(?:missing|unavailable|absent)|not found)\b"
+    r"|\b(?:can(?:no|')t|can not|could(?:n't| not)|unable to|not able to|(?:do|did)(?:n't| not)|never)\s+"
+    r"(?:actually |currently |directly )?(?:access|find|get|have(?: access to)?|load|open|process|receive|see|view)\s+"
+    rf"(?:(?:any|an?|the|this|that|your)\s+)?{_PICTURE}\b{_ENDS}"
+    rf"|{PICTURE_ASKED_FOR}",
+    re.IGNORECASE,
+)
+
+
+def says_no_picture(text: str) -> bool:
+    """Return whether a text says that there was no picture, or asks for one."""
+    return _NO_PICTURE.search(text.replace("’", "'").replace("_", " ")) is not None
+
+
+def says_failed(fields: Iterable[tuple[str, object]], known: Iterable[str]) -> bool:
+    """Return whether a field of an object, or of one within it, says that the answer is none; ``known`` ones do not.
+
+    It has the name of a failure and a value, or its text, or its name where it is true, says that there was no picture.
+    Objects are lists of names and values.
+    """
+    return any(_fails(name, value) for name, value in _every(fields) if name not in known)
+
+
+def _every(fields: Iterable[object]) -> Iterator[tuple[str, object]]:
+    """Yield every field of an object and of those within it, and what a list holds under no name."""
+    for one in fields:
+        name, value = one if isinstance(one, tuple) else ("", one)
+        yield name, value
+        if isinstance(value, list):
+            yield from _every(value)
+
+
+def _fails(name: str, value: object) -> bool:
+    if re.sub(r"[\W_]", "", name.lower()) in _NAMES and not _is_nothing(value):
+        return True
+    return says_no_picture(name if value is True else value if isinstance(value, str) else "")
+
+
+def _is_nothing(value: object) -> bool:
+    """Return whether a value says that nothing failed; a list or an object does where all of its values do."""
+    if isinstance(value, list):
+        return all(_is_nothing(one[1] if isinstance(one, tuple) else one) for one in value)
+    return not value or (isinstance(value, str) and value.strip(" .").lower() in _NOTHING)
