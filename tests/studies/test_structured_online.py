@@ -72,7 +72,7 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
     assert len(online.plan("short", [CONTROL, BLIND], out, episodes=1).episodes.left()) == 0
     with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were asked for"):
         online.plan("short", [CONTROL, BLIND], out, episodes=6)
-    monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out)])
+    monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out), "--all"])
     with pytest.raises(SystemExit) as left:
         cli.main()
     printed = capsys.readouterr().out

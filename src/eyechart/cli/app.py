@@ -128,7 +128,7 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(guardian.app, name="guardian")
-for group in (listing, run.app, frames.app, guardian.app):
+for group in (listing, frames.app, guardian.app):
     group.info.cls = Group
 for group in (app, listing, run.app, frames.app, guardian.app):
     for one in group.registered_commands:

@@ -49,9 +49,9 @@ class Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """List the commands."""
-        del ctx
-        for title, names in (self.listed or {"Commands": list(self.commands)}).items():
-            rows = [(name, self.commands[name].get_short_help_str(_SENTENCE)) for name in names]
+        for title, names in (self.listed or {"Commands": self.list_commands(ctx)}).items():
+            found = {name: self.get_command(ctx, name) for name in names}
+            rows = [(name, one.get_short_help_str(_SENTENCE)) for name, one in found.items() if one is not None]
             with formatter.section(title):
                 formatter.write_dl(rows)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_command
 
 from eyechart.cli import options, probe
+from eyechart.cli.help import Command, Group
 from eyechart.cli.terminal import output_kept, progress, resumable, say
 from eyechart.errors import LedgerError, SpecError, perhaps
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound="Planned")
 
 
-class Kinds(TyperGroup):
+class Kinds(Group):
     """The kinds of run; a study of frames without a command of its own has the one of them all."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - they differ between versions of typer
@@ -44,7 +44,7 @@ class Kinds(TyperGroup):
         if found is not None or cmd_name not in self.list_commands(ctx):
             return found
         alone = typer.Typer()
-        alone.command(cmd_name)(output_kept()(options.from_one_folder(_study)))
+        alone.command(cmd_name, cls=Command)(output_kept()(options.from_one_folder(_study)))
         return get_command(alone)
 
 
