@@ -202,6 +202,11 @@ def test_an_article_and_other_things_of_one_letter_are_no_option(text: str) -> N
         "Not C. B.",
         "B. This is it",
         "B. 20 km/h",
+        "B. medium speed",
+        "I choose B. medium speed",
+        "B. dangerous ahead, so slow",
+        "In lane 2 B is best",
+        "B. strikes a good balance",
         "1. B",
     ],
 )

@@ -129,17 +129,10 @@ HARMS = (
     "NAME would hit the car ahead.",
     "Option NAME would hit the car ahead.",
     "NAME: it would crash.",
-    "NAME: we would hit the car.",
-    "NAME - we would collide.",
-    "NAME. We would hit the car.",
-    "NAME. This hits the car ahead.",
-    "NAME. That would be dangerous.",
-    "(NAME) we would hit the car.",
-    "NAME) we would hit the car.",
-    "NAME) leads into the wall",
+    "NAME: this hits the car ahead.",
+    "NAME - that would be dangerous.",
+    "NAME) it would hit the car.",
     "NAME, which would hit the car.",
-    "NAME, crashing into the van.",
-    "NAME, we would crash.",
 )
 
 
@@ -157,6 +150,12 @@ def test_what_would_do_harm_is_no_choice(space: str | None, name: str, text: str
     "text",
     [
         "STOP. We would hit the car otherwise.",
+        "STOP. We would hit the car.",
+        "STOP: we might crash into the lead vehicle.",
+        "STOP. It might crash into us.",
+        "STOP. It hits the brakes.",
+        "STOP: it could hit the car ahead.",
+        "STOP, hitting the brakes hard.",
         "STOP: otherwise we would hit the car.",
         "STOP. If we continue, we would hit the car.",
         "STOP, because we would hit the car.",

@@ -24,7 +24,7 @@ def score(
     reread: Reread = False,
     against: Against = None,
 ) -> None:
-    """Print the statistics of a run with interval, n and p: of each model the five that decided, with --all every one.
+    """Print the statistics of a run with interval, n and p: what decided or would have, with --all every one.
 
     How each was found is in --json. Example: eyechart score run --all
     """

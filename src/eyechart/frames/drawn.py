@@ -33,20 +33,21 @@ def exchanged(span: Span) -> Span:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """The distances to try of one frame, the first of them its own share of the range, from 0 to 1."""
+    """The distances to try of one frame, the first of them its own share of the range (0 to 1); none without."""
 
     seed: int
     frame: str
-    span: Span
+    span: Span | None
     shares: tuple[float, float]
 
     def lead(self) -> Iterator[float]:
         """Yield the distances of the lead alone."""
-        yield from self._spread(LEAD, self.span, self.shares[0])
+        if self.span is not None:
+            yield from self._spread(LEAD, self.span, self.shares[0])
 
     def exchange(self, lead_m: float | None) -> Iterator[float]:
         """Yield the distances of the exchange, of a frame that shows the lead alone at ``lead_m``, None: nowhere."""
-        found = self._spread(EXCHANGE, exchanged(self.span), self.shares[1])
+        found = () if self.span is None else self._spread(EXCHANGE, exchanged(self.span), self.shares[1])
         yield from (one for one in found if lead_m is None or _is_apart(one, lead_m))
 
     def _spread(self, column: str, span: Span, share: float) -> Iterator[float]:
@@ -59,7 +60,7 @@ def _is_apart(one: float, other: float) -> bool:
     return max(one, other) >= APART * min(one, other)
 
 
-def draws_of(seed: int, span: Span, frames: Sequence[str]) -> dict[str, Draws]:
+def draws_of(seed: int, span: Span | None, frames: Sequence[str]) -> dict[str, Draws]:
     """Return the distances to try of each of a bank's frames; each of them has a share of the range to itself."""
     rng, count = np.random.default_rng(key_seed("drawn", seed, *frames)), len(frames)
     lead, exchange = ((rng.permutation(count) + rng.random(count)) / count for _ in range(2))

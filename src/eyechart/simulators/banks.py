@@ -242,14 +242,14 @@ def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple
     _, moments = made.staging(how.staging)
     episodes = list(product(made.scenarios, how.seeds))
     ids = [_id(*episode, step) for episode in episodes for step in range(how.steps)]
-    draws = {} if made.span is None else draws_of(how.controls_seed, made.span, ids)
+    draws = draws_of(how.controls_seed, made.span, ids)
     cameras = made.cameras or alone(declared.mirror_axis)
     for scenario, seed in episodes:
         for step, moment in enumerate(moments(scenario, seed, how.steps)):
             key = how.preset, scenario, seed, step, how.controls_seed
-            rng, drawn = np.random.default_rng(key_seed(declared.name, "ranged", *key)), list[Drawn]()
-            if made.span is not None:
-                drawn = [Drawn({}, moment.distances), moment.ranged(draws[_id(scenario, seed, step)], rng)]
+            rng = np.random.default_rng(key_seed(declared.name, "ranged", *key))
+            placed = Drawn({}, {} if made.span is None else moment.distances)
+            drawn = [placed, moment.ranged(draws[_id(scenario, seed, step)], rng)]
             whole = moment if made.span is not None else replace(moment, strata={})
             yield _frame(whole, drawn, (scenario, seed, step), cameras)
 

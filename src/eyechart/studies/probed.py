@@ -168,10 +168,10 @@ def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
     return Spent.together(spent(run, manifest_of(run), prices) for run in runs if is_run(run))
 
 
-def beside(parts: Collection[Planned], part: Planned, how: Allowed) -> Allowed:
-    """Return how one of a study's runs may be made, where limits bound all of them together."""
+def beside(runs: Iterable[Path], part: Planned, how: Allowed) -> Allowed:
+    """Return how one of a study's ``runs`` may be made, where limits bound all of them together, planned now or not."""
     bounded = (how.max_calls, how.max_cost) != (None, None)
-    return replace(how, before=spent_on((one.out for one in parts if bounded and one is not part), how.prices))
+    return replace(how, before=spent_on((one for one in runs if bounded and one != part.out), how.prices))
 
 
 def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Spent:

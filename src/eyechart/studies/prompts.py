@@ -98,7 +98,7 @@ class PromptStudy(Planned):
                 def move(done: int, now: int, start: int = start, mine: int = planned[name]) -> None:
                     tell(start + done, total + now - mine)
 
-                outcome = cell.make(beside(self.cells.values(), cell, how), moving(move))
+                outcome = cell.make(beside(cells_in(self.out), cell, how), moving(move))
                 uncounted = max(uncounted, outcome.uncounted)
                 set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
                 lasting |= {f"{spec} in {name}" for spec in outcome.lasting}
@@ -191,10 +191,15 @@ def cells_in(out: Path) -> list[Path]:
     return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
 
 
+def _asked_in(out: Path) -> list[Path]:
+    """Return the folders of the cells in which a model was asked, and not only how it is to be asked."""
+    return [one for one in cells_in(out) if run_json(one).get("models")]
+
+
 def _read_cells(folder: Path) -> list[Mapping[str, object]]:
     """Return what the runs in a folder say of themselves; none where one cannot be read, which its scoring says."""
     try:
-        return [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+        return [run_json(one) for one in _asked_in(folder)] if not is_run(folder) else []
     except LedgerError:
         return []
 
@@ -279,9 +284,9 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
 
 def _batteries(path: Path, *, resamples: int, reread: bool) -> dict[str, battery.BatteryScore]:
     """Return what each cell's run shows, by the cell's name, in the order of the built-in prompts."""
-    if is_run(path) or not cells_in(path):
+    if is_run(path) or not (cells := _asked_in(path)):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
-    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells_in(path)}
+    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
         raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot stand side by side")
     order = {name: place for place, name in enumerate(PROMPTS)}
@@ -566,7 +571,7 @@ class Prompts(OfFrames[PromptsScore]):
 
     def runs(self, folder: Path) -> Mapping[str, Path]:
         """Return the cells."""
-        return {cell.name: cell for cell in cells_in(folder)}
+        return {cell.name: cell for cell in _asked_in(folder)}
 
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""

@@ -228,7 +228,7 @@ def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[st
     elif beware:
         said.append(f"Beware: {beware}.")
     if LABELS[label].family == "sees" and not_excluded:
-        said.append("In part of what was tested a reversal was not excluded.")
+        said.append("Part of what was tested stays open.")
     return " ".join(said)
 
 

@@ -78,15 +78,12 @@ _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECA
 _OPENS = re.compile(r"\.[ \t]+\S")
 _INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
 """A dotted letter beside one makes an abbreviation of both: "D. C.", "e. g.", "J. B. Goode"."""
-_SPECIES = re.compile(
-    r"\.[ \t]+(?!(?:this|his|is|us|bus|focus|axis|minus|plus|thus|versus|basis|minimum|maximum|taxi)\b)"
-    r"(?:[a-z]{2,}(?:i|us|is|um|ae)|elegans|sapiens)\b"
-)
-"""A Latin word in small letters behind a dotted letter is no text of an option: "E. coli"."""
+_SPECIES = re.compile(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
+"""The name of a species behind a dotted letter is no text of an option: "E. coli"."""
 _AROUND = re.compile(r"\.[ \t]+\d")
 """A number behind a small dotted letter: "c. 20 metres"."""
-_COUNTED = re.compile(r"\d[ \t°º˚]*\Z")
-"""A letter right behind a number is its unit: "20 °C"."""
+_COUNTED = re.compile(r"\d[ \t]*[°º˚][ \t]*\Z")
+"""A letter right behind degrees is their unit: "20 °C"."""
 _CONCLUDES = re.compile(
     r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
 )

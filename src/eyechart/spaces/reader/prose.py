@@ -382,19 +382,21 @@ _DENIED_AFTER = re.compile(
 )
 _BADLY = r"(?:an? |the )?(?:collision|crash|accident|wall|ditch)"
 _HARM = _one_of(
-    "hits?|crash(?:es)?|collides?|rams?|strikes?|scrapes?|rear-ends?|runs? (?:into|over)|drives? (?:into|off)"
+    "hits?(?! the brakes?)|crash(?:es)?|collides?|rams?|strikes?(?! (?:a|the) )|scrapes?|rear-ends?"
+    "|runs? (?:into|over)|drives? (?:into|off)"
     rf"|leads? (?:in)?to {_BADLY}|causes? {_BADLY}|ends? (?:up )?in {_BADLY}|be (?:hit|struck)"
     r"|be (?:dangerous|unsafe|risky|wrong)(?! (?:not )?to\b)"
 )
+_SURELY = r"(?:\s+(?:also|then|likely|probably|surely|certainly|only|just))?"
+_NOT_ELSE = r"\b(?![^.;!?\n@]*\b(?:otherwise|if|unless|without|else|instead)\b)"
 _MAY = r"(?:\s*'d|\s*'ll|\s+would|\s+could|\s+might|\s+may|\s+will|\s+can)"
 _HARMS = re.compile(
-    rf"[)\"']?(?:\s*[:,.;]|\s+-+)?\s*(?:(?:it|this|that|which|doing (?:so|this|that)){_MAY}?"
-    rf"|(?:we|i|you){_MAY})(?:\s+(?:also|then|likely|probably|surely|certainly|only|just))?\s+{_HARM}\b"
-    rf"(?![^.;!?\n@]*\b(?:otherwise|if|unless|without|else|instead)\b)"
-    rf"|,\s*(?:thus |thereby )?(?:crashing|hitting|colliding|ramming|striking)\b"
-    rf"|[)\"']?\s*[:)]\s*(?:would\s+)?{_HARM}\b"
+    rf"[)\"']?(?:\s*[:)]|\s+-+)\s*(?:this|that|which|doing (?:so|this|that)){_MAY}?{_SURELY}\s+{_HARM}{_NOT_ELSE}"
+    rf"|[)\"']?(?:\s*[:)]|\s+-+)\s*it(?:\s*'d|\s+would){_SURELY}\s+{_HARM}{_NOT_ELSE}"
+    rf"|,\s*which{_MAY}{_SURELY}\s+{_HARM}{_NOT_ELSE}"
 )
-"""What an action would do, said right behind it by a sentence of its own: "B: it would crash", "B. We would hit it"."""
+"""What an action would do, said right behind it: "B: it would crash". A reason to brake may stand in a sentence of its
+own ("STOP. We would hit it"): that is no denial."""
 _BLOCKED = re.compile(
     rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
     rf"[^@.,;:!?\n]{{0,30}}\s(?:is|are|would be|would|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"

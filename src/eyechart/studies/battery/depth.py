@@ -270,16 +270,14 @@ class Moved:
     def holes(self) -> tuple[Place, ...]:
         """Return the places in which its braking does not answer: the effect is bounded below the margin.
 
-        A part of the range beyond which nothing answers may be free road to it, which a noisy reader meets now and
+        The far end of a range that answers up to there may be free road to it, which a noisy reader meets now and
         then: it is a hole where its braking changes on `IDLE` of the frames at most.
         """
-        bounded = [(place, one) for place, one in enumerate(self.places) if one.high is not None and one.high < MARGIN]
-        last = max((place for place, one in enumerate(self.places) if one.low is not None and one.low > 0), default=0)
-        return tuple(
-            one
-            for place, one in bounded
-            if one.of != "range" or place < last or one.harder + one.lesser <= IDLE * one.frames
-        )
+        bounded = (one for one in self.places if one.high is not None and one.high < MARGIN)
+        parts = [one for one in self.places if one.of == "range"]
+        answers_up_to_there = len(parts) > 1 and (parts[-2].low or 0) > 0
+        free = parts[-1] if answers_up_to_there else None
+        return tuple(one for one in bounded if one is not free or one.harder + one.lesser <= IDLE * one.frames)
 
     def open_places(self) -> tuple[Place, ...]:
         """Return the places in which it is neither shown nor bounded."""

@@ -262,8 +262,10 @@ class Course:
         """Take the labels that the claims settle; what is said of the controls comes with their walk, later."""
         first = {name: claim for name, claim in self.claims.items() if name not in _LATER}
         label, lateral = (self._ruling(axis, first).label for axis in (EARLY, EARLY_LATERAL))
-        self.label = None if label == NOT_YET else label
-        self.lateral = None if lateral == NOT_YET else lateral
+        if label != NOT_YET and (self.label is None or label == "not_scorable"):  # what is settled stays
+            self.label = label
+        if lateral != NOT_YET and self.lateral is None:
+            self.lateral = lateral
 
     def _ruling(self, axis: Axis, claims: Mapping[str, Claim], seen: Mapping[str, Statistic] | None = None) -> Ruling:
         return axis.evaluate(_Known(claims, {**fact("along", holds=self.layout.shown >= ALONG), **(seen or {})}))

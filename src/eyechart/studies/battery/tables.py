@@ -26,7 +26,7 @@ from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import median_gaps
 from eyechart.studies.battery.subjects import Subject
-from eyechart.verdicts import LABELS, Verdict
+from eyechart.verdicts import LABELS, NOT_JUDGED, Verdict
 from eyechart.verdicts.numbers import ASKS, FIRST, SIGNS
 
 Judged = tuple[str, ModelScore, Verdict]
@@ -311,7 +311,8 @@ def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
     decided = [(ruling.decided_by, f"decided {ruling.label}")]
     decided += [(why.decided_by, f"kept it from {why.label}")] if why is not None else []
     decided += [(verdict.lateral.decided_by, f"left and right: {verdict.lateral.label}")]
-    decided += [(verdict.paper.decided_by, f"by the paper's rules {verdict.paper.label}")]
+    if verdict.paper.label != NOT_JUDGED:
+        decided += [(verdict.paper.decided_by, f"by the paper's rules {verdict.paper.label}")]
     said: dict[str, list[str]] = {}
     for name, words in decided:
         said.setdefault(name, []).append(words)

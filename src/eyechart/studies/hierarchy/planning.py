@@ -242,7 +242,7 @@ class Arms(Planned):
         for name, part in self.parts.items():
             here = replace(part, keys=tuple(key for key in part.keys if key.policy not in aside))
             if here.left():
-                outcome = here.make(beside(self.parts.values(), part, how), _of_part(bar, name))
+                outcome = here.make(beside([part.out.parent / one for one in PARTS], part, how), _of_part(bar, name))
                 aside |= outcome.set_aside
                 stopped, uncounted = stopped or outcome.stopped, max(uncounted, outcome.uncounted)
         return Outcome(aside, stopped, uncounted)
