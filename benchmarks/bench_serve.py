@@ -32,8 +32,8 @@ from PIL import Image
 
 from eyechart.modes import RequestMode
 from eyechart.prompts import SCENE
-from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import guardian as study
+from eyechart.studies.guardian import VOTED
 
 DEADLINE_S = 2.0
 GRACE_S = 0.5
@@ -85,7 +85,7 @@ def frozen(addresses: Sequence[str]) -> study.Frozen:
         },
         wording=SCENE,
         axis="vertical",
-        reader=SCENE_READER,
+        reader=VOTED.reader,
     )
     return study.Frozen(MODELS, 2, "two_way", about, None, "made for a benchmark")
 
