@@ -293,7 +293,9 @@ def test_a_reader_that_takes_the_far_road_for_free_earns_depth(free: float) -> N
     for frames in (144, 288):
         assert DISTANCE.evaluate(found_of(answered(late, frames=frames))).label == "depth"
     early = partial(late, limit=9.5)
-    assert DISTANCE.evaluate(found_of(answered(early))).label == "partial_depth"
+    moved = answered(early)
+    assert DISTANCE.evaluate(found_of(moved)).label == "partial_depth"
+    assert [one.of for one in moved.holes()] == ["range", "range"]
     assert any(one.of == "range" for one in answered(with_a_gap).holes())
 
 

@@ -125,6 +125,18 @@ def test_a_study_is_resumed_cell_by_cell(bank: FrameBank, tmp_path: Path) -> Non
     assert [cell.name for cell in prompts.score(tmp_path / "study", resamples=99)] == ["baseline", "minimal"]
 
 
+def test_a_cell_in_which_nobody_was_asked_yet_is_no_part_of_the_score(bank: FrameBank, tmp_path: Path) -> None:
+    """A probe that was interrupted begins a cell; what it took still counts among the cells of the study."""
+    out = tmp_path / "study"
+    asked = [one.name for one in run(bank, out)]
+    begun = out / "begun"
+    begun.mkdir()
+    told = json.loads((next(one for one in prompts.cells_in(out)) / "run.json").read_text(encoding="utf-8"))
+    (begun / "run.json").write_text(json.dumps({**told, "models": {}}), encoding="utf-8")
+    assert [one.name for one in prompts.score(out, resamples=99)] == asked
+    assert begun in prompts.cells_in(out)
+
+
 def test_limits_bound_all_cells_together(bank: FrameBank, tmp_path: Path) -> None:
     """No cell has the whole budget to itself, and a higher limit resumes."""
     study = prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "minimal", "few_shot"], limit=6)
