@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -65,11 +66,16 @@ def hostile(query: Query) -> Reply:
 
 
 def make_run(bank: Path, out: Path, models: Mapping[str, Callable[[Query], Reply]], **options: object) -> Path:
-    """Run a battery of models given as functions; they are called ``standin:NAME``."""
+    """Run a battery of models given as functions; they are called ``standin:NAME``.
+
+    A browser that is open has an event loop in this thread, and the calls need one of their own.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ADAPTERS, "standin", "stand_ins")
         patch.setattr(stand_ins, "open_model", lambda name, _: stand_ins.StandIn(models[name]))
-        study.run(study.plan(bank, [f"standin:{name}" for name in models], out, **options))
+        planned = study.plan(bank, [f"standin:{name}" for name in models], out, **options)
+        with ThreadPoolExecutor(1) as beside:
+            beside.submit(study.run, planned).result()
     return out
 
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.browser
 HEIGHT_PX = 900
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page of a run and a film of one of its drives."""
     folder = tmp_path_factory.mktemp("drives")
