@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eyechart.conditions import CONDITIONS, COUNTERFACTUALS, OLDER
+from eyechart.conditions import COUNTERFACTUALS
 from eyechart.frames import (
     LEAD_GAP,
     MAIN,
@@ -26,11 +26,11 @@ from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
-STAGED = (*OLDER, "lead_absent", "real_again", "nudged")
+STAGED = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "real_again", "nudged")
 """The controls of banks that hold none over the whole range."""
 ALONG = ("lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "lead_absent")
 """The pictures of banks that hold controls over the whole range."""
-DRAWN_CONTROLS = tuple(name for name in STAGED if "counterfactual" in CONDITIONS[name].needs)
+DRAWN_CONTROLS = STAGED[:5]
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
 NEAR_M, FAR_M = 5.0, 40.0
 
