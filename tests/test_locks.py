@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import resource
 import sys
 from pathlib import Path
 
@@ -69,3 +70,20 @@ def test_where_locks_are_not_there_at_all_a_file_stands_for_one(tmp_path: Path) 
     )
     assert "another process is writing to" in done.stdout, done.stderr
     assert done.stdout.endswith("held\n")
+
+
+def test_what_cannot_be_removed_for_want_of_descriptors_is_taken_by_the_next(tmp_path: Path) -> None:
+    """The lock goes last: a folder without one is taken for somebody else's, and would stay in the way."""
+    free = [os.open(tmp_path, os.O_RDONLY) for _ in range(2)]
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        with own_folder(tmp_path / "out", BankError) as work:
+            (work / "made" / "deep").mkdir(parents=True)
+            for one in free:
+                os.close(one)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (max(free) + 1, limits[1]))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    with own_folder(tmp_path / "out", BankError) as work:
+        assert [one.name for one in work.iterdir()] == [".lock"]
+    assert list(tmp_path.iterdir()) == []

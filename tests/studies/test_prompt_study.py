@@ -220,9 +220,9 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
     score = prompts.PromptsScore(tuple(cells), {})
     study = prompts.Prompts()
     said = study.answer({"run": score})
-    assert said.sentence == "one: all two; two: baseline only; three: under none."
+    assert said.sentence == "one: both; two: baseline only; three: under none."
     assert [(one.who, one.label, one.tone) for one in said.said] == [
-        ("one", "all two", "sees"),
+        ("one", "both", "sees"),
         ("two", "baseline only", "partly"),
         ("three", "under none", "blind"),
     ]
@@ -240,7 +240,7 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
     ]
     found = study.findings(score)
     assert {spec: one.label for spec, one in found.items()} == {
-        "one": "looks under all two",
+        "one": "looks under both",
         "two": "looks under baseline only",
         "three": "looks under none",
     }

@@ -62,7 +62,9 @@ def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
             _clear(work, keep=_LOCK)
             yield work
         finally:
-            shutil.rmtree(work, ignore_errors=True)
+            with suppress(OSError):  # the lock goes last: without it, what cannot be removed would be somebody else's
+                _clear(work, keep=_LOCK)
+                shutil.rmtree(work)
 
 
 @contextmanager
