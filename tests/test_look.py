@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,9 @@ from banks import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.looking import Look
+from eyechart.looking import Look, Pictures, Wanted
 from eyechart.manifest import LEDGER, read_manifest
-from eyechart.modes import read_mode
+from eyechart.modes import RequestMode, read_mode
 from eyechart.simulators import open_bank_simulator
 from eyechart.testing import assert_looks
 from faults import FaultServer, Loopback
@@ -315,6 +316,23 @@ def test_in_python_a_function_at_hand_is_looked_at(small: Path, here: Path, monk
         eyechart.look("openai:gpt-4o", bank=small)
     with pytest.raises(TypeError, match="unexpected keyword argument 'frames'"):
         eyechart.look("scripted:depth", frames=small)
+
+
+def test_a_command_that_goes_on_repeats_all_that_was_given(tmp_path: Path) -> None:
+    """From Python and from the command line alike; a function of a notebook has no command, and gets Python."""
+    photos = Pictures(photos=tmp_path, table=tmp_path / "t.csv", columns={"gap": "range m"}, threshold=18.0, unit="m")
+    mode = RequestMode("openai:m", base_url="http://127.0.0.1:1/v1")
+    wanted = Wanted(mode, photos, tmp_path / "out", prompt="minimal", seed=4, budget=90)
+    common = f"--photos {tmp_path} --table {tmp_path}/t.csv --threshold 18.0 --unit m --map 'gap=range m'"
+    asked = f"{common} --base-url http://127.0.0.1:1/v1 --prompt minimal --seed 4 --budget 90 --out {tmp_path}/out"
+    assert wanted.command() == f"eyechart look openai:m {asked}"
+    by_file = replace(wanted, file=Path("mode.toml"), by_file=True)
+    assert "--mode mode.toml" in by_file.command()
+    assert "--base-url" not in by_file.command()
+    own = Wanted(RequestMode("python:__main__:decide"), Pictures(frames=tmp_path), tmp_path / "out", seed=4)
+    again = own.command(prompt="FILE.toml", out=tmp_path / "two")
+    expected = f"eyechart.look(decide, bank='{tmp_path}', seed=4, prompt='FILE.toml', out='{tmp_path}/two')"
+    assert again == expected
 
 
 def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:

@@ -80,7 +80,6 @@ def look(
         seed=whole_number("seed", how.get("seed", 0), 0),
         budget=None if budget is None else whole_number("budget", budget, 1),
         held=held,
-        options=tuple(word for name, one in where.items() if one is not None for word in (f"--{name}", str(one))),
     )
     return looked(wanted, _watch(progress, yes=how.get("yes", False)))
 

@@ -1,7 +1,6 @@
 """``eyechart look``: one command and one line of answer, whatever is brought."""
 
 import sys
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -64,7 +63,7 @@ def look(
         prompt=prompt,
         seed=seed,
         budget=budget,
-        options=_options(locals()),
+        file=mode,
     )
     with resumable():
         found = looked(wanted, Watch(say, progress, partial(_agree, yes=yes)))
@@ -85,17 +84,6 @@ def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
     if asked.spec != spec:
         raise SpecError(f"the mode {mode} is one of '{asked.spec}', and '{spec}' is looked at")
     return asked
-
-
-def _options(given: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the options of this command that were given and that a command that goes on needs again."""
-    found: list[str] = []
-    for name in ("frames", "photos", "table", "dataset", "threshold", "unit", "map_", "base_url", "mode", "prompt"):
-        value = given[name]
-        many = value if isinstance(value, list) else [] if value is None else [value]
-        found += [word for one in many for word in (f"--{name.strip('_').replace('_', '-')}", f"{one}")]
-    found += ["--seed", str(given["seed"])] if given["seed"] else []
-    return (*found, *(["--budget", str(given["budget"])] if given["budget"] else []))
 
 
 def _agree(bill: "Bill", *, yes: bool) -> None:

@@ -219,7 +219,7 @@ def _steps(wanted: Wanted, verdict: Verdict, *, whole: bool) -> Iterator[Step]:
             yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
-        yield Step("try other words", wanted.command("--prompt", "FILE.toml", out=again))
+        yield Step("try other words", wanted.command(prompt="FILE.toml", out=again))
     yield Step("every statistic and why not more", f"eyechart verdict {shlex.quote(run)}")
 
 

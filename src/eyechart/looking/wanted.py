@@ -16,6 +16,8 @@ from eyechart.planned import Bar
 from eyechart.studies import Reading, study_of
 
 _NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
+_ARGUMENTS = {"frames": "bank", "map": "columns"}
+"""What Python calls otherwise than the command does."""
 UNASKED_CALLS = 100
 """So many calls whose price nobody knows are made without a question."""
 
@@ -24,8 +26,8 @@ UNASKED_CALLS = 100
 class Wanted:
     """A model or a policy, the pictures on which it is looked at, and the folder that keeps all that is made.
 
-    ``by_file`` says that a file of a mode says how it is asked. ``held`` is who is at hand already, as a callable.
-    ``budget`` bounds its calls. ``options`` are those of the command that says the same, without ``--out``.
+    ``by_file`` says that a mode says how it is asked, and ``file`` where that stands, if in a file. ``held`` is who is
+    at hand already, as a callable. ``budget`` bounds its calls.
     """
 
     mode: RequestMode
@@ -36,7 +38,7 @@ class Wanted:
     seed: int = 0
     budget: int | None = None
     held: Opened | None = None
-    options: tuple[str, ...] = ()
+    file: Path | None = None
 
     @property
     def spec(self) -> str:
@@ -53,9 +55,38 @@ class Wanted:
         """Return where the page is written."""
         return self.out / "report.html"
 
-    def command(self, *more: str, out: Path | None = None) -> str:
-        """Return the command that looks so again, with more options."""
-        return shlex.join(["eyechart", "look", self.spec, *self.options, *more, "--out", str(out or self.out)])
+    def command(self, *, prompt: str | None = None, out: Path | None = None) -> str:
+        """Return what looks so again, with another prompt or folder: a command, or Python where no command can.
+
+        A function of a session or a notebook, which ``__main__`` holds, is known there alone.
+        """
+        given = self._given | ({} if prompt is None else {"prompt": prompt}) | {"out": str(out or self.out)}
+        module, _, name = self.spec.removeprefix("python:").rpartition(":")
+        if module == "__main__":
+            named = {_ARGUMENTS.get(one, one): value for one, value in given.items()}
+            return f"eyechart.look({', '.join([name, *(f'{one}={value!r}' for one, value in named.items())])})"
+        words: list[str] = []
+        for one, value in given.items():
+            many = [f"{a}={b}" for a, b in value.items()] if isinstance(value, dict) else [str(value)]
+            words += [word for each in many for word in (f"--{one.replace('_', '-')}", each)]
+        return shlex.join(["eyechart", "look", self.spec, *words])
+
+    @property
+    def _given(self) -> dict[str, str | int | float | dict[str, str]]:
+        """Return what a look that goes on needs again, by the names of the command's options."""
+        of = self.pictures
+        paths = {"frames": of.frames, "photos": of.photos, "table": of.table, "dataset": of.dataset, "mode": self.file}
+        given: dict[str, str | int | float | dict[str, str] | None] = {
+            **{name: None if path is None else str(path) for name, path in paths.items()},
+            "threshold": of.threshold,
+            "unit": of.unit,
+            "map": dict(of.columns),
+            "base_url": "" if self.by_file else self.mode.base_url,
+            "prompt": self.prompt,
+            "seed": self.seed,
+            "budget": self.budget,
+        }
+        return {name: value for name, value in given.items() if value}
 
     def begun(self, frames: int, usual: int) -> list[str]:
         """Return in words that a run that is there keeps its frames, where they are fewer than a look asks about."""
