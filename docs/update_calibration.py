@@ -60,13 +60,9 @@ def summary(found: Mapping[str, Rows]) -> str:
 
 def block(command: str, said: str, found: Mapping[str, Rows]) -> str:
     """Return what stands between the marks of the page."""
-    listed = [
-        f"| [{title}](../benchmarks/results/calibration/{file_of(title)}) | {len(rows) - 1} |"
-        for title, rows in found.items()
-    ]
+    listed = "\n".join(f"- [{title}](../benchmarks/results/calibration/{file_of(title)})" for title in found)
     by_file = {file_of(title): rows for title, rows in found.items()}
-    files = "\n".join(["| table | rows |", "|---|---|", *listed])
-    return f"{command}\n\n{said}\n\n{summary(by_file)}\n\n{files}\n"
+    return f"{command}\n\n{said}\n\n{summary(by_file)}\n\n{listed}\n"
 
 
 def write(command: str, text: str) -> None:

@@ -12,15 +12,14 @@ FOLDER = ROOT / "benchmarks" / "results" / "calibration"
 
 
 def test_the_summary_is_that_of_the_tables() -> None:
-    """A row a setting, and each file of a table with its number of rows."""
+    """A row a setting, and each file of a table in a list."""
     made = program("update_calibration")
     found = {}
     for path in FOLDER.glob("*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
             found[path.name] = list(csv.reader(file))
     assert made.summary(found) in PAGE
-    listed = dict(re.findall(r"\(\.\./benchmarks/results/calibration/([\w.-]+)\) \| (\d+) \|", PAGE))
-    assert listed == {name: str(len(rows) - 1) for name, rows in found.items()}
+    assert set(re.findall(r"\(\.\./benchmarks/results/calibration/([\w.-]+)\)", PAGE)) == set(found)
 
 
 def test_a_table_is_read_with_what_is_said_beside_it() -> None:
