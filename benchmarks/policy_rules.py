@@ -1,4 +1,4 @@
-"""The rules on policies, in the settings of docs/decisions/0050, of 5000 data sets each.
+"""The rules on policies, in the settings of `calibrate/policies.py`, of 5000 data sets each.
 
     make long-policies
     python benchmarks/policy_rules.py --draws 5000 --processes 2

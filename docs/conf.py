@@ -47,7 +47,7 @@ _UPWARDS = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)[^)\s]*\)")
 def _decisions(_app: Sphinx, docname: str, source: list[str]) -> None:
     """Hang the decisions below their list, which stays plain Markdown for who reads it in the repository."""
     if docname == "decisions/README":
-        source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n0*\n```\n"
+        source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n[!R]*\n```\n"
 
 
 def _outside(_app: Sphinx, docname: str, source: list[str]) -> None:

@@ -73,8 +73,8 @@ UNASKED: frozenset[str] = frozenset({"not_called"})
 """The kinds of calls that were never made: they cost nothing, and say nothing of the model."""
 
 SILENT: frozenset[str] = TRANSIENT - UNASKED - {"rate_limited"}
-"""The kinds in which a model says nothing, for a run that counts silence (docs/decisions/0027). A 429 is none: it says
-that the run asks too fast."""
+"""The kinds in which a model says nothing, for a run that counts silence (docs/decisions/drives.md).
+A 429 is none: it says that the run asks too fast."""
 
 BLOCKED = "blocked"
 """The finish reason of a failure that may be a filter's: a reply in order, without an answer in it."""
@@ -323,7 +323,7 @@ def misfit(reply: Reply) -> str | None:
 
 
 class CallKey(NamedTuple):
-    """The identity of a call: never its content (docs/decisions/0001)."""
+    """The identity of a call: never its content (docs/decisions/calls.md)."""
 
     study: str
     model: str

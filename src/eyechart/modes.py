@@ -33,7 +33,7 @@ DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
 ELSEWHERE = "elsewhere"
-"""The first word of a SPEC whose answers eyechart did not ask for: they were imported (docs/decisions/0053)."""
+"""The first word of a SPEC whose answers eyechart did not ask for: they were imported (docs/decisions/bundles.md)."""
 
 _LONG_HEX = 48
 """Shorter hashes in an address name an account or a deployment."""

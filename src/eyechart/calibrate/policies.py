@@ -1,6 +1,6 @@
 """The rules on policies, tried on simulated ones whose shares, noise and objects are known.
 
-Source: docs/decisions/0050-any-policy-simulated.md, whose settings these are.
+What came of these settings: docs/decisions/policies.md.
 """
 
 from collections import Counter
@@ -220,10 +220,12 @@ def try_rules(
     The result does not depend on ``processes``. Raises SpecError where no setting is meant.
     """
     every = list(settings())
+    named = [one.name for one in every]
     if chosen is not None:
         every = [one for one in every if any(word == one.name if exact else word in one.name for word in chosen)]
     if not every:
-        raise SpecError(f"no setting of policies is named like {', '.join(chosen or ())}; see docs/decisions/0050")
+        names = ", ".join(chosen or ())
+        raise SpecError(f"no setting of policies is named like {names}; the first of {len(named)} is {named[0]!r}")
     parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
     with open_pool(processes) as pool:
         for place, setting in enumerate(every):

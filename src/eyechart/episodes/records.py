@@ -21,7 +21,7 @@ STUDY = "closed_loop"
 
 SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe": SILENT}
 """What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
-the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/0027)."""
+the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/drives.md)."""
 
 
 REAL = "real"

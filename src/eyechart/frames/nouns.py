@@ -144,7 +144,7 @@ class Frame:
         return f"{self.scenario}/{self.episode}"
 
     def geometry(self) -> str:
-        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007).
+        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/banks.md).
 
         Where its pictures put a vehicle has no part in it: they may be drawn anew for the same moment.
         """

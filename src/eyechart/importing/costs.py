@@ -21,7 +21,7 @@ _LARGE = 3_000_000
 """Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
 _SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
 LEAST_BOUNDED = 6
-"""Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
+"""Episodes below which no share of a policy's channel is bounded (docs/decisions/policies.md)."""
 _PRICES = {
     "gap": "decisions are held to it as the distance",
     "episode": "its frames are one draw, and are exchanged whole",

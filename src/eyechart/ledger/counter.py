@@ -1,7 +1,7 @@
 """A counter beside a ledger says how many rows were written to it, so that rows that are lost are missed.
 
 It stands in a file of its own, outside SQLite's. It is written after each commit and before a request leaves: it never
-says more than was committed, and never less than was sent (docs/decisions/0045).
+says more than was committed, and never less than was sent (docs/decisions/ledger.md).
 """
 
 import json

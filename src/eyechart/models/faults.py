@@ -4,7 +4,7 @@ A status alone proves nothing of a request: gateways, proxies and load balancers
 own, in JSON too. Words of passing trouble prove nothing either, whatever stands beside them. A request is shown to be
 wrong where a JSON error names a field of it or a limit of its own, or says that its content was moderated. What it
 says of the key, the account or the model's name sets the model aside. All else is a fault of the road, and may pass
-(docs/decisions/0043).
+(docs/decisions/calls.md).
 """
 
 import json

@@ -43,7 +43,7 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
     and 1, where rates have little room to spread. An episode weighs as its frames do, and episodes of unequal length
     count as Kish's effective number. Where all episodes have the same share, the bound is exact: so many draws without
     one that differs. Episodes of one frame get Wilson's interval; below two episodes there is none. ValueError for
-    counts that cannot be. Measured in docs/decisions/0040-honest-intervals-of-shares.md.
+    counts that cannot be. Measured in docs/decisions/intervals.md.
     """
     k, n = np.asarray(hits, dtype=np.float64), np.asarray(frames, dtype=np.float64)
     if k.ndim != 1 or k.shape != n.shape or not ((k >= 0) & (k <= n)).all() or not 0 < level < 1:

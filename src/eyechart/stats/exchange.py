@@ -93,7 +93,7 @@ def exchange_test(
     attainable p exceeds ``alpha`` the value and p are None and ``detail`` gives that p. ``n`` counts the
     decisions used. ``detail``: episodes per stratum, truncated frames, frames aligned with another step than
     their own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
-    deviation of T under the null. Source: the calibrated rule `depth`, docs/decisions/0006.
+    deviation of T under the null. Source: the rules of the battery, docs/decisions/battery.md.
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     layout = _layout(stratum, episode, step, (len(levels), len(ranks)))

@@ -1,6 +1,6 @@
 """A few numbers of a log that lie far from all others: faults of it, or moves that are rare.
 
-Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+Source: docs/decisions/policies.md.
 """
 
 import numpy as np

@@ -97,7 +97,7 @@ def total_effect(
     ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
     Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs (Fafchamps and Gubert
-    2007). Measured in docs/decisions/0050-any-policy-simulated.md.
+    2007). Measured in docs/decisions/policies.md.
     """
     method = f"share of own variation, jackknife over owners and partners, {100 * level:g}% interval"
     episodes = _count(effect, variation)
@@ -172,8 +172,7 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
     partner, with episodes - 1 degrees of freedom. It holds its own value; without an upper end where that is searched
     there is none. ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
-    Source: interval of a difference by inversion (Fieller 1954). Measured in
-    docs/decisions/0050-any-policy-simulated.md.
+    Source: interval of a difference by inversion (Fieller 1954). Measured in docs/decisions/policies.md.
     """
     method = f"difference of shares by inversion, jackknife over owners and partners, {100 * level:g}% interval"
     every = (effect, other, variation)

@@ -1,8 +1,7 @@
 """A verdict is the claim that the evidence supports; every rule names the statistic that decided it.
 
 Two sets of rules stand side by side: the paper's, as we read them, and the calibrated ones, which hold their
-error rate and say ``undecided`` rather than accept a null. Both are declared in
-docs/decisions/0006-two-sets-of-rules.md.
+error rate and say ``undecided`` rather than accept a null. Why: docs/decisions/battery.md.
 """
 
 from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules

@@ -1,6 +1,6 @@
 """The label of one axis of a policy: its cameras or one of them, its state, its instruction, as rows of clauses.
 
-Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+Why these rules: docs/decisions/policies.md.
 """
 
 import math

@@ -1,6 +1,6 @@
 """The calibrated rules: they hold their error rate, and say ``undecided`` rather than accept a null.
 
-Number 6 of docs/decisions has them, and number 38 what depth needs beside its first test.
+docs/decisions/battery.md says why; `depth` has what depth needs beside its first test.
 """
 
 import math

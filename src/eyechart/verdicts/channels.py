@@ -1,6 +1,6 @@
 """Verdicts on policies: what each channel is used for, one axis each, and the statistic that decided.
 
-Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+Why these rules: docs/decisions/policies.md.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

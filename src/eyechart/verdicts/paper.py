@@ -1,4 +1,4 @@
-"""The paper's rules, as we read them (docs/decisions/0006-two-sets-of-rules.md), and what it would point out."""
+"""The paper's rules, as we read them (docs/decisions/battery.md), and what it would point out."""
 
 from collections import ChainMap
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """How a share is read: its margins, the clauses that it is used, ignored or followed, why it is open, and its words.
 
-Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+Why these rules: docs/decisions/policies.md.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Version 3 of the rules that read an action's name from words; a run that was begun under them is read by them.
 
-They are changed no more. What is wrong with them is in docs/decisions/0046: they take the only name in capitals for
-the decision, whatever is said of it.
+They are changed no more. What is wrong with them is in docs/decisions/replies.md: they take the only name in capitals
+for the decision, whatever is said of it.
 """
 
 import re

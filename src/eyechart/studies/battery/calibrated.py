@@ -1,7 +1,7 @@
 """The tests that the calibrated rules name: exact within a frame, or safe for episodes.
 
 Positive claims are tested at alpha .01; absences are bounded below a margin of .10. See
-docs/decisions/0006-two-sets-of-rules.md.
+docs/decisions/battery.md.
 """
 
 from collections.abc import Callable, Iterator, Mapping

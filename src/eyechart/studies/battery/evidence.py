@@ -1,7 +1,7 @@
 """The claims that may settle a verdict before its run has ended, and what each frame says for or against them.
 
 Each claim is tested by an e-process over frames in random order; which nulls these are, and why they hold for
-autocorrelated episodes, stands in docs/decisions/0013-early-stopping.md.
+autocorrelated episodes, stands in docs/decisions/stopping.md.
 """
 
 import math

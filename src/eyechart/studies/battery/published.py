@@ -1,7 +1,7 @@
 """The statistics of the paper's battery, each at response level and, with ``.decision``, at decision level.
 
 Source: paper, section The Input-Ablation Battery; the choices that its text leaves open are in
-docs/decisions/0006-two-sets-of-rules.md.
+docs/decisions/battery.md.
 """
 
 import math

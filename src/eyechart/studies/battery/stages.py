@@ -1,7 +1,7 @@
 """The stages of a run: which controls a model is asked follows from its finished answers alone.
 
 First come the run's conditions; then, of each model, the controls that could take away what its answers claim, each
-stage once the one before is finished. See docs/decisions/0039-asked-in-stages.md.
+stage once the one before is finished. See docs/decisions/stopping.md.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -55,7 +55,7 @@ WALKS: Mapping[str, tuple[Walk, ...]] = {
     "refusal_effect": _ABSENT,
     "image_invariant": _ABSENT,
 }
-"""What labels need of controls, where a run may ask these. See docs/decisions/0039-asked-in-stages.md."""
+"""What labels need of controls, where a run may ask these. See docs/decisions/stopping.md."""
 
 _LATER = frozenset(walk.until for walks in WALKS.values() for walk in walks)
 _SCORABLE = frozenset(("scorable", "unscorable"))

@@ -2,7 +2,7 @@
 
 The words and the pace of replies tell of a cache: to requests that one model got before, and of two models alike. A
 reply that follows from its decision tells no more than the decision: two models that decide alike then write alike. The
-identity of a call is its key, never its content (docs/decisions/0001): what answers by content cannot be measured.
+identity of a call is its key, never its content (docs/decisions/calls.md): what answers by content cannot be measured.
 
 Source: paper, section Edge models are image-invariant (two models with numerically identical trajectories).
 """

@@ -29,7 +29,7 @@ CONDITIONS = ("real", "mirrored", "blank", "shuffled")
 """What a model is shown: its rates with real pictures stand beside those of the same model that sees nothing."""
 
 SILENCE = "fail-safe"
-"""A planner that says nothing is part of what is studied here: STOP is executed (docs/decisions/0027)."""
+"""A planner that says nothing is part of what is studied here: STOP is executed (docs/decisions/drives.md)."""
 
 
 @dataclass(frozen=True, slots=True)

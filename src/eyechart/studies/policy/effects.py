@@ -1,6 +1,6 @@
 """Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log.
 
-Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+Why these: docs/decisions/policies.md.
 """
 
 from collections import Counter

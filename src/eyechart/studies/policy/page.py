@@ -142,7 +142,7 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alo
 
 _EVERY = (
     "Every number of every policy, with its interval, n and p; — means that the data cannot say, and the note why. "
-    "The first table says what each statistic is; 'What is measured' of docs/policies.md says how."
+    "The first table says what each statistic is; 'What is measured' of docs/policy-reference.md says how."
 )
 
 

@@ -127,7 +127,7 @@ MEANINGS: Mapping[str, str] = {
     "mirror": "how far the answer to the mirrored moment is from the reflected answer, over the variation",
     "shapley": "the channel's Shapley share; those of cameras, state and instruction sum to 1",
 }
-"""What each statistic is, by its name up to its channel; docs/policies.md says how it is made."""
+"""What each statistic is, by its name up to its channel; docs/policy-reference.md says how it is made."""
 
 
 def meaning_table(score: PolicyScore) -> Table:
