@@ -621,10 +621,30 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
             _check_alike(kept, place, labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells are faults
+    if "scenario" in kept.places and len(set(zip(scenarios, episodes, strict=True))) > len(set(episodes)):
+        _check_apart(kept, scenarios, episodes, steps)
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
         return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
     return scenarios, episodes, steps
+
+
+def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
+    """Note as a fault where an episode goes through several scenarios: its parts would count as so many drives.
+
+    Where a step of one name stands in two scenarios, its names recur, and are other drives; without steps nobody knows.
+    """
+    where: dict[tuple[str, int], str] = {}
+    rows = [*zip(episodes, steps, scenarios, strict=False)]
+    if not rows or any(where.setdefault((one, step), scenario) != scenario for one, step, scenario in rows):
+        return
+    within = {one: scenario for one, _, scenario in reversed(rows)}
+    one, scenario = next((one, scenario) for one, _, scenario in rows if within[one] != scenario)
+    kept.faults.add(
+        f"{kept.table.name}: episode '{one}' goes through the scenarios '{within[one]}' and '{scenario}', and whole "
+        "episodes are exchanged within a scenario, so that its parts would count as so many drives: leave the scenario "
+        "out with --map scenario=, or, where these are other drives of one name, give each its own"
+    )
 
 
 def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:

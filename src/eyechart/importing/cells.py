@@ -30,11 +30,15 @@ _NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
 """What programs write in place of a cell that is empty, in small letters."""
 
 
-def is_nothing(cell: Cell) -> bool:
-    """Return whether a cell has no value: it is blank, no number, or a word that programs write for that."""
+def is_nothing(cell: Cell, *words: str) -> bool:
+    """Return whether a cell has no value: it is blank, no number, or a word that programs write for that.
+
+    Such are ``words`` too, in small letters.
+    """
     if isinstance(cell, float):
         return math.isnan(cell)
-    return cell is None or not (text := str(cell).strip()) or _NOTHING.fullmatch(text.lower()) is not None
+    text = "" if cell is None else str(cell).strip().lower()
+    return not text or text in words or _NOTHING.fullmatch(text) is not None
 
 
 def alike(label: str) -> str:
@@ -115,7 +119,7 @@ def read_label(cell: Cell, what: str) -> str:
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )
-    if is_nothing(cell) or text == "None":
+    if is_nothing(cell, "none"):
         said = "empty" if cell is None or not text else repr(text)
         raise SourceError(f"{what} is {said}; every row needs one, or none: leave the column out with an empty --map")
     return text

@@ -13,7 +13,7 @@ from eyechart.frames import EXCHANGE, LEAD, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.notes import notes
-from eyechart.importing.numerals import unit_of
+from eyechart.importing.numerals import unit_named, unit_of
 from eyechart.importing.repeats import REPEATS, in_words
 from eyechart.spaces.motion import PLACES, MotionSpace
 
@@ -108,12 +108,16 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
+    lines += _counted_twice(bank)
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
         f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
         for name, lacking in undrawn_controls(bank).items()
     ]
+    if manifest.gap is not None and unit_named(manifest.gap.unit) != "m":
+        moved = sorted({name for one in bank for name in one.placed if name.endswith("_m")})
+        lines += [f"{', '.join(moved)}: read in {manifest.gap.unit}, as the gap"] if moved else []
     lines += [
         f"no {column} for some pictures of {name}: these are in no range of distances that is tested"
         for name, column in _PLACED.items()
@@ -131,6 +135,23 @@ def costs(bank: FrameBank) -> list[str]:
     return lines
 
 
+def _counted_twice(bank: FrameBank) -> Iterator[str]:
+    """Yield which names of episodes recur in other scenarios, and which pictures stand there under several names."""
+    drives = {(frame.episode, frame.scenario) for frame in bank}
+    if "step" in bank.manifest.absent and (again := len(drives) - len({episode for episode, _ in drives})):
+        yield (
+            f"{again} names of episodes stand in several scenarios, and count as another drive in each; where one "
+            "drive went through several, --map scenario= leaves them out"
+        )
+    images, first = bank.manifest.images, dict[tuple[str | None, ...], str]()
+    shown = [(frame.id, tuple(map(images.get, frame.pictures.values()))) for frame in bank]
+    if twice := [(one, first[shows]) for one, shows in shown if first.setdefault(shows, one) != one]:
+        yield (
+            f"{len(twice)} of {len(bank)} frames show the very picture of another, such as '{twice[0][0]}' that of "
+            f"'{twice[0][1]}': each counts as a moment of its own"
+        )
+
+
 def _guessed(bank: FrameBank) -> Mapping[str, object]:
     """Return the columns that were taken for a place by their usual name alone, by place."""
     found = bank.manifest.settings.get(GUESSED)
@@ -146,13 +167,24 @@ def _like_a_gap(bank: FrameBank) -> Iterator[str]:
             yield f"'{name}' looks like the distance: --map gap={name} --threshold N{unit} takes it; below N is near"
 
 
+def _others_like(bank: FrameBank, column: str) -> str:
+    """Return which other columns look like the distance than the one that was guessed, in words."""
+    names = [
+        name
+        for name, one in bank.frames[0].truth.items()
+        if name not in {column, *bank.frames[0].placed} and reading.is_distance(name) and not isinstance(one, str)
+    ]
+    return f", and so could be {', '.join(names)}" if names else ""
+
+
 def _prices(bank: FrameBank) -> Iterator[str]:
     """Yield what each column that was guessed means for the verdict, and how it is left out."""
     for place, column in _guessed(bank).items():
         if place == "scenario" and bank.manifest.gap is not None and "episode" not in bank.manifest.absent:
             yield _price_of_scenarios(bank, str(column))
         elif place in _PRICES:
-            yield f"guessed: {place} is '{column}': {_PRICES[place]}; --map {place}= leaves it out"
+            other = _others_like(bank, str(column)) if place == "gap" else ""
+            yield f"guessed: {place} is '{column}': {_PRICES[place]}{other}; --map {place}= leaves it out"
 
 
 def _price_of_scenarios(bank: FrameBank, column: str) -> str:
