@@ -91,7 +91,7 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
         said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
     told = sum(bool(one["told_otherwise"]) for one in found)
     of = "" if told == len(pairs) else f" in {told}"
-    said += f" (same pictures, and the same numbers of state and motion{f', another instruction{of}' if told else ''})"
+    said += f" (same pictures and numbers{f', another instruction{of}' if told else ''})"
     count = sum(int(str(one["frames"])) for one in found)
     if kept:
         return f"warning: {said}: kept, as --keep-repeats says, and counted twice"
