@@ -127,7 +127,7 @@ def read_label(cell: Cell, what: str) -> str:
 
 def read_said(cell: Cell, what: str) -> Scalar:
     """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
-    if is_nothing(cell) or (isinstance(cell, float) and not math.isfinite(cell)):
+    if (cell != "" and is_nothing(cell)) or (isinstance(cell, float) and not math.isfinite(cell)):
         raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
     return cell
 
