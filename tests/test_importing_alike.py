@@ -89,7 +89,7 @@ def test_single_pictures_that_stand_there_twice_are_counted_and_named(table: Tab
     """As of frames that are declared independent draws."""
     rows = [*drive("e"), *drive("f", again(photos, "copy"))[:2]]
     bank = table([{name: row[name] for name in ("file", "gap")} for row in rows], independent=True)
-    assert "2 of 14 frames show the very picture of another, such as 'again-0.png' that of '0.png'" in " ".join(
+    assert "2 of 14 frames show the very picture of another drive's, such as 'again-0.png' that of '0.png'" in " ".join(
         costs(bank)
     )
 

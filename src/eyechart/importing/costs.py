@@ -9,7 +9,7 @@ from typing import cast
 from eyechart.channels import INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.conditions.policies import conditions_of
-from eyechart.frames import EXCHANGE, LEAD, FrameBank
+from eyechart.frames import EXCHANGE, LEAD, Frame, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.notes import notes
@@ -136,19 +136,22 @@ def costs(bank: FrameBank) -> list[str]:
 
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:
-    """Yield which names of episodes recur in other scenarios, and which pictures stand there under several names."""
+    """Yield which names of episodes recur in other scenarios, and which moments stand there in two drives."""
     drives = {(frame.episode, frame.scenario) for frame in bank}
     if "step" in bank.manifest.absent and (again := len(drives) - len({episode for episode, _ in drives})):
         yield (
             f"{again} names of episodes stand in several scenarios, and count as another drive in each; where one "
             "drive went through several, --map scenario= leaves them out"
         )
-    images, first = bank.manifest.images, dict[tuple[str | None, ...], str]()
-    shown = [(frame.id, tuple(map(images.get, frame.pictures.values()))) for frame in bank]
-    if twice := [(one, first[shows]) for one, shows in shown if first.setdefault(shows, one) != one]:
+    images, first, twice = bank.manifest.images, dict[object, Frame](), list[tuple[Frame, Frame]]()
+    for frame in bank:
+        shows = (*map(images.get, frame.pictures.values()), *sorted(frame.truth.items()))
+        if (other := first.setdefault(shows, frame)).drive != frame.drive:
+            twice.append((frame, other))
+    if twice:
         yield (
-            f"{len(twice)} of {len(bank)} frames show the very picture of another, such as '{twice[0][0]}' that of "
-            f"'{twice[0][1]}': each counts as a moment of its own"
+            f"{len(twice)} of {len(bank)} frames show the very picture of another drive's, such as '{twice[0][0].id}' "
+            f"that of '{twice[0][1].id}': each counts as a moment of its own"
         )
 
 
