@@ -4,7 +4,7 @@ A picture of one's own is copied as it is, after a look at whether every program
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -719,11 +719,7 @@ def write(
             added.append(frame)
             if progress is not None:
                 progress(number, len(frames))
-        if found := repeats(added, writer.read, writer.digest):
-            _require_agreed(chain.from_iterable(one.pairs for one in found), manifest.gap)
-            writer.note(REPEATS, [one.as_dict() for one in found])
-        for frame in chain.from_iterable(one.frames for one in found if not choices.keep_repeats):
-            writer.leave_out(frame)
+        _take_once(writer, added, manifest.gap, keep=choices.keep_repeats)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
         if source.said:
@@ -731,14 +727,23 @@ def write(
     return open_bank(out)
 
 
-def _require_agreed(pairs: Iterable[tuple[Frame, Frame]], gap: Gap | None) -> None:
-    """Raise SourceError where two frames of one recording have two gaps: nobody knows which of both is right."""
-    for one, other in pairs if gap is not None else ():
-        if (told := one.truth[gap.column]) != (before := other.truth[gap.column]):
+def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:
+    """Note the episodes that are others again, and leave them out, but where they are to be kept.
+
+    Raises SourceError where two frames of one recording have two gaps: nobody knows which of both is right.
+    """
+    found = repeats(added, writer.read, writer.digest)
+    column = "" if gap is None else gap.column
+    for one, other in chain.from_iterable(again.pairs for again in found):
+        if (told := one.truth.get(column)) != (before := other.truth.get(column)):
             raise SourceError(
-                f"'{one.id}' shows what '{other.id}' does, in a recording that is there twice, and the gap "
-                f"'{gap.column}' is {_said_gap(told)} in the one row and {_said_gap(before)} in the other"
+                f"'{one.id}' shows what '{other.id}' does, in a recording that is there twice, and the gap '{column}' "
+                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other"
             )
+    if found:
+        writer.note(REPEATS, [one.as_dict() for one in found])
+    for frame in chain.from_iterable(one.frames for one in found if not keep):
+        writer.leave_out(frame)
 
 
 def _said_gap(cell: Scalar) -> str:

@@ -115,9 +115,7 @@ def costs(bank: FrameBank) -> list[str]:
         f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
         for name, lacking in undrawn_controls(bank).items()
     ]
-    if manifest.gap is not None and unit_named(manifest.gap.unit) != "m":
-        moved = sorted({name for one in bank for name in one.placed if name.endswith("_m")})
-        lines += [f"{', '.join(moved)}: read in {manifest.gap.unit}, as the gap"] if moved else []
+    lines += _moved_in(bank)
     lines += [
         f"no {column} for some pictures of {name}: these are in no range of distances that is tested"
         for name, column in _PLACED.items()
@@ -133,6 +131,13 @@ def costs(bank: FrameBank) -> list[str]:
     if isinstance(left_out, list) and left_out:
         lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
     return lines
+
+
+def _moved_in(bank: FrameBank) -> Iterator[str]:
+    """Yield in what unit the distances of what was moved are, where their columns' names end with another."""
+    gap, moved = bank.manifest.gap, sorted({name for one in bank for name in one.placed})
+    if gap is not None and moved and unit_named(gap.unit) != "m":
+        yield f"{', '.join(moved)}: read in {gap.unit}, as the gap"
 
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:
