@@ -84,7 +84,7 @@ def test_photographs_with_controls_are_a_bank_that_can_show_depth(taken: FrameBa
     [
         ({"lane_own": "nowhere.png"}, "there is no picture 'nowhere.png'"),
         ({"lead_mid_near": "../out.png"}, "which leads outside"),
-        ({"lead_mid_far_m": "far"}, "'lead_mid_far_m' is 'far', not a distance"),
+        ({"lead_mid_far_m": "far"}, "'lead_mid_far_m' is 'far', not a number"),
     ],
 )
 def test_what_is_wrong_with_a_control_is_one_line(

@@ -558,12 +558,18 @@ def repeated(bank: FrameBank) -> list[str]:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (again(7), "episode '7b' is episode '7' again (same numbers, same pictures): left out, 6 frames"),
+        (
+            again(7),
+            "episode '7b' is episode '7' again (same pictures and numbers): left out, 6 frames",
+        ),
         (
             again(2, 5, redraw=encoded),
-            "2 episodes are others again: '2b' is '2', '5b' is '5' (same numbers, same pictures): left out",
+            "2 episodes are others again: '2b' is '2', '5b' is '5' (same pictures and numbers): left out",
         ),
-        (again(4, steps=5), "episode '4b' is episode '4' again (same numbers, same pictures): left out, 5"),
+        (
+            again(4, steps=5),
+            "episode '4b' is episode '4' again (same pictures and numbers): left out, 5",
+        ),
     ],
 )
 def test_a_recording_that_is_there_twice_is_imported_once(
@@ -595,7 +601,7 @@ def test_a_repeat_that_is_told_otherwise_is_one_too_and_the_longer_one_is_kept(t
     assert [frame.step for frame in bank if frame.episode == "3b"] == [*range(6)]
     assert not [frame for frame in bank if frame.episode == "3"]
     (said,) = repeated(bank)
-    assert said.startswith("episode '3' is episode '3b' again (same numbers, same pictures, another instr")
+    assert said.startswith("episode '3' is episode '3b' again (same pictures and numbers, another instr")
 
 
 def still(folder: Path, lines: Rows) -> None:

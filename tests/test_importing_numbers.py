@@ -359,3 +359,73 @@ def test_the_command_takes_marks_numbers_and_paths(
         assert left.value.code == code
     assert "1 rows of -1" in capsys.readouterr().err
     assert [frame.truth["gap"] for frame in open_bank(tmp_path / "bank")][-2:] == [14.0, None]
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("gap_cm_lidar", "cm"),
+        ("dist_ft_fused", "ft"),
+        ("cm_gap", "cm"),
+        ("gapCmLeft", "cm"),
+        ("gap (mm) raw", "mm"),
+        ("range_m_max", "m"),
+        ("gap_in_lane", None),
+        ("driver_s_gap", None),
+        ("gap_m2_left", None),
+        ("gap_ft_to_m", "m"),
+    ],
+)
+def test_a_unit_within_a_column_s_name_is_its_unit(table: Table, column: str, unit: str | None) -> None:
+    """A word that is as often something else is none; what stands at the end comes first."""
+    assert importing.numerals.unit_of(column) == unit
+    other = "m" if unit != "m" else "cm"
+    if unit:
+        with pytest.raises(SourceError, match=f"says {unit}"):
+            table(column=column, unit=other)
+    else:
+        assert len(table(column=column, unit=other)) == PICTURES
+
+
+MOVED = ["lead_drawn_m", "exchange_m", "lead_mid_near_m"]
+
+
+@pytest.mark.parametrize("column", MOVED)
+@pytest.mark.parametrize(
+    ("cells", "wrong"),
+    [
+        (["7.5 cm"], r"row 1: '{}' is '7.5 cm', and the gap is in m"),
+        (["7.5", "n/a"], r"row 2: '{}' is 'n/a', not a number"),
+        (["7.5", "7,5"], r"row 2: '{}' is '7,5', not a number"),
+        (["7.5", "8.5", "999"], r"row 3 .*'{}' is 999, far from all"),
+        (["7.5", "-1"], r"row 2 .*'{}' is -1, and no distance is below 0"),
+    ],
+)
+def test_distances_of_what_was_moved_are_read_as_the_gap_is(
+    table: Table, column: str, cells: list[str], wrong: str
+) -> None:
+    """By their row, and not as words where one of them is none."""
+    with pytest.raises(SourceError, match=wrong.format(column)):
+        table(extra={column: [cells[number % len(cells)] for number in range(PICTURES)]})
+
+
+def test_distances_of_what_was_moved_have_units_and_marks(table: Table) -> None:
+    """And are asked about where they may be a thousand times as large; the import says in what unit they are."""
+    bank = table(
+        extra={"lead_drawn_m": ["7.5 m", "-1", ""] * 4},
+        numerals=importing.Numerals(no_lead=("-1",)),
+    )
+    assert [frame.truth.get("lead_drawn_m") for frame in bank][:3] == [7.5, None, None]
+    assert bank.manifest.settings["no_lead"] == {"-1": 0}
+    shutil.rmtree(bank.root)
+    whole = tuple(int(gap) + 20 for gap in GAPS)
+    with pytest.raises(SourceError, match=r"'lead_drawn_m' is '1\.110', which is 1\.11 or 1110"):
+        table(whole, extra={"lead_drawn_m": ["1.110"] * PICTURES})
+    other = table(column="gap_cm", unit=None, extra={"lead_drawn_m": [7.5] * PICTURES})
+    assert "lead_drawn_m: read in cm, as the gap" in costs(other)
+
+
+def test_what_could_be_the_distance_too_is_named_where_one_was_guessed(table: Table) -> None:
+    """The first of the usual names is taken."""
+    bank = table(column="distance_m", columns={}, unit=None, extra={"range_m": [9.5] * PICTURES})
+    assert [line for line in costs(bank) if "and so could be range_m" in line]

@@ -289,6 +289,18 @@ CONTRADICTIONS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: again(rows, task_index=None)),
         "'cross the yard' has the task_index None, no whole number",
     ),
+    "an episode is not named": (
+        lambda root: rewrite(places(root), lambda rows: rows[:-1]),
+        "does not name episode 7, of which there are 10 rows",
+    ),
+    "a task has no words": (
+        lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: swap(rows, "__index_level_0__", [" "])),
+        "has no words of task 0",
+    ),
+    "a task has a word for nothing": (
+        lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: swap(rows, "__index_level_0__", ["nan"])),
+        "has no words of task 0",
+    ),
     "a row is of a task that is not there": (
         lambda root: rewrite(root / "meta/tasks.parquet", lambda rows: rows[:1]),
         "has no words of task 1",
@@ -311,6 +323,26 @@ def test_frames_without_words_of_their_task_are_counted_where_nobody_is_told_the
     rewrite(tmp_path / "set/meta/tasks.parquet", lambda rows: rows[:1])
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices())
     assert "40 of 80 frames have no words of their task: meta/tasks.parquet has none of 1" in taken(bank)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_episodes_without_a_row_are_counted_and_named(tmp_path: Path, inside: bool) -> None:  # noqa: FBT001 - a case
+    """As where a data file was not downloaded: half of the data set is not the data set."""
+    arm(tmp_path / "set", inside=inside)
+    (tmp_path / "set/data/chunk-000/file-001.parquet").unlink()
+    bank = bank_of(tmp_path / "set")
+    assert len(bank) == 40
+    assert "4 episodes of meta/episodes have no row in the data files: 4, 5, 6, …" in taken(bank)
+
+
+def test_two_cameras_that_show_one_picture_are_named(tmp_path: Path) -> None:
+    """What hides the one is seen by the other, so that neither of both seems to matter."""
+    arm(tmp_path / "set", inside=True)
+    words = "cameras 'front' and 'rear' show one and the same picture in 80 of 80 moments"
+    assert [line for line in costs(bank_of(tmp_path / "set")) if words in line]
+    for path in sorted((tmp_path / "set/data").rglob("*.parquet")):
+        rewrite(path, lambda rows: [row | {REAR: rows[place - 1][REAR]} for place, row in enumerate(rows)])
+    assert not [line for line in costs(bank_of(tmp_path / "set", "other")) if "one and the same picture in" in line]
 
 
 def test_what_stands_there_twice_alike_is_no_contradiction(tmp_path: Path) -> None:

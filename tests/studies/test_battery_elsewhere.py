@@ -323,6 +323,17 @@ def test_an_import_says_what_else_a_run_is_asked_now(
     assert elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", few).widened == ()
 
 
+@pytest.mark.parametrize("word", ["None", "nan", "NaN", "null", " N/A"])
+def test_words_that_programs_write_for_nothing_are_counted(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, word: str
+) -> None:
+    """A model may have said them; where no answer came, they are no answer that is unread."""
+    rows = [{**row, "text": word} if place < 3 else row for place, row in enumerate(noisy[2])]
+    found = imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL)
+    assert found.nothing == 3
+    assert "3 of them None, nan or null, taken as the model's words: leave a cell empty where none came" in found.words
+
+
 @pytest.mark.parametrize("name", ["", "  ", "x" * 201, "a\nb"])
 def test_a_name_that_is_no_line_is_refused(
     bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, name: str

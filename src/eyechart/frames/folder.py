@@ -405,6 +405,10 @@ class BankWriter:
         """Return an encoded picture that was added."""
         return read_bounded(self._work, file)
 
+    def digest(self, file: str) -> str:
+        """Return the digest of an encoded picture that was added."""
+        return self._images[file]
+
     def leave_out(self, frame: Frame) -> None:
         """Take a frame that was added, as it was given, and its pictures out of the bank."""
         del self._rows[frame.id], self._geometry[frame.id]

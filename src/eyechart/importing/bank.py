@@ -35,6 +35,7 @@ from eyechart.importing.cells import (
     Cell,
     Progress,
     Row,
+    alike,
     read_label,
     read_number,
     read_part,
@@ -71,6 +72,8 @@ Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 """A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
+_MOVED = frozenset({*DISTANCES, *(f"{kind}_m" for kind in reading.PICTURED)})
+"""The columns with the distances of pictures in which one thing was moved; they are in the gap's unit."""
 _NUMBERS = ("gap", "state ", "motion ")
 """What the places begin with whose cells are numbers."""
 UNDESCRIBED = "pictures of a camera"
@@ -233,11 +236,13 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     images, files = read(frame.pictures, lambda name: _under(choices, name))
     drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
-    _require_nudged({kind: one for kind, (one, _) in drawn.items()}, where)
+    shown = {kind: one for kind, (one, _) in drawn.items()}
+    _require_nudged(shown, where)
+    _require_moved({"file": images, **shown}, where)
     return (
         replace(frame, pictures=files, counterfactuals=changed),
         images,
-        {kind: one for kind, (one, _) in drawn.items()},
+        shown,
     )
 
 
@@ -250,6 +255,28 @@ def _require_nudged(drawn: Mapping[str, Mapping[str, bytes]], where: str) -> Non
                     f"{where}: the {name} is not its {of} with one value of one pixel changed by one level; leave the "
                     f"column out (--map {name}=), and it is made of {of}"
                 )
+
+
+_UNLIKE = (
+    ("file", "recoloured"),
+    ("lead_near", "lead_far"),
+    ("lead_near", "lead_absent"),
+    ("exchange_own", "exchange_beside"),
+    ("exchange_own", "exchange_apart"),
+    ("exchange_beside", "exchange_apart"),
+    ("lane_own", "lane_beside"),
+)
+"""Pictures of one moment between which something was moved; one that stays near may be any other."""
+
+
+def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None:
+    """Raise SourceError where two pictures are one between which something was to be moved."""
+    for one, other in _UNLIKE:
+        if one in shown and shown[one] == shown.get(other):
+            raise SourceError(
+                f"{where}: {one} and {other} are one picture, and what stands between them is to be moved; leave the "
+                f"cell of a picture that was not taken empty, or the column out (--map {other}=)"
+            )
 
 
 def keep(table: Table, choices: Choices) -> Kept:
@@ -305,12 +332,19 @@ def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
 
 
 def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str], faults: Faults) -> Row:
-    """Return a row whose gap is a number without its unit, or empty where a mark says so; another unit is a fault."""
+    """Return a row whose distances are numbers without their unit, or empty where a mark says so.
+
+    Another unit is a fault.
+    """
     column, cells = places.get("gap"), dict(row)
-    if column is None or row.get(column) is None:
+    if column is None:
         return row
+    unit = _unit(choices, places)
     with faults.noted():
-        cells[column] = choices.numerals.gap(row[column], _unit(choices, places), f"{where}: the gap '{column}'")
+        cells[column] = choices.numerals.gap(row.get(column), unit, f"{where}: the gap '{column}'")
+    for name in _MOVED & row.keys() - {*places.values()}:
+        with faults.noted():
+            cells[name] = choices.numerals.distance(row[name], unit, f"{where}: '{name}'")
     return cells
 
 
@@ -450,12 +484,16 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
     names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, Sequence[Scalar]] = {}
     numbers = [column for place, column in kept.places.items() if place.startswith(_NUMBERS)]
-    if not choices.numerals.style and (said := unclear(kept.named(), numbers)) is not None:
+    gap, moved = kept.places.get("gap"), _MOVED.intersection(names)
+    if not choices.numerals.style and (said := unclear(kept.named(), {*numbers, *moved})) is not None:
         kept.faults.add(said)
     for name in names:
+        if gap and name in moved:
+            truth[name] = [*kept.read(name, read_number, f"'{name}'")]
+            continue
         cells, named = [row.get(name) for row in kept.rows], (f"{where}: '{name}'" for _, where in kept.named())
         truth[name] = read_truth(cells, named, typed=kept.table.typed, faults=kept.faults)
-    if gap := kept.places.get("gap"):
+    if gap:
         truth[gap] = [*kept.read(gap, read_number, f"the gap '{gap}'")]
         if all(one is None for one in truth[gap]) and kept.rows and not kept.faults:
             kept.faults.add(f"{kept.table.name}: the gap '{gap}' is empty in every row; leave it out with --map gap=")
@@ -465,14 +503,11 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
 
 def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
     """Note as faults the distances that no world has, of the gap and of pictures at a distance of their own."""
-    named = [where for _, where in kept.named()]
-    if len(truth[gap]) == len(named):  # else some of its cells are faults
-        numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
-        kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=not kept.faults))
-    for name in dict.fromkeys((*(f"{kind}_m" for kind in reading.PICTURED), *DISTANCES)):
-        for where, one in zip(named, truth.get(name, ()), strict=False):
-            if isinstance(one, int | float) and one < 0:
-                kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
+    named, marks = [where for _, where in kept.named()], not kept.faults
+    for name in (gap, *sorted(_MOVED & truth.keys())):
+        if len(truth[name]) == len(named):  # else some of its cells are faults
+            numbers = [one if isinstance(one, int | float) else None for one in truth[name]]
+            kept.faults.take(odd_gaps(numbers, named, choices.numerals, name, marks=marks))
 
 
 def _read_axis(cell: Cell, what: str) -> MirrorAxis:
@@ -581,12 +616,46 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
     episodes = read("episode", read_label) or alike
     steps = read("step", read_step)
     _check_steps(kept)
+    for place, labels in (("scenario", scenarios), ("episode", episodes)):
+        if place in kept.places:
+            _check_alike(kept, place, labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells are faults
+    if "scenario" in kept.places and len(set(zip(scenarios, episodes, strict=True))) > len(set(episodes)):
+        _check_apart(kept, scenarios, episodes, steps)
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
         return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
     return scenarios, episodes, steps
+
+
+def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
+    """Note as a fault where an episode goes through several scenarios: its parts would count as so many drives.
+
+    Where a step of one name stands in two scenarios, its names recur, and are other drives; without steps nobody knows.
+    """
+    where: dict[tuple[str, int], str] = {}
+    rows = [*zip(episodes, steps, scenarios, strict=False)]
+    if not rows or any(where.setdefault((one, step), scenario) != scenario for one, step, scenario in rows):
+        return
+    within = {one: scenario for one, _, scenario in reversed(rows)}
+    one, scenario = next((one, scenario) for one, _, scenario in rows if within[one] != scenario)
+    kept.faults.add(
+        f"{kept.table.name}: episode '{one}' goes through the scenarios '{within[one]}' and '{scenario}', and whole "
+        "episodes are exchanged within a scenario, so that its parts would count as so many drives: leave the scenario "
+        "out with --map scenario=, or, where these are other drives of one name, give each its own"
+    )
+
+
+def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:
+    """Note as faults the names of a place that look the same, and would be two."""
+    first: dict[str, str] = {}
+    for label in dict.fromkeys(labels):
+        if (other := first.setdefault(alike(label), label)) != label:
+            kept.faults.add(
+                f"{kept.table.name}: the {place} '{kept.places[place]}' is {label!a} in some rows and {other!a} in "
+                f"others: if that is one {place}, write it alike; if it is two, call them otherwise"
+            )
 
 
 def _check_steps(kept: Kept) -> None:
@@ -650,15 +719,35 @@ def write(
             added.append(frame)
             if progress is not None:
                 progress(number, len(frames))
-        if found := repeats(added, writer.read):
-            writer.note(REPEATS, [one.as_dict() for one in found])
-        for frame in chain.from_iterable(one.frames for one in found if not choices.keep_repeats):
-            writer.leave_out(frame)
+        _take_once(writer, added, manifest.gap, keep=choices.keep_repeats)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
         if source.said:
             writer.note(SAID, [*source.said])
     return open_bank(out)
+
+
+def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:
+    """Note the episodes that are others again, and leave them out, but where they are to be kept.
+
+    Raises SourceError where two frames of one recording have two gaps: nobody knows which of both is right.
+    """
+    found = repeats(added, writer.read, writer.digest)
+    column = "" if gap is None else gap.column
+    for one, other in chain.from_iterable(again.pairs for again in found):
+        if (told := one.truth.get(column)) != (before := other.truth.get(column)):
+            raise SourceError(
+                f"'{one.id}' shows what '{other.id}' does, in a recording that is there twice, and the gap '{column}' "
+                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other"
+            )
+    if found:
+        writer.note(REPEATS, [one.as_dict() for one in found])
+    for frame in chain.from_iterable(one.frames for one in found if not keep):
+        writer.leave_out(frame)
+
+
+def _said_gap(cell: Scalar) -> str:
+    return "empty" if cell is None else f"{cell:g}" if isinstance(cell, int | float) else str(cell)
 
 
 def _declared(kept: Kept, choices: Choices) -> dict[str, object]:

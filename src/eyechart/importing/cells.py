@@ -3,6 +3,7 @@
 import math
 import re
 import sys
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from eyechart.errors import SourceError
@@ -23,6 +24,29 @@ _ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
 """Zeros at the head of a number, as counters are padded; a column that nobody named as a number keeps them as words."""
 _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
+
+
+_NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
+"""What programs write in place of a cell that is empty, in small letters."""
+
+
+def is_nothing(cell: Cell, *words: str) -> bool:
+    """Return whether a cell has no value: it is blank, no number, or a word that programs write for that.
+
+    Such are ``words`` too, in small letters.
+    """
+    if isinstance(cell, float):
+        return math.isnan(cell)
+    text = "" if cell is None else str(cell).strip().lower()
+    return not text or text in words or _NOTHING.fullmatch(text) is not None
+
+
+def alike(label: str) -> str:
+    """Return what names that look the same have in common: letters in small, no invisible sign, no zeros to pad."""
+    seen = (one for one in unicodedata.normalize("NFKC", label).casefold() if unicodedata.category(one) != "Cf")
+    text = " ".join("".join(seen).split())
+    number = re.fullmatch(r"[+]?0*(\d+)(?:\.0*)?", text)
+    return number[1] if number else text
 
 
 def plain_name(column: str) -> str:
@@ -95,14 +119,15 @@ def read_label(cell: Cell, what: str) -> str:
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )
-    if cell is None or not text:
-        raise SourceError(f"{what} is empty; every row needs one, or none: leave the column out with an empty --map")
+    if is_nothing(cell, "none"):
+        said = "empty" if cell is None or not text else repr(text)
+        raise SourceError(f"{what} is {said}; every row needs one, or none: leave the column out with an empty --map")
     return text
 
 
 def read_said(cell: Cell, what: str) -> Scalar:
     """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
-    if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+    if (cell != "" and is_nothing(cell)) or (isinstance(cell, float) and not math.isfinite(cell)):
         raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
     return cell
 

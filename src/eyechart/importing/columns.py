@@ -179,12 +179,21 @@ def places(
     for place in (one for one in roles if one not in of_rig and one not in asked):
         usual = () if place in own else (*roles[place], *USUAL.get(place, ()))
         found[place] = _called(roles[place], usual, table.columns, {*found.values(), *kept})
+        _require_one(place, found[place], table, faults)
     if not (found.get("file") or of_rig or asked.get("file")):
         lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"
         faults.add(f"{lacking}; {_has(table.columns)}")
     found = {place: found[place] for place in (*roles, *of_rig) if found.get(place)}
     _require_once(found, faults)
     return found
+
+
+def _require_one(place: str, column: str, table: Table, faults: Faults) -> None:
+    """Note as a fault where a column was taken by its name, and another has the same one in other letters."""
+    same = [one for one in table.columns if column and plain_name(one) == plain_name(column)]
+    if len(same) > 1:
+        named = "' and '".join(same)
+        faults.add(f"{table.name} has the columns '{named}': say with --map {place}=COLUMN which of them is meant")
 
 
 def _given(

@@ -9,11 +9,11 @@ from typing import cast
 from eyechart.channels import INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.conditions.policies import conditions_of
-from eyechart.frames import EXCHANGE, LEAD, FrameBank
+from eyechart.frames import EXCHANGE, LEAD, Frame, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.notes import notes
-from eyechart.importing.numerals import unit_of
+from eyechart.importing.numerals import unit_named, unit_of
 from eyechart.importing.repeats import REPEATS, in_words
 from eyechart.spaces.motion import PLACES, MotionSpace
 
@@ -108,12 +108,14 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
+    lines += _counted_twice(bank)
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
         f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
         for name, lacking in undrawn_controls(bank).items()
     ]
+    lines += _moved_in(bank)
     lines += [
         f"no {column} for some pictures of {name}: these are in no range of distances that is tested"
         for name, column in _PLACED.items()
@@ -131,6 +133,33 @@ def costs(bank: FrameBank) -> list[str]:
     return lines
 
 
+def _moved_in(bank: FrameBank) -> Iterator[str]:
+    """Yield in what unit the distances of what was moved are, where their columns' names end with another."""
+    gap, moved = bank.manifest.gap, sorted({name for one in bank for name in one.placed})
+    if gap is not None and moved and unit_named(gap.unit) != "m":
+        yield f"{', '.join(moved)}: read in {gap.unit}, as the gap"
+
+
+def _counted_twice(bank: FrameBank) -> Iterator[str]:
+    """Yield which names of episodes recur in other scenarios, and which moments stand there in two drives."""
+    drives = {(frame.episode, frame.scenario) for frame in bank}
+    if "step" in bank.manifest.absent and (again := len(drives) - len({episode for episode, _ in drives})):
+        yield (
+            f"{again} names of episodes stand in several scenarios, and count as another drive in each; where one "
+            "drive went through several, --map scenario= leaves them out"
+        )
+    images, first, twice = bank.manifest.images, dict[object, Frame](), list[tuple[Frame, Frame]]()
+    for frame in bank:
+        shows = (*map(images.get, frame.pictures.values()), *sorted(frame.truth.items()))
+        if (other := first.setdefault(shows, frame)).drive != frame.drive:
+            twice.append((frame, other))
+    if twice:
+        yield (
+            f"{len(twice)} of {len(bank)} frames show the very picture of another drive's, such as '{twice[0][0].id}' "
+            f"that of '{twice[0][1].id}': each counts as a moment of its own"
+        )
+
+
 def _guessed(bank: FrameBank) -> Mapping[str, object]:
     """Return the columns that were taken for a place by their usual name alone, by place."""
     found = bank.manifest.settings.get(GUESSED)
@@ -146,13 +175,24 @@ def _like_a_gap(bank: FrameBank) -> Iterator[str]:
             yield f"'{name}' looks like the distance: --map gap={name} --threshold N{unit} takes it; below N is near"
 
 
+def _others_like(bank: FrameBank, column: str) -> str:
+    """Return which other columns look like the distance than the one that was guessed, in words."""
+    names = [
+        name
+        for name, one in bank.frames[0].truth.items()
+        if name not in {column, *bank.frames[0].placed} and reading.is_distance(name) and not isinstance(one, str)
+    ]
+    return f", and so could be {', '.join(names)}" if names else ""
+
+
 def _prices(bank: FrameBank) -> Iterator[str]:
     """Yield what each column that was guessed means for the verdict, and how it is left out."""
     for place, column in _guessed(bank).items():
         if place == "scenario" and bank.manifest.gap is not None and "episode" not in bank.manifest.absent:
             yield _price_of_scenarios(bank, str(column))
         elif place in _PRICES:
-            yield f"guessed: {place} is '{column}': {_PRICES[place]}; --map {place}= leaves it out"
+            other = _others_like(bank, str(column)) if place == "gap" else ""
+            yield f"guessed: {place} is '{column}': {_PRICES[place]}{other}; --map {place}= leaves it out"
 
 
 def _price_of_scenarios(bank: FrameBank, column: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 from eyechart.errors import SourceError, raising, read_at_most
-from eyechart.importing.cells import Cell, Row
+from eyechart.importing.cells import Cell, Row, is_nothing
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import open_parquet
 from eyechart.importing.tables import MOST_COLUMNS
@@ -96,9 +96,9 @@ class Clip:
 
 @dataclass(frozen=True)
 class Episodes:
-    """What meta/episodes says: the length of each episode where it has one, and the clips of each camera."""
+    """What meta/episodes says: the length of each episode, None where it says none, and the clips of each camera."""
 
-    lengths: Mapping[int, int]
+    lengths: Mapping[int, int | None]
     clips: Mapping[str, Mapping[int, Clip]]
 
 
@@ -169,14 +169,14 @@ class Layout:
         """
         where, lengths, clips = (
             self.root / "meta/episodes",
-            dict[int, int](),
+            dict[int, int | None](),
             {one: dict[int, Clip]() for one in cameras},
         )
         files = self.parquets("meta/episodes")
         for row in chain.from_iterable(open_parquet(path, extra="lerobot").rows() for path in files):
             episode = _number(row, "episode_index", where)
-            if row.get("length") is not None:
-                _once(lengths, episode, _number(row, "length", where), f"{where}: the length of episode {episode}")
+            length = None if row.get("length") is None else _number(row, "length", where)
+            _once(lengths, episode, length, f"{where}: the length of episode {episode}")
             for camera, found in clips.items():
                 clip = _clip(row, camera, template, where)
                 if clip is not None:
@@ -203,7 +203,7 @@ def _words(row: Row, where: str) -> str | None:
     """Return the words of a row of meta/tasks, by the names that LeRobot gives their column, else its only words."""
     named = [row[name] for name in ("task", "__index_level_0__") if isinstance(row.get(name), str)]
     found = dict.fromkeys(named or [cell for name, cell in row.items() if name != "task_index"])
-    words = [one for one in found if isinstance(one, str)]
+    words = [one for one in found if isinstance(one, str) and not is_nothing(one)]
     if len(words) > 1:
         raise SourceError(
             f"{where}: task {row.get('task_index')} has several words, '{words[0][:60]}' and '{words[1][:60]}': call "

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ def notes(bank: FrameBank) -> list[str]:
     space = bank.manifest.motion
     if space is None:
         return []
-    return [*_far_in_motion(bank, space), *_far_in_state(bank), *_spreads(bank, space), *_frozen(bank)]
+    return [*_far_in_motion(bank, space), *_far_in_state(bank), *_spreads(bank, space), *_frozen(bank), *_doubled(bank)]
 
 
 def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
@@ -140,6 +141,18 @@ def _frozen(bank: FrameBank) -> Iterator[str]:
             yield (
                 f"camera '{name}' shows one and the same picture all through {count} of {len(long)} episodes: was it "
                 "frozen, or covered?"
+            )
+
+
+def _doubled(bank: FrameBank) -> Iterator[str]:
+    """Yield which cameras show in most frames the very picture of another one."""
+    images, names = bank.manifest.images, [one.name for one in bank.frames[0].cameras]
+    for one, other in combinations(names, 2):
+        count = sum(images.get(frame.pictures[one], one) == images.get(frame.pictures[other], other) for frame in bank)
+        if count > len(bank) / 2:
+            yield (
+                f"cameras '{one}' and '{other}' show one and the same picture in {count} of {len(bank)} moments: what "
+                "is said of the one is said of both; were two names given to one camera?"
             )
 
 

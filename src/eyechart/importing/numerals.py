@@ -44,6 +44,8 @@ _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
 """A number whose point may stand before a fraction or between thousands."""
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
+_NO_UNITS = frozenset({"in", "s"})
+"""What stands within a name as often for something else, as in ``gap_in_lane`` and ``driver_s_gap``."""
 _LEAST_MARK = 90.0
 """A mark such as 99 or 999 is at least so large; below it, the same digits are ordinary numbers."""
 _LARGE = 1e6
@@ -60,12 +62,17 @@ def unit_named(words: str) -> str | None:
 
 
 def unit_of(column: str) -> str | None:
-    """Return the unit that a column's name ends with, as ``distance_cm``, ``gap (m)``, ``rangeFeet``; None without."""
+    """Return the unit in a column's name, as ``distance_cm``, ``rangeFeet``, ``gap_cm_left``; None without any.
+
+    That at its end comes first.
+    """
     parts = [part for part in re.split(r"[^A-Za-z0-9]+", column) if part]
     last = _WORDS.findall(parts[-1]) if parts else []
     if len(parts) + len(last) < 3:  # a name of one word is no unit of anything
         return None
-    return unit_named(last[-1]) if len(last) > 1 else unit_named(parts[-1])
+    inner = [word for one in parts for word in (_WORDS.findall(one) if one.isalpha() else [one])]
+    within = (unit_named(word) for word in reversed(inner) if word.lower() not in _NO_UNITS)
+    return unit_named(last[-1] if len(last) > 1 else parts[-1]) or next(filter(None, within), None)
 
 
 @dataclass(frozen=True)
@@ -116,25 +123,37 @@ class Numerals:
         return cell
 
     def gap(self, cell: Cell, unit: str, what: str) -> Cell:
-        """Return a cell of the gap without its unit, None where it is a mark; ``what`` names row and column.
+        """Return a cell of the gap without its unit, None where it is a mark, which is counted; see `distance`."""
+        found = self.distance(cell, unit, what)
+        if cell is not None and found is None:
+            self.counted.update([str(self._mark(cell) or self._mark(self._parted(cell)[0]))])
+        return found
+
+    def distance(self, cell: Cell, unit: str, what: str) -> Cell:
+        """Return a cell of distances without its unit, None where it is a mark; ``what`` names row and column.
 
         Raises SourceError for a unit that is another than the declared one.
         """
-        if cell is None or (mark := self._mark(cell)) is not None:
-            self.counted.update([] if cell is None else [str(mark)])
+        if cell is None or self._mark(cell) is not None:
             return None
-        united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
-        if united is None or not _PLAIN.fullmatch(united["number"].strip()):
+        number, said = self._parted(cell)
+        if not said:
             return cell
-        if (mark := self._mark(united["number"].strip())) is not None:
-            self.counted.update([mark])
+        if self._mark(number) is not None:
             return None
-        said = united["unit"]
         if not unit:
             raise SourceError(f"{what} is '{str(cell)[:60]}'; say the unit: --unit {said}")
         if said != unit and (unit_named(said) or said) != (unit_named(unit) or unit):
             raise SourceError(f"{what} is '{str(cell)[:60]}', and the gap is in {unit}; a gap has one unit")
-        return united["number"].strip()
+        return number
+
+    @staticmethod
+    def _parted(cell: Cell) -> tuple[Cell, str]:
+        """Return a number and the unit behind it; the cell as it is, and no unit, where it is no such."""
+        united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
+        if united is None or not _PLAIN.fullmatch(number := united["number"].strip()):
+            return cell, ""
+        return number, united["unit"]
 
     def _mark(self, cell: Cell) -> str | None:
         """Return which mark for "nothing ahead" a cell is, None where it is none."""

@@ -36,28 +36,35 @@ REPEATS = "repeats"
 
 @dataclass(frozen=True)
 class Repeat:
-    """An episode that is another one again: its frames, what both are called, and whether it is told otherwise."""
+    """An episode that is another one again: its frames, what both are called, and whether it is told otherwise.
+
+    ``pairs`` are its moments beside those of the other one.
+    """
 
     frames: Sequence[Frame]
     episode: str
     of: str
     told: bool
+    pairs: Sequence[tuple[Frame, Frame]]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {"episode": self.episode, "of": self.of, "frames": len(self.frames), "told_otherwise": self.told}
 
 
-def repeats(frames: Sequence[Frame], read: Callable[[str], bytes]) -> list[Repeat]:
+def repeats(
+    frames: Sequence[Frame], read: Callable[[str], bytes], digest: Callable[[str], str] | None = None
+) -> list[Repeat]:
     """Return the episodes that are a longer one, or one before, again: the same states, or motions, and pictures.
 
     ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and other pictures neither
-    is a repeat.
+    is a repeat. Moments without any number are the same where the ``digest`` of all their pictures is.
     """
+    digest = digest or (lambda file: hashlib.sha256(read(file)).hexdigest())
     episodes: dict[str, list[Frame]] = defaultdict(list)
     for frame in frames:
         episodes[frame.drive].append(frame)
-    moments = {drive: {key: one for one in reversed(many) if (key := _key(one))} for drive, many in episodes.items()}
+    moments = {drive: {_key(one, digest): one for one in reversed(many)} for drive, many in episodes.items()}
     holders: dict[bytes, list[str]] = defaultdict(list)
     several = len({frame.scenario for frame in frames}) > 1
     names = {drive: drive if several else many[0].episode for drive, many in episodes.items()}
@@ -70,7 +77,8 @@ def repeats(frames: Sequence[Frame], read: Callable[[str], bytes]) -> list[Repea
                     holders[key].append(drive)
             continue
         told, before = ({*chain.from_iterable(one.fields.items() for one in episodes[name])} for name in (drive, of))
-        found.append(Repeat(episodes[drive], names[drive], names[of], not told <= before))
+        pairs = [(one, moments[of][key]) for key, one in own.items() if key in moments[of]]
+        found.append(Repeat(episodes[drive], names[drive], names[of], not told <= before, pairs))
     return found
 
 
@@ -83,21 +91,22 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
         said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
     told = sum(bool(one["told_otherwise"]) for one in found)
     of = "" if told == len(pairs) else f" in {told}"
-    said += f" (same numbers, same pictures{f', another instruction{of}' if told else ''})"
+    said += f" (same pictures and numbers{f', another instruction{of}' if told else ''})"
     count = sum(int(str(one["frames"])) for one in found)
     if kept:
         return f"warning: {said}: kept, as --keep-repeats says, and counted twice"
     return f"{said}: left out, {count} frames; --keep-repeats imports them"
 
 
-def _key(frame: Frame) -> bytes:
-    """Return what a moment's state is, without any its motion, in single precision; nothing where it has neither.
+def _key(frame: Frame, digest: Callable[[str], str]) -> bytes:
+    """Return what a moment's state is, without any its motion, in single precision, and without that its pictures.
 
     The motion ahead ends with the episode, so that the last moments of an excerpt have another one, or none.
     """
     numbers = [*chain.from_iterable(frame.state.values())] or [*chain.from_iterable(frame.motion)]
     held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign
-    return hashlib.blake2b(held.tobytes(), digest_size=16).digest() if numbers else b""
+    told = held.tobytes() if numbers else " ".join(map(digest, frame.pictures.values())).encode()
+    return hashlib.blake2b(told, digest_size=16).digest()
 
 
 def _same(

@@ -51,7 +51,7 @@ class Timeline:
 
     ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have to be whole.
     ``left`` has the rows that are left out by column, ``emptied`` the other cells that no bank can hold, ``times`` the
-    second of each row in its episode, NaN where it is left out.
+    second of each row in its episode, NaN where it is left out, ``lacking`` the episodes that have no row.
     """
 
     name: str
@@ -61,6 +61,7 @@ class Timeline:
     times: "array[float]" = field(default_factory=lambda: array("d"))
     left: dict[str, _Left] = field(default_factory=dict)
     emptied: Counter[str] = field(default_factory=Counter)
+    lacking: list[int] = field(default_factory=list)
     _episodes: dict[int, _Episode] = field(default_factory=dict)
     _paces: "array[float]" = field(default_factory=lambda: array("d"))
 
@@ -126,13 +127,16 @@ class Timeline:
                 f"{left.count} of {len(self.times)} rows are left out: '{column}' is {some} there (the first is row "
                 f"{left.first}); no motion goes over them"
             )
+        if self.lacking:
+            some = ", ".join(map(str, self.lacking[:_SHOWN])) + (", …" if len(self.lacking) > _SHOWN else "")
+            lines.append(f"{len(self.lacking)} episodes of meta/episodes have no row in the data files: {some}")
         lines += [
             f"{count} cells of '{name}' are left empty: they are no number up to {LARGEST:g}"
             for name, count in self.emptied.items()
         ]
         return lines
 
-    def require(self, lengths: Mapping[int, int], clips: Mapping[str, Mapping[int, Clip]], meta: Path) -> None:
+    def require(self, lengths: Mapping[int, int | None], clips: Mapping[str, Mapping[int, Clip]], meta: Path) -> None:
         """Raise SourceError where the rows contradict meta/episodes or the rate, or none is left.
 
         ``clips`` has by camera where each episode lies, ``lengths`` how many steps it has.
@@ -140,12 +144,15 @@ class Timeline:
         if self.times and all(map(math.isnan, self.times)):
             raise SourceError(f"{self.name} has no row that can be read: {'; '.join(self.said())}")
         for episode, known in self._episodes.items():
-            length = lengths.get(episode, known.count)
-            if length not in {known.count, known.step + 1}:
+            if episode not in lengths:
+                raise SourceError(f"{meta} does not name episode {episode}, of which there are {known.count} rows")
+            length = lengths[episode]
+            if length is not None and length not in {known.count, known.step + 1}:
                 raise SourceError(
                     f"{meta}: episode {episode} has the length {length}, and it has {known.count} rows, of which the "
                     f"last is step {known.step}: one of both is wrong, or rows are missing"
                 )
+        self.lacking = [episode for episode in lengths if episode not in self._episodes]
         self._require_rate(meta.parent / "info.json")
         for camera, found in clips.items():
             if found:

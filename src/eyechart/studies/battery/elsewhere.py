@@ -12,6 +12,7 @@ from eyechart.conditions import OF_BANKS
 from eyechart.errors import SourceError, SpecError, printable, raising
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
+from eyechart.importing.cells import is_nothing
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, today
 from eyechart.models import cleaned
@@ -50,14 +51,16 @@ class Brought:
     """What a source holds for a run.
 
     ``new`` answers will be, or were, appended, ``again`` of them in place of a failure; ``there`` the run holds
-    already. ``errors`` of the new ones are failures, ``repeats`` are further answers to a call, of which the first
-    counts, and ``blank`` rows hold no answer. ``firstless`` calls have further answers and no first one.
+    already. ``errors`` of the new ones are failures, ``nothing`` of them a word that programs write where there is no
+    value, ``repeats`` are further answers to a call, of which the first counts, and ``blank`` rows hold no answer.
+    ``firstless`` calls have further answers and no first one.
     """
 
     new: int = 0
     again: int = 0
     there: int = 0
     errors: int = 0
+    nothing: int = 0
     repeats: int = 0
     blank: int = 0
     firstless: int = 0
@@ -68,6 +71,7 @@ class Brought:
         parts = (
             (self.new, "new answers"),
             (self.errors, "of them failures"),
+            (self.nothing, "of them None, nan or null, taken as the model's words: leave a cell empty where none came"),
             (self.again, "in place of a failure"),
             (self.there, "there already"),
             (self.repeats, "repeats, of which the first counts"),
@@ -288,6 +292,9 @@ class _Check:
         self.brought.new += 1
         self.brought.again += bool(held)
         self.brought.errors += reply.error is not None
+        named = {name.upper() for name in self.battery.plan.space.actions}
+        empty = bool(reply.text.strip()) and is_nothing(reply.text, "none")
+        self.brought.nothing += empty and reply.text.strip().upper() not in named
         return key, reply, bool(held)
 
 
