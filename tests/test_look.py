@@ -202,7 +202,8 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     with Image.open(first) as picture:
         picture.rotate(180).save(first, exif=note)
     (here / "needs_one.py").write_text("def decide(prompt, image):\n    return 'STOP' if image[:1] else 'SLOW'\n")
-    done = look("needs_one:decide", "--photos", "photos", "--table", "photos.csv", "--threshold", 18, "--unit", "m")
+    words = ["--map", "gap=lidar_m", "--threshold", 18, "--unit", "m"]
+    done = look("needs_one:decide", "--photos", "photos", "--table", "photos.csv", *words)
     assert "converted to PNG: 1 pictures (1 turned)" in done.stderr
     assert "columns, guessed by their names: " in done.stderr
     said = flat(done.stdout)
@@ -232,9 +233,9 @@ def test_an_interval_of_a_change_has_its_lower_end_first(ci: tuple[float, float]
 
 def test_what_is_typed_wrongly_is_answered_with_what_a_look_takes(here: Path) -> None:
     """A policy without motions, a callable that is not there, a key: each names an option that a look has."""
-    (here / "arms.py").write_text("def act(images, state, instruction):\n    return [[0.0]]\n")
+    (here / "own_policy.py").write_text("def act(images, state, instruction):\n    return [[0.0]]\n")
     for spec, said in [
-        ("arms:act", "'look --dataset FOLDER', or a bank with --frames"),
+        ("own_policy:act", "'look --dataset FOLDER', or a bank with --frames"),
         ("no_such:decide", "python:MODULE:FUNCTION"),
         ("openai:MODEL", "key_env in the file of --mode"),
     ]:
