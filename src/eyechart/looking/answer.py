@@ -32,7 +32,7 @@ class Pictured:
             return f"{counted} of {self.n} asked" if counted else "not asked"
         if self.change is None:
             return "not asked"
-        low, high = (0.0, 0.0) if self.ci is None else (min(one, 1.0) for one in self.ci)
+        low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
         between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
         return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
 
