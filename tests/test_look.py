@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner, Result
 
 import brakers
@@ -20,7 +21,7 @@ from banks import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.looking import Look, Pictures, Wanted
+from eyechart.looking import Look, Pictured, Pictures, Step, Wanted
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.modes import RequestMode, read_mode
 from eyechart.simulators import open_bank_simulator
@@ -30,6 +31,7 @@ from known import Demo
 from seeing import Endpoint, OllamaEndpoint, Stalled, served
 from stand_ins import rows_in
 
+ORIENTATION = 0x0112
 ANSWERS = ("Yes.", "In part.", "No.", "Inconclusive.")
 
 
@@ -183,11 +185,62 @@ def test_photographs_and_a_table_are_enough(here: Path) -> None:
     said = flat(screen(*words, "--threshold", 18, "--unit", "m", code=1))
     assert said.startswith("In part. It uses the picture")
     assert "Whether it follows the gap was not tested" in said
-    assert "a picture of another episode" in said
+    assert "a picture of another moment" in said
     assert (here / "looks/python-brakers-by_box/bank/manifest.json").is_file()
     other = look(*words, "--threshold", 5, "--unit", "m")
     assert isinstance(other.exception, SpecError)
     assert "holds a bank of other pictures (threshold)" in str(other.exception)
+
+
+def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_picture_is_told(here: Path) -> None:
+    """The import says what it took and turned; calls that failed stand on the screen, with the first one's words."""
+    table = photographs.rows(drives=3, ticks=4)
+    photographs.take(here / "photos", table)
+    (here / "photos.csv").write_text(photographs.as_csv(table))
+    first = next(here.glob("photos/**/*.*"))
+    note = Image.Exif()
+    note[ORIENTATION] = 3
+    with Image.open(first) as picture:
+        picture.rotate(180).save(first, exif=note)
+    (here / "needs_one.py").write_text("def decide(prompt, image):\n    return 'STOP' if image[:1] else 'SLOW'\n")
+    words = ["--map", "gap=lidar_m", "--threshold", 18, "--unit", "m"]
+    done = look("needs_one:decide", "--photos", "photos", "--table", "photos.csv", *words)
+    assert "converted to PNG: 1 pictures (1 turned)" in done.stderr
+    assert "columns, guessed by their names: " in done.stderr
+    said = flat(done.stdout)
+    assert "12 calls ended in an error, so that 'gate' and assert_looks cannot say. The first: exception: " in said
+    assert "TypeError" in said
+    gate = CliRunner().invoke(app, ["gate", "looks/python-needs_one-decide/run", "--require", "looks"])
+    assert gate.exit_code == 2
+
+
+def test_what_would_settle_more_is_a_whole_sentence() -> None:
+    """The first of several ways; what stands in brackets is no end of it."""
+    settle = "counterfactual pictures (of each moment again, near: a; far: b); or more frames."
+    assert (
+        Step.settling("more", settle, "x").why
+        == "more: counterfactual pictures (of each moment again, near: a; far: b)"
+    )
+    assert Step.settling("more", "80 frames more.", "x").why == "more: 80 frames more"
+
+
+@pytest.mark.parametrize(
+    ("ci", "words"), [((0.7, 6.7), " [70%, 100%]"), ((2.1, 8.4), ""), ((0.2, 0.6), " [20%, 60%]"), (None, "")]
+)
+def test_an_interval_of_a_change_has_its_lower_end_first(ci: tuple[float, float] | None, words: str) -> None:
+    """Also where both ends are more than all of a motion."""
+    assert Pictured("x", change=4.2, ci=ci).words == f"changes 100% of its motion{words}"
+
+
+def test_what_is_typed_wrongly_is_answered_with_what_a_look_takes(here: Path) -> None:
+    """A policy without motions, a callable that is not there, a key: each names an option that a look has."""
+    (here / "own_policy.py").write_text("def act(images, state, instruction):\n    return [[0.0]]\n")
+    for spec, said in [
+        ("own_policy:act", "'look --dataset FOLDER', or a bank with --frames"),
+        ("no_such:decide", "python:MODULE:FUNCTION"),
+        ("openai:MODEL", "key_env in the file of --mode"),
+    ]:
+        assert said in str(look(spec).exception)
 
 
 def test_a_look_that_is_killed_while_it_finds_out_how_to_ask_counts_each_of_its_calls(small: Path, here: Path) -> None:

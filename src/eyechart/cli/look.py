@@ -20,11 +20,13 @@ def look(
     spec: Annotated[
         str, typer.Argument(help="A model's or a policy's SPEC, or a callable's MODULE:FUNCTION.", metavar="SPEC")
     ],
-    frames: Annotated[Path | None, typer.Option(help="A bank; default: one of ours, made once.")] = None,
+    frames: Annotated[
+        Path | None, typer.Option(help="A bank; default: one of ours, drawn into the look's folder.")
+    ] = None,
     photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
     table: Annotated[Path | None, typer.Option(help="Table of the photographs, a row each.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset v3.")] = None,
-    threshold: Annotated[float | None, typer.Option(help="A smaller distance is near.")] = None,
+    threshold: Annotated[float | None, typer.Option(help="Below it a distance is near, so that one brakes.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the distance.")] = None,
     map_: Annotated[
         list[str] | None, typer.Option("--map", help="PLACE=COLUMN, as 'frames import' takes it; again for more.")

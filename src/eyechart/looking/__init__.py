@@ -10,9 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from eyechart.frames import open_bank
+from eyechart.importing.costs import taken
 from eyechart.looking.answer import EXIT_CODES, Look, Pictured, Step
 from eyechart.looking.models import ModelLook
-from eyechart.looking.pictures import Pictures
+from eyechart.looking.pictures import BANK, Pictures
 from eyechart.looking.policies import PolicyLook, steps_of
 from eyechart.looking.wanted import Bill, Wanted, Watch, folder_name
 from eyechart.models import ADAPTERS, POLICIES, open_model, open_policy
@@ -69,8 +70,11 @@ def look(wanted: Wanted, watch: Watch) -> Look:
         wanted = replace(wanted, held=wanted.held or open_policy(wanted.spec))
     elif wanted.held is None:
         open_model(wanted.spec, wanted.mode)  # what is wrong with it is said before a bank is made
+    brought = wanted.pictures.are_brought and not (wanted.out / BANK).exists()
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)
+    if brought:
+        watch.say(*taken(open_bank(bank)))
     kind = PolicyLook if acts else ModelLook
     found = kind(wanted, bank, watch).look()
     wanted.out.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,6 @@
 """The answer of a look: one screen of 80 columns, or the same as plain values."""
 
+import re
 import shlex
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -9,6 +10,7 @@ from pathlib import Path
 from eyechart.records import Written
 
 COLUMNS = 80
+_ANOTHER_WAY = re.compile(r"; (?![^(]*\))")
 EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 
@@ -27,10 +29,11 @@ class Pictured:
         """Return what came of it."""
         if self.answers is not None:
             counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
-            return f"{counted} of {self.n}" if counted else "not asked"
+            return f"{counted} of {self.n} asked" if counted else "not asked"
         if self.change is None:
             return "not asked"
-        between = "" if self.ci is None else f" [{self.ci[0]:.0%}, {min(self.ci[1], 1.0):.0%}]"
+        low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
+        between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
         return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
 
 
@@ -40,6 +43,11 @@ class Step:
 
     why: str
     command: str
+
+    @classmethod
+    def settling(cls, why: str, settle: str, command: str) -> "Step":
+        """Return a step that settles more, by the first of the ways in ``settle``; a ``;`` in brackets ends none."""
+        return cls(f"{why}: {_ANOTHER_WAY.split(settle)[0].rstrip('.')}", command)
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.costs import assumed, estimate
+from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
 from eyechart.looking.answer import Look, Pictured, Step
 from eyechart.looking.pictures import BANK
 from eyechart.looking.reach import SMALL, affordable, fewest
 from eyechart.looking.sight import MODE, MOST_CALLS, Sights, Unseen
 from eyechart.looking.wanted import Bill, Wanted, Watch, write_report
-from eyechart.manifest import is_run, read_manifest
+from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.planned import Allowed
@@ -34,7 +35,7 @@ SHOWN: tuple[Mapping[str, str], ...] = (
     {
         "lead_near": "the same moment, the lead near",
         "lane_own": "the same moment, a near one ahead",
-        "shuffled": "a picture of another episode",
+        "shuffled": "a picture of another moment",
         "cross_scenario": "a picture of another scenario",
         "mirrored": "the same picture, reflected",
     },
@@ -141,7 +142,7 @@ class ModelLook:
             wanted.spec,
             verdict.answer if whole else "Inconclusive",
             because,
-            tuple(_holes(verdict)),
+            (*_holes(verdict), *_failed(wanted)),
             verdict.calibrated.label,
             pictures,
             among,
@@ -187,6 +188,15 @@ def _holes(verdict: Verdict) -> Iterator[str]:
     yield from (f"Not excluded: {words}." for words in verdict.open_to)
 
 
+def _failed(wanted: Wanted) -> Iterator[str]:
+    """Yield how many calls ended in an error, and the first one's own words: no gate holds such a run."""
+    with Ledger(wanted.run / LEDGER) as ledger:
+        found = [one for _, one in ledger.replies(wanted.spec) if one.error]
+    if found:
+        first = f"{found[0].error}: {found[0].error_detail}"[:160]
+        yield f"{len(found)} calls ended in an error, so that 'gate' and assert_looks cannot say. The first: {first}"
+
+
 def _pictures(answers: Answers) -> tuple[tuple[Pictured, ...], str]:
     """Return three pictures with the counts of answers, on frames whose lead is no nearer than the median."""
     gaps, every = answers.gaps, range(len(answers.frames))
@@ -214,9 +224,9 @@ def _steps(wanted: Wanted, verdict: Verdict, *, whole: bool) -> Iterator[Step]:
     if verdict.answer == "Yes":
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks")
     elif verdict.why_not is not None:
-        settle = verdict.why_not.settle.partition("; ")[0]
+        settle = verdict.why_not.settle
         if not settle.startswith("nothing"):
-            yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
+            yield Step.settling("what would settle more", settle, f"eyechart plan {shlex.quote(_bank(wanted))}")
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
         yield Step("try other words", wanted.command(prompt="FILE.toml", out=again))

@@ -9,6 +9,7 @@ from pathlib import Path
 from eyechart.errors import SourceError, SpecError, finite_number, raising
 from eyechart.importing.bank import Choices, import_table
 from eyechart.importing.lerobot import Ahead, import_lerobot, read_dataset
+from eyechart.importing.photographs import Convert
 from eyechart.loops import Progress
 from eyechart.records import parse_json
 from eyechart.simulators import open_bank_simulator
@@ -60,6 +61,11 @@ class Pictures:
         if self.threshold is not None:
             finite_number("--threshold", self.threshold)
 
+    @property
+    def are_brought(self) -> bool:
+        """Return whether a bank is made of photographs or of a data set, of which the import has something to say."""
+        return self.photos is not None or self.dataset is not None
+
     def bank(self, out: Path, move: Progress, steps: int | None = None) -> Path:
         """Return where the bank lies: the one that was given, or that of the look's folder, which is made once.
 
@@ -79,7 +85,7 @@ class Pictures:
         return place
 
     def _make(self, place: Path, move: Progress, steps: int | None) -> None:
-        choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit)
+        choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, convert=Convert())
         if self.photos is not None and self.table is not None:
             import_table(self.photos, self.table, place, choices, progress=move)
         elif self.dataset is not None:

@@ -195,8 +195,8 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -
     if answer == "Yes":
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif answer == "Inconclusive":
-        settle = settling(scored, wanted.spec, CAMERAS).partition("; ")[0].rstrip(".")
-        yield Step(f"what would settle it: {settle}", f"eyechart plan {shlex.quote(str(asked.bank))}")
+        settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
+        yield Step.settling("what would settle it", settle, plan)
     else:
         doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
         yield Step("see whether its pictures reach it", doctor)

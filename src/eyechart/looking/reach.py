@@ -59,7 +59,8 @@ class Sized:
         rare = {name: one for name, one in able.items() if one is not None and one < POWER}
         held = [name if one is None else f"{name} ({one:.2f})" for name, one in able.items() if name not in rare]
         if held:
-            yield f"in reach on {self.frames} frames, with its power at a noise floor of {NOISE:g}: {', '.join(held)}"
+            how = f"; in brackets how often, of a model that answers {NOISE:.0%} of repeats otherwise"
+            yield f"in reach on {self.frames} frames: {', '.join(held)}{how if '(' in ''.join(held) else ''}"
         yield from (f"out of reach: {name}: {why}" for name, why in self.lacking.items())
         for name, one in rare.items():
             yield f"out of reach: {name}: found {one:.2f} of the time on {self.frames} frames; more frames find it"

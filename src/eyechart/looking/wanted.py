@@ -128,7 +128,7 @@ class Bill:
     def words(self) -> str:
         """Return it in one line."""
         one = self.expected
-        usual = "" if self.usual is None else f" (about {self.usual} of who never looks)"
+        usual = "" if self.usual is None else f" (about {self.usual} where it never looks)"
         time = "minutes not known yet" if one.seconds is None else f"about {duration(one.seconds)}"
         cost = "cost not known" if one.cost_usd is None else f"at most ${one.cost_usd:.2f} {self.basis}"
         return f"at most {one.calls} calls{usual}, {time}, {'no cost' if self.is_own else cost}"

@@ -83,7 +83,7 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     adapter, colon, name = spec.partition(":")
     adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")
     if not colon or not name or adapter not in adapters:
-        known = ", ".join(f"{known}:NAME" for known in adapters)
+        known = ", ".join(f"{one}:{'MODULE:FUNCTION' if one == 'python' else 'NAME'}" for one in adapters)
         near = f" a name comes after '{adapter}:';" if adapter in adapters else meant(adapter, adapters)
         raise SpecError(
             f"unknown {answering} '{spec}';{near} a {answering} is given as {known}, see 'eyechart list {listed}'"

@@ -93,7 +93,7 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
     if not key and not authorised and (mode.key_env or base_url == BASE_URL):
         raise SpecError(
             f"'{mode.spec}' needs a key: set the environment variable {mode.key_env or KEY}, name another with "
-            "--key-env, or give the address of a server that needs none with --base-url"
+            "--key-env (key_env in the file of --mode), or give the address of a server that needs none with --base-url"
         )
     if key and not key.isascii():
         raise SpecError(f"the environment variable {mode.key_env or KEY} holds what cannot be a key")

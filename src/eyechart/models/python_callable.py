@@ -353,6 +353,11 @@ def _takes_all(ask: Ask, name: str) -> bool:
         taken[1].name == "images" or taken[2].default is inspect.Parameter.empty
     ):
         return True  # (prompt, image, state=...) is a callable of one image with an option of its own
+    if taken and taken[0].name == "images":
+        raise SpecError(
+            f"'python:{name}' takes images first, as a policy does: give it frames with motions, a data set with "
+            "'look --dataset FOLDER', or a bank with --frames ('eyechart frames build tabletop --out bank' makes one)"
+        )
     with raising(SpecError, f"'python:{name}' must take (prompt, image) or (prompt, images, state)", of=TypeError):
         signature.bind("", None)
     return False
