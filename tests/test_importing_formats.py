@@ -41,7 +41,16 @@ def test_every_format_is_recognised(name: str, tmp_path: Path) -> None:
     sign = tmp_path / (FORMATS[name].sign or "photo.png")
     sign.parent.mkdir(exist_ok=True)
     sign.touch()
-    assert find_format("table", tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
+    assert find_format(None, tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
+
+
+def test_a_format_that_is_named_is_taken_at_its_word(tmp_path: Path) -> None:
+    """A folder that looks like another's is not taken for that one."""
+    for one in FORMATS.values():
+        (tmp_path / (one.sign or "photo.png")).parent.mkdir(exist_ok=True)
+        (tmp_path / (one.sign or "photo.png")).touch()
+    with pytest.raises(SpecError, match="give --table FILE of the pictures"):
+        find_format("table", tmp_path, [])
 
 
 @pytest.mark.parametrize("name", FORMATS)

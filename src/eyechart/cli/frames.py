@@ -92,7 +92,9 @@ class Described:
         str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
     ] = ""
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
-    format_: Annotated[str, typer.Option("--format", help=f"{' or '.join(FORMATS)}.")] = "table"
+    format_: Annotated[
+        str | None, typer.Option("--format", help=f"{' or '.join(FORMATS)}; default: as the folder is recognised.")
+    ] = None
     camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
     rig: Annotated[
         Path | None,

@@ -12,7 +12,7 @@ from typer.main import get_command
 from eyechart.cli import options, probe
 from eyechart.cli.help import Command, Group
 from eyechart.cli.terminal import output_kept, progress, resumable, say
-from eyechart.errors import LedgerError, SpecError, perhaps
+from eyechart.errors import LedgerError, SpecError, counted, perhaps
 
 if TYPE_CHECKING:
     from eyechart.limits import Spent
@@ -445,7 +445,7 @@ def merge(
     from eyechart.studies import battery as study
 
     calls = study.merge(shards, out)
-    say(f"{calls} calls from {len(shards)} shards in {out}")
+    say(f"{counted(calls, 'call')} from {counted(len(shards), 'shard')} in {out}")
     whole = study.begun(out)
     left, more = whole.left(), sum(whole.more_by_model().values())
     if left or more:
@@ -453,4 +453,4 @@ def merge(
         asked = whole.manifest
         who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
         command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"
-        say(f"{left} calls are left{up_to}: {command}, with the options of the shards, makes them")
+        say(f"{counted(left, 'call', 'are')} left{up_to}: {command}, with the options of the shards, makes them")
