@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.options import Json, Model, expanded, read_places
-from eyechart.cli.terminal import print_json, print_line, progress, say
+from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, perhaps
 from eyechart.formats import FORMATS, Format, find_format, takers
 
@@ -339,9 +339,7 @@ def plan(
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
-    print_each([found.table()], 160)
-    for line in found.lines(specs):
-        print_line(line)
+    print_each([found.table(), found.details(specs)], 160)
 
 
 def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
@@ -353,6 +351,7 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     from eyechart.conditions import available, by_reason
     from eyechart.conditions.policies import conditions_of, subset_conditions
     from eyechart.importing.notes import notes
+    from eyechart.report.table import of_lines
     from eyechart.stats.guarantees import share_bound
     from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
 
@@ -370,24 +369,22 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
         labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
         print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank), "notes": notes(bank)})
         return
-    print_each([found.table()])
     some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
     alike = ", ".join(f"{channel} {count}" for channel, count in matches(bank).items())
     unasked = {name: why for name, why in left_out.items() if "frame" in why}
-    print_each(
-        [
-            f"channels: {', '.join(channels_of(bank))}",
-            f"calls: {calls} ({len(conditions)} conditions{some}); about four times as many of who draws its answers",
-            f"frames with a match at a similar state, of {len(bank)}: {alike}",
-            f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
-            *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
-            *(f"{one} of the state never changes within an episode, and counts as content" for one in unmoved(bank)),
-            *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
-            *notes(bank),
-            *([f"--shapley asks {more} calls more"] if more else []),
-            f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
-        ]
-    )
+    lines = [
+        f"channels: {', '.join(channels_of(bank))}",
+        f"calls: {calls} ({len(conditions)} conditions{some}); about four times as many of who draws its answers",
+        f"frames with a match at a similar state: of {len(bank)}: {alike}",
+        f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
+        *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
+        *(f"counts as content: {one} of the state, which never changes within an episode" for one in unmoved(bank)),
+        *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
+        *(f"note: {one}" for one in notes(bank)),
+        *([f"--shapley: {more} calls more"] if more else []),
+        f"absence (ignores_camera …): said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
+    ]
+    print_each([found.table(), of_lines("details", "What it comes of", lines)])
 
 
 def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
