@@ -232,7 +232,8 @@ class Arms(Planned):
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield the size of each run, and what its models' calls are expected to take."""
         for name, part in self.parts.items():
-            yield f"{name}: {counted(len(part.keys), 'episode')} in {part.manifest.simulator}, {len(part.left())} to drive"
+            size = f"{counted(len(part.keys), 'episode')} in {part.manifest.simulator}"
+            yield f"{name}: {size}, {len(part.left())} to drive"
             yield from (f"  {line}" for line in part.forecast(how))
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
