@@ -12,7 +12,7 @@ from eyechart.errors import SpecError, perhaps
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import FrameBank, MirrorAxis, Shared
+    from eyechart.frames import MirrorAxis, Shared
     from eyechart.importing import Ahead, Choices, Convert
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
@@ -330,7 +330,10 @@ def plan(
 
     opened = open_bank(bank)
     if opened.manifest.motion is not None and not model:
-        _plan_policies(opened, json=json)
+        from eyechart.calibrate.reach import PolicyReach
+
+        asked = PolicyReach.of(opened)
+        print_json(asked.as_dict()) if json else print_each([asked.power.table(), asked.details()])
         return
     specs = list(dict.fromkeys(model or ()))
     for spec in specs:
@@ -340,51 +343,6 @@ def plan(
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
     print_each([found.table(), found.details(specs)], 160)
-
-
-def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
-    """Print what a bank can say of a policy, and how many calls it takes."""
-    from eyechart.calibrate.policies import power
-    from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
-    from eyechart.channels import channels_of
-    from eyechart.cli.terminal import print_each
-    from eyechart.conditions import available, by_reason
-    from eyechart.conditions.policies import conditions_of, subset_conditions
-    from eyechart.importing.notes import notes
-    from eyechart.report.table import of_lines
-    from eyechart.stats.guarantees import share_bound
-    from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
-
-    conditions, left_out = conditions_of(bank)
-    further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]
-    calls, more = (
-        sum(available(name, frame, bank) for name in many for frame in bank) for many in (conditions, further)
-    )
-    episodes = len({frame.drive for frame in bank})
-    bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
-    whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
-    found = power(episodes, len(bank), calls, left_out, matched=matched_of(bank))
-    never = unreachable(bank)
-    if json:
-        labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
-        print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank), "notes": notes(bank)})
-        return
-    some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
-    alike = ", ".join(f"{channel} {count}" for channel, count in matches(bank).items())
-    unasked = {name: why for name, why in left_out.items() if "frame" in why}
-    lines = [
-        f"channels: {', '.join(channels_of(bank))}",
-        f"calls: {calls} ({len(conditions)} conditions{some}); about four times as many of who draws its answers",
-        f"frames with a match at a similar state: of {len(bank)}: {alike}",
-        f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
-        *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
-        *(f"counts as content: {one} of the state, which never changes within an episode" for one in unmoved(bank)),
-        *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
-        *(f"note: {one}" for one in notes(bank)),
-        *([f"--shapley: {more} calls more"] if more else []),
-        f"absence (ignores_camera …): said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
-    ]
-    print_each([found.table(), of_lines("details", "What it comes of", lines)])
 
 
 def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
