@@ -18,7 +18,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
 from eyechart.records import Written
 from eyechart.run import Plan
-from eyechart.spaces.reader import READER, READERS
+from eyechart.spaces.reader import READERS
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -205,11 +205,7 @@ def require_scorable(
             f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}', or "
             "from Python eyechart.api.read_policies of policies, else eyechart.studies.study_of, which finds the study"
         )
-    if manifest.reader not in READERS and not reread:
-        raise LedgerError(
-            f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
-            "its decisions may differ from those seen before; read its replies anew with --reread"
-        )
+    manifest.require_reader(path, READERS, reread=reread)
     if (
         independent
         and max(Counter(frame.episode for frame in bank).values()) > 1
