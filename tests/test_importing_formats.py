@@ -5,7 +5,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
 from eyechart.formats import FORMATS, Format, find_format, takers
 from eyechart.importing import Choices
@@ -51,6 +53,10 @@ def test_a_format_that_is_named_is_taken_at_its_word(tmp_path: Path) -> None:
         (tmp_path / (one.sign or "photo.png")).touch()
     with pytest.raises(SpecError, match="give --table FILE of the pictures"):
         find_format("table", tmp_path, [])
+    given = ["frames", "import", str(tmp_path), "--out", str(tmp_path / "bank")]
+    named, told = (CliRunner().invoke(app, [*given, *more]).exception for more in (["--format", "table"], []))
+    assert "give --table FILE of the pictures" in str(named)
+    assert "no description of a LeRobotDataset" in str(told)
 
 
 @pytest.mark.parametrize("name", FORMATS)

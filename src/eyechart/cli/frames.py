@@ -93,8 +93,8 @@ class Described:
     ] = ""
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
     format_: Annotated[
-        str | None, typer.Option("--format", help=f"{' or '.join(FORMATS)}; default: as the folder is recognised.")
-    ] = None
+        str, typer.Option("--format", help=f"{' or '.join(FORMATS)}; where it is not given, a folder is recognised.")
+    ] = "table"
     camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
     rig: Annotated[
         Path | None,
@@ -169,11 +169,11 @@ class Described:
             wrong=wrong.lines,
         )
 
-    def format_of(self, folder: Path) -> Format:
-        """Return the format of a folder; raises SpecError where it does not take what was given."""
+    def format_of(self, folder: Path, *, named: bool) -> Format:
+        """Return a folder's format, or the one that was ``named``; raises SpecError where it does not take the rest."""
         ahead = (self.horizon, self.kind) != (None, None)
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
-        return find_format(self.format_, folder, [name for name, given in used.items() if given])
+        return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
 
     def own(self) -> dict[str, object]:
         """Return what some formats alone take."""
@@ -196,6 +196,7 @@ def _names(words: str) -> tuple[str, ...]:
 )
 @expanded
 def import_(
+    ctx: typer.Context,
     folder: Annotated[
         Path, typer.Argument(help=f"Folder of {', or of '.join(one.folder for one in FORMATS.values())}.")
     ],
@@ -205,7 +206,8 @@ def import_(
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.importing.costs import costs, taken
 
-    choices, source, own = described.choices(), described.format_of(folder), described.own()
+    named = str(ctx.get_parameter_source("format_")).endswith("COMMANDLINE")
+    choices, source, own = described.choices(), described.format_of(folder, named=named), described.own()
     options = {name: own[name] for name in source.options if name in own}
     with progress("import", "rows and frames") as move:
         bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
