@@ -8,7 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Model, expanded, read_places
 from eyechart.cli.terminal import print_json, progress, say
-from eyechart.errors import SpecError, perhaps
+from eyechart.errors import SpecError, counted, perhaps
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def build(
     with progress("frames", "frames") as move:
         made_by = open_bank_simulator(simulator)
         bank = made_by.build(out, preset=preset, seeds=chosen, steps=steps, controls_seed=controls_seed, progress=move)
-    say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+    say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
 def _add_to(root: Path, out: Path | None) -> None:
@@ -65,8 +65,8 @@ def _add_to(root: Path, out: Path | None) -> None:
 
     with progress("frames", "frames") as move:
         bank, count = add_missing(root, out, move)
-    said = f"{count} pictures added" if count else f"{root} lacks none of its control pictures"
-    say(f"{said}; {len(bank)} frames in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
+    said = f"{counted(count, 'picture')} added" if count else f"{root} lacks none of its control pictures"
+    say(f"{said}; {counted(len(bank), 'frame')} in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def import_(
     options = {name: own[name] for name in source.options if name in own}
     with progress("import", "rows and frames") as move:
         bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
-    say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+    say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
     say(*taken(bank), *costs(bank))
 
 
