@@ -11,6 +11,7 @@ from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
 from eyechart.formats import FORMATS, Format, find_format, takers
 from eyechart.importing import Choices
+from eyechart.looking import Pictures
 
 OPTIONS = ("table", "camera", "ahead", "convert")
 EXTRAS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -71,6 +72,15 @@ def test_what_a_format_does_not_take_is_refused(name: str, option: str, tmp_path
         return
     with pytest.raises(SpecError, match="--horizon" if option == "ahead" else f"--{option}"):
         find_format(name, tmp_path, given)
+
+
+def test_a_look_imports_as_the_table_of_formats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what a row opens, and by no importer that it knows itself."""
+    made: list[str] = []
+    monkeypatch.setattr(Format, "importer", lambda one: lambda *_, **given: made.append(f"{one.opens} {sorted(given)}"))
+    (tmp_path / "t.csv").touch()
+    Pictures(photos=tmp_path, table=tmp_path / "t.csv").bank(tmp_path / "look", lambda *_: None)
+    assert made == [f"{FORMATS['table'].opens} ['choices', 'out', 'progress', 'table']"]
 
 
 def test_a_library_that_is_not_installed_is_named_with_its_extra() -> None:
