@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 import eyechart
-from eyechart.calibrate.newcomers import ADVERSARIES_BY_KIND
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.simulators.banks import STAGING
 from eyechart.stats.episodes import share_over_episodes
+from newcomers import ADVERSARIES_BY_KIND
 
 PROMISED: Mapping[str, float] = {"simulated-288": 0.01, "simulated-72": 1.0}
 """The share of untrue claims of the newcomers that is allowed in a world; elsewhere `UNTRUE`."""
@@ -78,8 +78,10 @@ def said_of(root: Path) -> Code:
     judging += [
         file for part in ("verdicts", "studies/battery", "stats") for file in sorted((source / part).rglob("*.py"))
     ]
-    measuring = [benchmarks / f"adversary_{one}.py" for one in ("truth", "pictures")]
-    measuring += [source / "calibrate" / f"{one}.py" for one in ("adversaries", "strangers", "newcomers", "world")]
+    measuring = [
+        benchmarks / f"{one}.py" for one in ("adversary_truth", "adversary_pictures", "strangers", "newcomers")
+    ]
+    measuring += [source / "calibrate" / f"{one}.py" for one in ("adversaries", "world")]
     return Code(_digest(judging, f"staging {STAGING}"), _digest(measuring, ""))
 
 

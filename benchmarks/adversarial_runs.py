@@ -33,8 +33,6 @@ from adversary_truth import find_truth
 from eyechart import verdicts
 from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
 from eyechart.calibrate.early import sampled
-from eyechart.calibrate.newcomers import NEWCOMERS, paint
-from eyechart.calibrate.strangers import ENDS, LANES, NOISE, PLACES, READERS, STAGES, TURNS
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
@@ -51,7 +49,9 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
+from newcomers import NEWCOMERS, paint
 from stranger_door import COLD, open_stranger
+from strangers import ENDS, LANES, NOISE, PLACES, READERS, STAGES, TURNS
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "adversaries.json"

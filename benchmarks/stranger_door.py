@@ -11,9 +11,9 @@ from functools import partial
 
 from adversary_door import Ask, see_frame
 from eyechart.calibrate.adversaries import Adversary, Rule
-from eyechart.calibrate.newcomers import NEWCOMERS
-from eyechart.calibrate.strangers import STRANGERS
 from eyechart.models.scripted import Answer
+from newcomers import NEWCOMERS
+from strangers import STRANGERS
 
 COLD = "_t0"
 KNOWN = {**STRANGERS, **{name: one for kind in NEWCOMERS.values() for name, one in kind.items()}}

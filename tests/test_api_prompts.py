@@ -115,6 +115,13 @@ def test_what_cannot_be_compared_is_refused(bank: FrameBank, report: PromptsRepo
     ):
         with pytest.raises(SpecError, match=why):
             compare_prompts(bank, "scripted:depth", prompts, tmp_path / "none")
+    for asking, why in (
+        ({"conditions": "real,blank"}, "conditions are several, for example"),
+        ({"promt": "baseline"}, "unexpected keyword argument 'promt'.* it takes .*limit"),
+        ({"limt": 3}, "did you mean 'limit'"),
+    ):
+        with pytest.raises(SpecError, match=why):
+            compare_prompts(bank, "scripted:depth", ["baseline", "minimal"], tmp_path / "none", **asking)
     with pytest.raises(SpecError, match="it holds python:mine"):
         report["scripted:depth"]
     assert not (tmp_path / "none").exists()

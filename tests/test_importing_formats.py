@@ -5,10 +5,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
 from eyechart.formats import FORMATS, Format, find_format, takers
 from eyechart.importing import Choices
+from eyechart.looking import Pictures
 
 OPTIONS = ("table", "camera", "ahead", "convert")
 EXTRAS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -41,7 +44,20 @@ def test_every_format_is_recognised(name: str, tmp_path: Path) -> None:
     sign = tmp_path / (FORMATS[name].sign or "photo.png")
     sign.parent.mkdir(exist_ok=True)
     sign.touch()
-    assert find_format("table", tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
+    assert find_format(None, tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
+
+
+def test_a_format_that_is_named_is_taken_at_its_word(tmp_path: Path) -> None:
+    """A folder that looks like another's is not taken for that one."""
+    for one in FORMATS.values():
+        (tmp_path / (one.sign or "photo.png")).parent.mkdir(exist_ok=True)
+        (tmp_path / (one.sign or "photo.png")).touch()
+    with pytest.raises(SpecError, match="give --table FILE of the pictures"):
+        find_format("table", tmp_path, [])
+    given = ["frames", "import", str(tmp_path), "--out", str(tmp_path / "bank")]
+    named, told = (CliRunner().invoke(app, [*given, *more]).exception for more in (["--format", "table"], []))
+    assert "give --table FILE of the pictures" in str(named)
+    assert "no description of a LeRobotDataset" in str(told)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -56,6 +72,15 @@ def test_what_a_format_does_not_take_is_refused(name: str, option: str, tmp_path
         return
     with pytest.raises(SpecError, match="--horizon" if option == "ahead" else f"--{option}"):
         find_format(name, tmp_path, given)
+
+
+def test_a_look_imports_as_the_table_of_formats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what a row opens, and by no importer that it knows itself."""
+    made: list[str] = []
+    monkeypatch.setattr(Format, "importer", lambda one: lambda *_, **given: made.append(f"{one.opens} {sorted(given)}"))
+    (tmp_path / "t.csv").touch()
+    Pictures(photos=tmp_path, table=tmp_path / "t.csv").bank(tmp_path / "look", lambda *_: None)
+    assert made == [f"{FORMATS['table'].opens} ['choices', 'out', 'progress', 'table']"]
 
 
 def test_a_library_that_is_not_installed_is_named_with_its_extra() -> None:

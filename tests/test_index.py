@@ -155,7 +155,7 @@ def entry(model: str, label: str, tone: str, counted: tuple[str, str], run: str 
 
 def test_the_headline_counts_verdicts_of_one_kind_together_and_says_who_has_none() -> None:
     """An estimator that is not admitted is none that does not look; who has no verdict is not left out."""
-    look, admitted = ("look", "models"), ("admitted", "estimators")
+    look, admitted = ("look", "model"), ("admitted", "estimator")
     entries = [
         *(entry(f"sees-{number}", "depth", "sees", look) for number in range(3)),
         entry("blind", "image_invariant", "blind", look),
@@ -163,19 +163,19 @@ def test_the_headline_counts_verdicts_of_one_kind_together_and_says_who_has_none
         entry("turned", "undecided", "open", look, run="later"),
         entry("good", "admitted", "sees", admitted),
         *(entry(f"bad-{number}", "not_admitted", "blind", admitted) for number in range(2)),
-        entry("drove", "no verdict", "", ("drive by sight", "drivers")),
+        entry("drove", "no verdict", "", ("drive by sight", "driver")),
     ]
     said = overview._counted(entries)
     assert said == (
         "By the newest verdicts, look: 3 yes, 1 no, 1 cannot be said, of 5 models; admitted: 1 yes, 2 no, of 3 "
         "estimators. 1 of 9 models has no verdict."
     )
-    assert overview._counted(entries[-1:]) == ("No run here has a verdict on a model. 1 of 1 models has no verdict.")
+    assert overview._counted(entries[-1:]) == ("No run here has a verdict on a model. 1 of 1 model has no verdict.")
 
 
 def test_a_headline_denies_nothing_that_its_rows_say() -> None:
     """Of one that looks in part the sentence says so, and counts nobody who does."""
-    said = overview._counted([entry("one", "depth_associated", "partly", ("look", "models"))])
+    said = overview._counted([entry("one", "depth_associated", "partly", ("look", "model"))])
     assert said == "By the newest verdicts, look: 1 in part, of 1 model."
 
 
@@ -220,8 +220,8 @@ def test_a_model_is_counted_under_what_its_label_answers(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("name", ["bank", "frames", "conditions", "prompt", "mode", "reader", "version"])
 def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
     """The answer to another question is none that a model gave up; another version of it may answer otherwise."""
-    before = replace(entry("one", "content", "partly", ("look", "models")), asked=((name, 1),))
-    now = replace(entry("one", "depth_associated", "partly", ("look", "models"), "later"), asked=((name, 2),))
+    before = replace(entry("one", "content", "partly", ("look", "model")), asked=((name, 1),))
+    now = replace(entry("one", "depth_associated", "partly", ("look", "model"), "later"), asked=((name, 2),))
     (said,) = overview._opening([before, now], {"run": "run-1", "later": "run-2"}).said
     words = history_table([before, now]).texts()[1][2]
     if name == "version":
@@ -237,10 +237,8 @@ def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
 
 def test_verdicts_of_two_kinds_are_not_held_against_each_other() -> None:
     """A battery and drives ask a model two things; without an estimate a verdict still stands in its column."""
-    drove = replace(
-        entry("one", "no difference found", "open", ("drive by sight", "drivers"), "drives"), study="drives"
-    )
-    entries = [entry("one", "depth", "sees", ("look", "models")), drove]
+    drove = replace(entry("one", "no difference found", "open", ("drive by sight", "driver"), "drives"), study="drives")
+    entries = [entry("one", "depth", "sees", ("look", "model")), drove]
     assert not history_table(entries).rows
     assert models_table(entries).texts() == [["one", "depth", "no difference found"]]
     assert models_table(entries).names == ["model", "bank, batteries", "bank, drives"]

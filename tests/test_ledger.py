@@ -408,7 +408,7 @@ def test_absorbing_a_call_that_both_finished_copies_nothing(path: Path, tmp_path
     fill(tmp_path / "double", (OTHER, FULL), (KEY, FULL))
     fill(tmp_path / "fine", (OTHER, FULL))
     with Ledger(path, create=True) as ledger:
-        with Ledger(tmp_path / "double") as double, pytest.raises(LedgerError, match=r"double: 1 calls .*frame='f1'"):
+        with Ledger(tmp_path / "double") as double, pytest.raises(LedgerError, match=r"double: 1 call is .*frame='f1'"):
             ledger.absorb(double)
         assert ledger.finished() == {KEY}
         assert len(rows(path, "calls")) == 1
@@ -508,4 +508,4 @@ def test_a_budget_counts_the_calls_of_models_that_are_not_asked_now(path: Path) 
         budget = budget_of(Limits(calls=1), ["another:model"], ledger)
         assert ledger.models() == [MODEL]
     assert not budget.may_send("another:model")
-    assert budget.stopped == "1 calls were sent, and --max-calls is 1"
+    assert budget.stopped == "1 call was sent, and --max-calls is 1"

@@ -345,6 +345,17 @@ def test_two_places_for_frames_are_refused(small: Path, here: Path) -> None:
     assert "did you mean 'openai'" in str(look("opnai:gpt-4o").exception)
 
 
+def test_a_look_says_what_was_looked_for(here: Path) -> None:
+    """Of a callable whose module is not there, and of photographs that are not."""
+    said = str(look("my_robot:decide").exception)
+    assert f"no my_robot.py lies in {here}, and none is installed" in said
+    assert "did you mean 'scripted'" in str(look("scriptd:depth").exception)
+    (here / "t.csv").write_text("file\n")
+    assert "photos is no folder, and the pictures" in str(
+        look("scripted:depth", "--photos", "photos", "--table", "t.csv").exception
+    )
+
+
 def test_a_policy_on_the_tabletop_looks(here: Path) -> None:
     """Its pictures stand with the mean change of its motion; what is blind to them is told apart."""
     bank = open_bank_simulator("tabletop").build(here / "bank", seeds=(0, 1), steps=4)

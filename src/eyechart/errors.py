@@ -21,6 +21,9 @@ _TOO_LONG = "no file may be longer here (ulimit -f)"
 _NOT_WRITTEN = "SQLITE_IOERR_WRITE"
 """What SQLite says of a file that may not be longer, and of a disk that fails."""
 
+_OF_ONE = {"are": "is", "have": "has", "were": "was"}
+"""What a verb of several things is of one, where it does not only get an s."""
+
 _ARGUMENTS = {
     "accept-loss": "accept_loss=True",
     "again": "again=True",
@@ -97,6 +100,13 @@ def printable(text: str) -> str:
     line = " ".join(text[: 4 * _LONGEST].split())
     line = "".join(character if character.isprintable() else "�" for character in line)
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
+
+def counted(number: int, noun: str, verb: str = "") -> str:
+    """Return a number with its noun, and its verb if there is one: "1 policy is", "2 policies are" for ``are``."""
+    many = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}{'es' if noun.endswith('s') else 's'}"
+    said = _OF_ONE.get(verb, f"{verb}s") if number == 1 and verb else verb
+    return " ".join(filter(None, (str(number), noun if number == 1 else many, said)))
 
 
 def encodable(text: str) -> str:
@@ -231,6 +241,10 @@ class LedgerError(EyechartError):
 
 class SpecError(EyechartError):
     """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""
+
+
+class ArgumentError(SpecError, TypeError):
+    """A function for Python takes no argument of this name."""
 
 
 class SecretError(SpecError):

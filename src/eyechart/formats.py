@@ -66,17 +66,17 @@ def takers(option: str) -> str:
     return " or ".join(one.folder for one in FORMATS.values() if option in one.options)
 
 
-def find_format(name: str, folder: Path, given: Collection[str]) -> Format:
+def find_format(name: str | None, folder: Path, given: Collection[str]) -> Format:
     """Return the format of this name; ``given`` are the options that were used.
 
-    Where a table is to be read and none is given, a folder of another format is recognised.
+    Where no name and no table is given, a folder of another format than ``table`` is recognised.
 
     Raises SpecError for an unknown name, and where the format does not take what was given.
     """
-    if name not in FORMATS:
+    if name is not None and name not in FORMATS:
         raise SpecError(f"--format takes {' or '.join(FORMATS)}, not '{name}'{perhaps(name, tuple(FORMATS))}")
-    found = FORMATS[name]
-    if "table" in found.options and "table" not in given:
+    found = FORMATS[name or "table"]
+    if name is None and "table" not in given:
         found = next((one for one in FORMATS.values() if one.sign and (folder / one.sign).is_file()), found)
     if ("table" in found.options) != ("table" in given):
         others = " or ".join(known for known, one in FORMATS.items() if "table" not in one.options)

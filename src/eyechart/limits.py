@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from eyechart.calls import HOPELESS, TRANSIENT, UNASKED, Reply
+from eyechart.errors import counted
 from eyechart.loops import asyncio
 from eyechart.records import Amount, Count, Plain
 
@@ -166,7 +167,7 @@ class Budget:
         """Return whether another attempt may go out, and count it as sent if so."""
         limits = self.limits
         if self.stopped is None and limits.calls is not None and self._sent >= limits.calls:
-            self.stopped = f"{self._sent} calls were sent, and --max-calls is {limits.calls}"
+            self.stopped = f"{counted(self._sent, 'call', 'were')} sent, and --max-calls is {limits.calls}"
         reserved = self._spent + self._under_way * self._dearest
         if self.stopped is None and limits.cost_usd is not None and reserved >= limits.cost_usd:
             self._spent_up = True
@@ -222,9 +223,9 @@ class Budget:
         said: dict[str, list[str]] = {}
         for model, count in self._failed.items():
             last = f"the last one with {self._last[model]}"
-            said[model] = [f"{count} call{'s' * (count > 1)} ended in an error, {last}"]
+            said[model] = [f"{counted(count, 'call')} ended in an error, {last}"]
         for model, count in self._without.items():
-            said.setdefault(model, []).append(f"{count} call{'s' * (count > 1)} came back with {self._lacked[model]}")
+            said.setdefault(model, []).append(f"{counted(count, 'call')} came back with {self._lacked[model]}")
         return {model: "; ".join(words) for model, words in said.items()}
 
     def lasting(self) -> frozenset[str]:

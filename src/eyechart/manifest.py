@@ -273,6 +273,17 @@ class RunManifest(Manifest):
     answers: int = 1
     encoding: str = STORED
 
+    def require_reader(self, path: Path, known: tuple[int, ...], *, reread: bool) -> None:
+        """Raise LedgerError where a run was begun under a version of its reader that is not ``known``, today's last.
+
+        One that is ``reread`` may be of any.
+        """
+        if self.reader not in known and not reread:
+            raise LedgerError(
+                f"{path} was begun under version {self.reader} of the reader of its replies, and this is version "
+                f"{known[-1]}: what is read may differ from what was seen before; read its replies anew with --reread"
+            )
+
     @classmethod
     def begun(
         cls,

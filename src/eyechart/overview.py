@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from eyechart.errors import EyechartError, SpecError, printable, raising
+from eyechart.errors import EyechartError, SpecError, counted, printable, raising
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
 from eyechart.report.page import Opening, Page, Said, fill
 from eyechart.report.table import MARK, Cell, Column, Mark, Table
@@ -273,20 +273,20 @@ def _counted(entries: Sequence[Entry]) -> str:
         counts = ", ".join(
             f"{answers.count(answer)} {words}" for answer, words in _ANSWERS.items() if answer in answers
         )
-        told.append(f"{yes}: {counts}, of {len(answers)} {_one(whom, len(answers))}")
+        told.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
     models = {one.model for one in entries if one.model}
     without = len(models - {model for model, _ in judged})
     unread = len({one.run for one in entries if one.found.label == UNREAD})
     tail = [
-        *([f"{without} of {len(models)} models {'has' if without == 1 else 'have'} no verdict"] if without else []),
-        *([f"{unread} run{'' if unread == 1 else 's'} cannot be scored"] if unread else []),
+        *(
+            [f"{without} of {counted(len(models), 'model')} {'has' if without == 1 else 'have'} no verdict"]
+            if without
+            else []
+        ),
+        *([f"{counted(unread, 'run')} cannot be scored"] if unread else []),
     ]
     first = f"By the newest verdicts, {'; '.join(told)}." if told else "No run here has a verdict on a model."
     return " ".join([first, *(f"{words}." for words in tail)])
-
-
-def _one(whom: str, count: int) -> str:
-    return whom.removesuffix("s") if count == 1 else whom
 
 
 def _words(one: Entry) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from eyechart.calls import Emptiness
 from eyechart.costs import CostEstimate, duration, emptiness
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, counted
 from eyechart.ledger import Ledger
 from eyechart.limits import NOTHING, Limits, Outcome, Spent
 from eyechart.loops import Progress
@@ -179,7 +179,7 @@ def aside(outcome: Outcome, failed: Mapping[str, str]) -> list[str]:
     lines = [f"set aside: {spec}: {why}" for spec, why in {**failed, **outcome.set_aside}.items()]
     if outcome.uncounted:
         lines.append(
-            f"{outcome.uncounted} attempts failed without telling what they cost: --max-cost does not count them"
+            f"{counted(outcome.uncounted, 'attempt')} failed without telling the cost, which --max-cost does not count"
         )
     return lines
 
@@ -194,10 +194,11 @@ def calls_ended(outcome: Outcome, failed: Mapping[str, str], left: int, *, nothi
     lines += [f"{model}: {words}" for model, words in outcome.failed.items() if model not in unasked_here]
     if outcome.stopped is not None and left:
         return Ending(
-            [*lines, f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes"], 1 if nothing else 3
+            [*lines, f"stopped: {outcome.stopped}; {counted(left, 'call', 'are')} left; a higher limit resumes"],
+            1 if nothing else 3,
         )
     if left:
-        lines.append(f"{left} calls are unfinished: {_to_finish(outcome)}")
+        lines.append(f"{counted(left, 'call', 'are')} unfinished: {_to_finish(outcome)}")
     elif unasked_here:
         return Ending([*lines, _UNASKED], 1)
     return Ending(lines, int(left > 0 or nothing))

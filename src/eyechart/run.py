@@ -10,7 +10,7 @@ from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
 from eyechart.conditions import SAMPLED, available, sample, show, sources
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, counted
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
@@ -75,7 +75,7 @@ class Plan:
         """Return in words on what each model is asked; where a product is more than the calls, it says so."""
         every = all(self.shows(condition, frame) for condition in self.conditions for frame in self.frames)
         unshown = "" if every else " (not every frame can be shown every condition)"
-        return f"{len(self.frames)} frames × {len(self.conditions)} conditions{unshown}"
+        return f"{counted(len(self.frames), 'frame')} × {counted(len(self.conditions), 'condition')}{unshown}"
 
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""

@@ -186,7 +186,7 @@ def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_pat
     words = ("run", "battery", "--model", STEADY, "--frames", bank.root, "--out", tmp_path / "run", "--limit", 8)
     planned = eyechart(*words, "--dry-run")
     assert planned.code == 0
-    assert "1 models × 8 frames × 11 conditions" in planned.err
+    assert "1 model × 8 frames × 11 conditions" in planned.err
     assert not (tmp_path / "run").exists()
     ran = eyechart(*words)
     assert (ran.code, ran.out) == (0, "")

@@ -262,7 +262,7 @@ def test_a_model_that_cannot_be_probed_is_set_aside_and_the_others_go_on(run: Ru
         assert server.requests == manifest.spent_before().calls + 4
     assert result.exit_code == 1
     assert "set aside: openai:locked: it cannot be probed: the key is missing, wrong" in result.stderr
-    assert "1 models × 2 frames" in result.stderr
+    assert "1 model × 2 frames" in result.stderr
 
 
 def test_failed_attempts_of_unknown_cost_are_said_where_a_cost_is_bounded(run: Run, tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_failed_attempts_of_unknown_cost_are_said_where_a_cost_is_bounded(run: R
         words = ("--no-probe", "--limit", 1, "--prices", tmp_path / "prices.toml", "--max-cost", 1)
         result = run(server, *words)
     assert result.exit_code == 0, result.output
-    assert "1 attempts failed without telling what they cost: --max-cost does not count them" in result.stderr
+    assert "1 attempt failed without telling the cost, which --max-cost does not count" in result.stderr
 
 
 def test_a_prompt_study_probes_once_for_all_of_its_cells(bank: FrameBank, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_admission_from_the_plan_to_the_clauses(
     code, _, planned = say(capsys, monkeypatch, *words, "--dry-run")
     assert code == 0
     assert "view: none" in planned
-    assert "1 models × 16 frames × 2 conditions: 32 calls" in planned
+    assert "1 model × 16 frames × 2 conditions: 32 calls" in planned
     assert not (tmp_path / "run").exists()
     code, _, ran = say(capsys, monkeypatch, *words)
     assert (code, "eyechart score" in ran) == (0, True)

@@ -38,7 +38,6 @@ TANGO = "paired difference of proportions, 90% Tango score interval"
 WITHIN = "equal within group; p: exact conditional test over the groups' tables, one-sided"
 CHI2 = "chi-squared test of independence, Yates"
 MI = "mutual information in bits, i.i.d. permutation, B=99"
-EPISODES = "90% percentile interval over episodes"
 TREND = "one-sided trend, whole episodes exchanged within scenario"
 BITS = "mutual information in bits, whole episodes exchanged within scenario"
 OWN = "share of own variation, jackknife over owners and partners, 90% interval"
@@ -581,33 +580,6 @@ CASES: dict[str, Case] = {
         lambda: resampling.permute_mutual_information([[1, 0], [0, 1]], seed=0, resamples=99),
         {"value": 1.0, "n": 2, "p": 1.0, "method": MI, "unit": "bits", "detail": {"resample_mean": 1.0}},
     ),
-    "no episode": (
-        lambda: resampling.cluster_bootstrap(np.zeros((0, 2)), seed=0, level=0.9),
-        {"value": None, "n": 0, "method": EPISODES, "note": "no episodes"},
-    ),
-    "one episode": (
-        lambda: resampling.cluster_bootstrap([[1, 2]], seed=0, level=0.9),
-        {"value": 0.5, "n": 1, "ci": None, "method": EPISODES, "note": "one episode cannot be resampled"},
-    ),
-    "episodes without a value": (
-        lambda: resampling.cluster_bootstrap([[1, 0], [1, 0]], seed=0, level=0.9),
-        {"value": None, "n": 2, "method": EPISODES, "note": "the statistic is undefined on these episodes"},
-    ),
-    "two episodes": (
-        lambda: resampling.cluster_bootstrap([[1, 2], [0, 2]], seed=0, level=0.9),
-        {
-            "value": 0.25,
-            "n": 2,
-            "ci": (0.0, 0.5),
-            "method": f"{EPISODES}, all 3 multisets",
-            "detail": {"undefined": 0.0},
-            "level": 0.9,
-        },
-    ),
-    "two episodes drawn": (
-        lambda: resampling.cluster_bootstrap([[1, 2], [0, 2]], seed=0, level=0.9, resamples=99, enumerate_up_to=2),
-        {"n": 2, "method": f"{EPISODES}, B=99", "level": 0.9},
-    ),
     "effect of two episodes": (
         lambda: total_effect.total_effect(TWO, TWO, level=0.9),
         {"value": None, "n": 2, "method": OWN, "note": "2 episodes have both answers, and three are needed"},
@@ -839,10 +811,6 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no resamples": (
         lambda: resampling.permute_mutual_information([[1, 2], [3, 4]], seed=0, resamples=0),
         "resamples=0: ask for at least one",
-    ),
-    "a level of 0": (
-        lambda: resampling.cluster_bootstrap([[1, 2], [0, 2]], seed=0, level=0),
-        "level=0 must lie in (0, 1) and resamples=5000 be at least 1",
     ),
     "strata of another length": (
         lambda: exchange.iid_trend_test([1, 0], [1, 2], [0], seed=0),

@@ -1,6 +1,7 @@
 """Power before money: what a bank can decide is said before a call is made, and tests that cannot are named."""
 
 import json
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -145,8 +146,8 @@ def test_the_command_prints_the_plan(
         assert raw["directional_needed"] == {"0.2": 13, "0.5": 112}
         assert "depth_observational" in raw["cannot_say"]
     else:
-        assert "model scripted:depth: 189 calls and up to 18 of controls, cost —" in said.out
-        assert "cannot say: bound_blank: 18 frames can be shown blank; 49 are needed" in said.out
+        assert re.search(r"model scripted:depth +189 calls and up to 18 of controls, cost —", said.out)
+        assert re.search(r"cannot say +bound_blank: 18 frames can be shown blank; 49 are needed", said.out)
 
 
 def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: FrameBank) -> None:

@@ -1,6 +1,7 @@
 """What a bank can say of a policy is simulated before a call is made."""
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 
@@ -40,9 +41,9 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=4, seeds=(0, 1))
     found = CliRunner().invoke(app, ["plan", str(bank.root)])
     assert found.exit_code == 0, found.output
-    assert "channels: cameras, camera:top, camera:wrist, state, instruction" in found.stdout
+    assert " cameras, camera:top, camera:wrist, state, instruction " in found.stdout
     assert "how often 8 episodes (32 frames) settle it" in found.stdout
-    assert "--shapley asks 64 calls more" in found.stdout
+    assert re.search(r"--shapley +64 calls more", found.stdout)
     words = " ".join(found.stdout.split())
     assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
@@ -65,9 +66,9 @@ def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, mo
     assert "differs in the side camera" in said["unreachable"]["ignores_camera of camera:side"]
     assert {"ignores_camera", "camera_presence", "state_shortcut", "instruction_ignored"} <= set(said["reachable"])
     printed = " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
-    assert "frames with a match at a similar state, of 48: cameras 0, camera:front 0, camera:side 0" in printed
-    assert "labels that a policy may get: camera_presence, ignores_camera, state_shortcut" in printed
-    assert "not reachable: object_grounded, camera_content, pose_only, " in printed
+    assert "frames with a match at a similar state of 48: cameras 0, camera:front 0, camera:side 0" in printed
+    assert "labels that a policy may get camera_presence, ignores_camera, state_shortcut" in printed
+    assert "not reachable object_grounded, camera_content, pose_only, " in printed
 
 
 def test_a_run_makes_as_many_calls_as_were_planned_and_says_why_no_more(
@@ -86,7 +87,7 @@ def test_a_run_makes_as_many_calls_as_were_planned_and_says_why_no_more(
         number = int(line.partition("): ")[2].split()[0])
         assert "conditions (not every frame can be shown every condition): " in line
         printed = CliRunner().invoke(app, ["plan", str(bank.root)]).stdout
-        more = int(printed.partition("--shapley asks ")[2].split()[0]) if shapley else 0
+        more = int(printed.partition("--shapley ")[2].split()[0]) if shapley else 0
         assert number == said["calls"] + more
     reasons = [line.rpartition(", because ")[2] for line in found.stderr.splitlines() if line.startswith("left out: ")]
     assert len(reasons) == len({*reasons}) > 0
@@ -121,7 +122,7 @@ def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
     assert "camera_content" in reachable(stays)
     assert unmoved(stays) == ["number 2 ('j1')"]
     printed = " ".join(CliRunner().invoke(app, ["plan", str(stays.root)]).stdout.split())
-    assert "number 2 ('j1') of the state never changes within an episode, and counts as content" in printed
+    assert "number 2 ('j1') of the state, which never changes within an episode" in printed
     assert json.loads(CliRunner().invoke(app, ["plan", str(stays.root), "--json"]).stdout)["unmoved"] == unmoved(stays)
     assert policy_verdicts(stays, tmp_path / "other") == ["camera_content"]
 

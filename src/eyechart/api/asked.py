@@ -1,9 +1,9 @@
 """Who is asked: by a SPEC, or as a callable that is at hand and may be given a name; and where, whatever it does."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.errors import SpecError
+from eyechart.errors import ArgumentError, SpecError, meant
 from eyechart.frames import FrameBank
 
 
@@ -44,6 +44,21 @@ def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type])
             kinds = ", a ".join(each for each in ("SPEC", *(one.__name__ for one in own if one is not str)))
             raise SpecError(f"a {kind} is a {kinds} or a callable, not a {type(one).__name__}")
     return several
+
+
+def require_arguments(function: str, given: Collection[str], known: type) -> None:
+    """Raise ArgumentError that lists those ``known``, fields of a TypedDict, where another is given."""
+    taken = known.__annotations__
+    for name in given:
+        if name not in taken:
+            near = f"{meant(name, taken)} it takes {', '.join(taken)}"
+            raise ArgumentError(f"{function}() got an unexpected keyword argument '{name}';{near}")
+
+
+def require_several(argument: str, given: object, example: str) -> None:
+    """Raise SpecError where one word stands in the place of several values."""
+    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+        raise SpecError(f"{argument} are several, for example {example}, not {given!r}")
 
 
 def require_new(spec: str, known: Mapping[str, object], argument: str) -> None:

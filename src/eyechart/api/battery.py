@@ -1,13 +1,13 @@
 """Models and their frames: a bank is built, the battery is run on it, and its report is read."""
 
 import secrets
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, placed, require_new, still
+from eyechart.api.asked import each_named, placed, require_arguments, require_new, require_several, still
 from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
@@ -95,8 +95,7 @@ def build_bank(
     (frames done, of how many). Raises SpecError for an unknown simulator or preset, BankError where ``out`` is taken.
     """
     steps = whole_number("steps", steps, 1)
-    if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
-        raise SpecError(f"seeds are several whole numbers, for example (0, 1, 2), not {seeds!r}")
+    require_several("seeds", seeds, "(0, 1, 2)")
     drawn = [whole_number("each of seeds", one, 0) for one in seeds]
     opened = open_bank_simulator(simulator)
     return opened.build(Path(out), preset=preset, seeds=drawn, steps=steps, progress=progress)
@@ -163,6 +162,7 @@ def run_battery(
     Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report
     on calls that failed says so in its notes.
     """
+    require_arguments("run_battery", asking, _Asking)
     named: dict[str, Any] = {**asking}
     root, place = placed(bank), Path(out).absolute()
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypedDict, Unpack
 
-from eyechart.api.asked import placed
+from eyechart.api.asked import placed, require_arguments
 from eyechart.errors import SpecError, finite_number, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.looking import Bill, Look, Pictures, Wanted, Watch, folder_name, is_policy, spec_of
@@ -51,8 +51,7 @@ def look(
 
     Raises BankError, SourceError, SpecError or LedgerError as the steps do.
     """
-    if unknown := how.keys() - _Looking.__annotations__.keys():
-        raise TypeError(f"look() got an unexpected keyword argument '{min(unknown)}'")
+    require_arguments("look", how, _Looking)
     given = {
         "frames": how.get("bank"),
         "photos": how.get("photos"),

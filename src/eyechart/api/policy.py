@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, placed, require_new, still
+from eyechart.api.asked import each_named, placed, require_arguments, require_new, require_several, still
 from eyechart.api.reports import Read, row_of, written_page
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
@@ -112,8 +112,9 @@ def run_policies(
     Raises BankError, SpecError or LedgerError as ``plan`` does.
     """
     root, place = placed(bank), Path(out).absolute()
-    if unknown := asking.keys() - _Asking.__annotations__.keys():
-        raise TypeError(f"run_policies() got an unexpected keyword argument '{min(unknown)}'")
+    require_arguments("run_policies", asking, _Asking)
+    if (conditions := asking.get("conditions")) is not None:
+        require_several("conditions", conditions, '["real", "blank"]')
     limit, most = (asking.get(name) for name in ("limit", "max_calls"))
     if (shapley := asking.get("shapley", False)) not in (True, False):
         raise SpecError(f"shapley is True or False, not {shapley!r}")
@@ -130,7 +131,7 @@ def run_policies(
         place,
         seed=whole_number("seed", asking.get("seed", 0), 0),
         extent=extent,
-        conditions=asking.get("conditions"),
+        conditions=conditions,
         timeout_s=timeout_s,
     )
     most = None if most is None else whole_number("max_calls", most, 1)

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from eyechart.api.asked import placed, still
+from eyechart.api.asked import placed, require_arguments, require_several, still
 from eyechart.api.battery import AskedModel, _ask, _asked_models, _Mode
 from eyechart.api.reports import row_of, written_page
 from eyechart.compare import Comparison, compare, replication_table
@@ -128,10 +128,13 @@ def compare_prompts(
     several, place = [prompts] if isinstance(prompts, str | Path) else prompts, Path(out).absolute()
     if len(several) < 2:
         raise SpecError(f"two prompts or more are compared, see {', '.join(PROMPTS)}; this is {len(several)}")
+    require_arguments("compare_prompts", asking, _Comparing)
     how: dict[str, Any] = {**asking}
     at_once, again = whole_number("concurrency", concurrency, 1), how.pop("again", False)
     extent: dict[str, Any] = {name: how.pop(name) for name in ("limit", "seed", "conditions") if name in how}
     extent |= {name: whole_number(name, extent[name], least) for name, least in _LEAST.items() if name in extent}
+    if "conditions" in extent:
+        require_several("conditions", extent["conditions"], '["real", "blank"]')
     cells = partial(study.plan, placed(bank), out=place, prompts=[*map(str, several)], **extent)
     allowed = Allowed(read_prices(), no_probe=not probe, concurrency=at_once, again=again)
     planned = _planned(cells, models, how, allowed, place)

@@ -10,7 +10,7 @@ from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episo
 from eyechart.episodes.planning import PATIENCE_S
 from eyechart.episodes.records import decided_by
 from eyechart.episodes.repeats import Mismatch, Repeats, longest, other_versions, refused, repeat, world_of
-from eyechart.errors import BundleError
+from eyechart.errors import BundleError, counted
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
 from eyechart.perception.view import find_view
@@ -214,11 +214,9 @@ def _difference(one: Mismatch) -> Difference:
 
 def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again, most: int) -> str:
     steps = sum(most if one.ended == "error" else len(one.steps) for one in chosen)
-    processes = "process" if how.processes == 1 else "processes"
-    return (
-        f"driving {len(chosen)} of {of} episodes of {worlds} again: {steps} steps in {how.processes} {processes}, none "
-        f"longer than {PATIENCE_S:g} s"
-    )
+    where = f"{counted(steps, 'step')} in {counted(how.processes, 'process')}"
+    again = f"driving {len(chosen)} of {counted(of, 'episode')} of {worlds} again"
+    return f"{again}: {where}, none longer than {PATIENCE_S:g} s"
 
 
 def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]) -> str:
@@ -226,8 +224,8 @@ def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]
     if not vetted and not seen:
         return ""
     steps, frames = sum(one.frames for one in vetted), sum(len(one.steps) for _, one in seen)
-    worlds = f"{len(vetted)} {'world' if len(vetted) == 1 else 'worlds'} vetted again, {steps} steps"
-    return f"; then in one process: {worlds}, and {frames} frames checked anew"
+    worlds = f"{counted(len(vetted), 'world')} vetted again, {counted(steps, 'step')}"
+    return f"; then in one process: {worlds}, and {counted(frames, 'frame')} checked anew"
 
 
 def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vetted]:

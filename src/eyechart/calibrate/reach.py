@@ -1,12 +1,18 @@
 """Which labels a bank can lead to: how many frames have a match at a similar state, and what it cannot show."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
+from eyechart.calibrate import policies
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, own_pictures, partners
-from eyechart.conditions import EXCHANGED, OVER
-from eyechart.conditions.policies import conditions_of
+from eyechart.conditions import EXCHANGED, OVER, available, by_reason
+from eyechart.conditions.policies import conditions_of, subset_conditions
 from eyechart.frames import FrameBank
+from eyechart.importing.notes import notes
+from eyechart.report.table import Table, of_lines
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import NOBODY
+from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
 from eyechart.verdicts.channels import AXES
 from eyechart.verdicts.uses import LEAST_EPISODES
 
@@ -14,6 +20,63 @@ LEAST_GROUNDED = 7
 """Below so many episodes no test of a moved object can reach .01."""
 BY_MATCH = ("object_grounded", "camera_content", "pose_only")
 """The labels of cameras that rest on pictures at a similar state."""
+
+
+@dataclass(frozen=True)
+class PolicyReach:
+    """What a bank can say of a policy, how often, and how many calls that takes.
+
+    ``matches`` are those of `matches`, ``never`` the labels of `unreachable`, ``unmoved`` the numbers of `unmoved`, and
+    ``shapley`` the calls that ``--shapley`` asks besides.
+    """
+
+    bank: FrameBank
+    power: policies.PolicyPower
+    conditions: int
+    shapley: int
+    matches: Mapping[str, int]
+    never: Mapping[str, str]
+    unmoved: list[str]
+
+    @classmethod
+    def of(cls, bank: FrameBank) -> "PolicyReach":
+        """Return this of a bank that says what a motion is."""
+        conditions, left_out = conditions_of(bank)
+        further = dict.fromkeys(name for name in subset_conditions(bank).values() if name not in conditions)
+        calls, more = (
+            sum(available(one, frame, bank) for one in many for frame in bank) for many in (conditions, further)
+        )
+        episodes = len({frame.drive for frame in bank})
+        power = policies.power(episodes, len(bank), calls, left_out, matched=matched_of(bank))
+        return cls(bank, power, len(conditions), more, matches(bank), unreachable(bank), unmoved(bank))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        labels = {"matches": self.matches, "reachable": list(reachable(self.bank)), "unreachable": self.never}
+        return {**self.power.as_dict(), **labels, "unmoved": self.unmoved, "notes": notes(self.bank)}
+
+    def details(self) -> Table:
+        """Return what the power comes of, a row each."""
+        bank, one = self.bank, self.power
+        some = ", not each of every frame" if one.calls < self.conditions * len(bank) else ""
+        unasked = {name: why for name, why in one.left_out.items() if "frame" in why}
+        alike = ", ".join(f"{channel} {count}" for channel, count in self.matches.items())
+        bound = (share_bound(0, one.episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
+        most = f"where none of {one.episodes} responds, up to {bound:.1%} may"
+        whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
+        lines = [
+            f"channels: {', '.join(channels_of(bank))}",
+            f"calls: {one.calls} ({self.conditions} conditions{some}); about four times that where answers are drawn",
+            f"frames with a match at a similar state: of {len(bank)}: {alike}",
+            f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
+            *(f"not reachable: {labels}: {why}" for labels, why in by_reason(self.never).items()),
+            *(f"counts as content: {it} of the state, which never changes within an episode" for it in self.unmoved),
+            *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
+            *(f"note: {words}" for words in notes(bank)),
+            *([f"--shapley: {self.shapley} calls more"] if self.shapley else []),
+            f"absence (ignores_camera …): said of {whole}: {most}",
+        ]
+        return of_lines("details", "What it comes of", lines)
 
 
 def matches(bank: FrameBank) -> dict[str, int]:

@@ -64,15 +64,11 @@ def closed_loop(
     actions: _Actions = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
-    concurrency: options.Episodes = 8,
-    how: options.Options = options.AS_USUAL,
     max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
     silence: Annotated[
         str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
     ] = "unfinished",
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.Again = False,
-    dry_run: options.DryDrive = False,
+    making: options.Driving = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
     """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
@@ -87,7 +83,7 @@ def closed_loop(
     """
     from eyechart import episodes as study
 
-    if not dry_run:
+    if not making.dry_run:
         study.require_engine(engine)
 
     def planned(drivers: "Sequence[str | RequestMode]") -> "Episodes":
@@ -101,12 +97,11 @@ def closed_loop(
             conditions=shown,
             prompt=prompt,
         )
-        return replace(made, again=again, engine=engine)
+        return replace(made, again=making.again, engine=engine)
 
-    at_once = {"processes": processes or processors(), "concurrency": concurrency}
-    allowed = spending.allowed(out, dry_run=dry_run, **at_once)
+    allowed = making.allowed(out, processes=processes or processors())
     done = f"'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive"
-    _drive(policy or (), mode, how, allowed, out, planned, done, show=partial(_show, json=json))
+    _drive(policy or (), mode, making.how, allowed, out, planned, done, show=partial(_show, json=json))
 
 
 @options.expanded
@@ -129,14 +124,10 @@ def hierarchy(
     prompt: _Prompt = None,
     seed: _Seed = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
-    concurrency: options.Episodes = 8,
     silence: Annotated[
         str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
     ] = "fail-safe",
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.Again = False,
-    dry_run: options.DryDrive = False,
+    making: options.Driving = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
@@ -151,11 +142,10 @@ def hierarchy(
     from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Planner
 
-    allowed = spending.allowed(out, dry_run=dry_run, processes=processes, concurrency=concurrency)
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
 
     def planned(modes: "Sequence[RequestMode]") -> Arms:
-        parts = plan(out, modes, choice=choice, seed=seed, prompt=prompt, silence=silence, again=again)
+        parts = plan(out, modes, choice=choice, seed=seed, prompt=prompt, silence=silence, again=making.again)
         return Arms(parts, out)
 
     def show(_: Arms) -> None:
@@ -163,7 +153,7 @@ def hierarchy(
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
     planner = Planner(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
-    make(planner, options.read_modes(policy or [], mode, how.given()), allowed, show=show)
+    make(planner, making.asked(policy or [], mode), making.allowed(out, processes=processes), show=show)
 
 
 @options.expanded
@@ -225,12 +215,8 @@ def ladder(
     prompt: _Prompt = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
-    concurrency: options.Episodes = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
+    making: options.Driving = options.DRIVEN,
     against: options.Against = None,
-    again: options.Again = False,
-    dry_run: options.DryDrive = False,
     json: options.Json = False,
 ) -> None:
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
@@ -255,7 +241,7 @@ def ladder(
             actions=actions,
             prompt=prompt,
             seed=seed,
-            again=again,
+            again=making.again,
         )
         require_reference(made, against)  # before anything is asked or driven
         return made
@@ -271,8 +257,8 @@ def ladder(
         kept = {name: one for name, one in scored.as_dict().items() if name in parts}
         print_json({**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]})
 
-    allowed = spending.allowed(out, dry_run=dry_run, processes=processes, concurrency=concurrency)
-    _drive(policy or (), mode, how, allowed, out, planned, alone=False, show=show)
+    allowed = making.allowed(out, processes=processes)
+    _drive(policy or (), mode, making.how, allowed, out, planned, alone=False, show=show)
 
 
 def audit(

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.options import Json, Model, expanded, read_places
-from eyechart.cli.terminal import print_json, print_line, progress, say
-from eyechart.errors import SpecError, perhaps
+from eyechart.cli.terminal import print_json, progress, say
+from eyechart.errors import SpecError, counted, perhaps
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import FrameBank, MirrorAxis, Shared
+    from eyechart.frames import MirrorAxis, Shared
     from eyechart.importing import Ahead, Choices, Convert
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
@@ -56,7 +56,7 @@ def build(
     with progress("frames", "frames") as move:
         made_by = open_bank_simulator(simulator)
         bank = made_by.build(out, preset=preset, seeds=chosen, steps=steps, controls_seed=controls_seed, progress=move)
-    say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+    say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
 def _add_to(root: Path, out: Path | None) -> None:
@@ -65,8 +65,8 @@ def _add_to(root: Path, out: Path | None) -> None:
 
     with progress("frames", "frames") as move:
         bank, count = add_missing(root, out, move)
-    said = f"{count} pictures added" if count else f"{root} lacks none of its control pictures"
-    say(f"{said}; {len(bank)} frames in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
+    said = f"{counted(count, 'picture')} added" if count else f"{root} lacks none of its control pictures"
+    say(f"{said}; {counted(len(bank), 'frame')} in {bank.root}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,9 @@ class Described:
         str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
     ] = ""
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
-    format_: Annotated[str, typer.Option("--format", help=f"{' or '.join(FORMATS)}.")] = "table"
+    format_: Annotated[
+        str, typer.Option("--format", help=f"{' or '.join(FORMATS)}; where it is not given, a folder is recognised.")
+    ] = "table"
     camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
     rig: Annotated[
         Path | None,
@@ -167,11 +169,11 @@ class Described:
             wrong=wrong.lines,
         )
 
-    def format_of(self, folder: Path) -> Format:
-        """Return the format of a folder; raises SpecError where it does not take what was given."""
+    def format_of(self, folder: Path, *, named: bool) -> Format:
+        """Return a folder's format, or the one that was ``named``; raises SpecError where it does not take the rest."""
         ahead = (self.horizon, self.kind) != (None, None)
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
-        return find_format(self.format_, folder, [name for name, given in used.items() if given])
+        return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
 
     def own(self) -> dict[str, object]:
         """Return what some formats alone take."""
@@ -194,6 +196,7 @@ def _names(words: str) -> tuple[str, ...]:
 )
 @expanded
 def import_(
+    ctx: typer.Context,
     folder: Annotated[
         Path, typer.Argument(help=f"Folder of {', or of '.join(one.folder for one in FORMATS.values())}.")
     ],
@@ -203,11 +206,12 @@ def import_(
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.importing.costs import costs, taken
 
-    choices, source, own = described.choices(), described.format_of(folder), described.own()
+    named = str(ctx.get_parameter_source("format_")).endswith("COMMANDLINE")
+    choices, source, own = described.choices(), described.format_of(folder, named=named), described.own()
     options = {name: own[name] for name in source.options if name in own}
     with progress("import", "rows and frames") as move:
         bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
-    say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+    say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
     say(*taken(bank), *costs(bank))
 
 
@@ -328,7 +332,10 @@ def plan(
 
     opened = open_bank(bank)
     if opened.manifest.motion is not None and not model:
-        _plan_policies(opened, json=json)
+        from eyechart.calibrate.reach import PolicyReach
+
+        asked = PolicyReach.of(opened)
+        print_json(asked.as_dict()) if json else print_each([asked.power.table(), asked.details()])
         return
     specs = list(dict.fromkeys(model or ()))
     for spec in specs:
@@ -337,55 +344,7 @@ def plan(
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
-    print_each([found.table()], 160)
-    for line in found.lines(specs):
-        print_line(line)
-
-
-def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
-    """Print what a bank can say of a policy, and how many calls it takes."""
-    from eyechart.calibrate.policies import power
-    from eyechart.calibrate.reach import matched_of, matches, reachable, unmoved, unreachable
-    from eyechart.channels import channels_of
-    from eyechart.cli.terminal import print_each
-    from eyechart.conditions import available, by_reason
-    from eyechart.conditions.policies import conditions_of, subset_conditions
-    from eyechart.importing.notes import notes
-    from eyechart.stats.guarantees import share_bound
-    from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
-
-    conditions, left_out = conditions_of(bank)
-    further = [name for name in dict.fromkeys(subset_conditions(bank).values()) if name not in conditions]
-    calls, more = (
-        sum(available(name, frame, bank) for name in many for frame in bank) for many in (conditions, further)
-    )
-    episodes = len({frame.drive for frame in bank})
-    bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
-    whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
-    found = power(episodes, len(bank), calls, left_out, matched=matched_of(bank))
-    never = unreachable(bank)
-    if json:
-        labels = {"matches": matches(bank), "reachable": list(reachable(bank)), "unreachable": never}
-        print_json({**found.as_dict(), **labels, "unmoved": unmoved(bank), "notes": notes(bank)})
-        return
-    print_each([found.table()])
-    some = ", not each of every frame" if calls < len(conditions) * len(bank) else ""
-    alike = ", ".join(f"{channel} {count}" for channel, count in matches(bank).items())
-    unasked = {name: why for name, why in left_out.items() if "frame" in why}
-    print_each(
-        [
-            f"channels: {', '.join(channels_of(bank))}",
-            f"calls: {calls} ({len(conditions)} conditions{some}); about four times as many of who draws its answers",
-            f"frames with a match at a similar state, of {len(bank)}: {alike}",
-            f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
-            *(f"not reachable: {labels}: {why}" for labels, why in by_reason(never).items()),
-            *(f"{one} of the state never changes within an episode, and counts as content" for one in unmoved(bank)),
-            *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
-            *notes(bank),
-            *([f"--shapley asks {more} calls more"] if more else []),
-            f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
-        ]
-    )
+    print_each([found.table(), found.details(specs)], 160)
 
 
 def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":

@@ -169,6 +169,45 @@ ADDRESSED = Addressing()
 AS_USUAL = Options()
 
 
+@dataclass(frozen=True)
+class Making:
+    """How the models of a run are asked, how much at once, and what that may take."""
+
+    concurrency: Concurrency = 8
+    how: Options = AS_USUAL
+    spending: Spending = NO_LIMIT
+    again: AskAgain = False
+    dry_run: DryRun = False
+
+    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "Asked":
+        """Return the modes of the models of a command, as `read_modes` does."""
+        return read_modes(specs, files, self.how.given())
+
+    def allowed(self, out: Path, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
+        """Return what a command allows its run, as `Spending` does."""
+        at_once = {"concurrency": self.concurrency, "again": self.again}
+        return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)
+
+
+@dataclass(frozen=True)
+class MakingForms(Making):
+    """The same of a study that varies the form of a reply."""
+
+    how: Addressing = ADDRESSED  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Driving(Making):
+    """The same of drives."""
+
+    concurrency: Episodes = 8
+    again: Again = False
+    dry_run: DryDrive = False
+
+
+MADE, FORMS_MADE, DRIVEN = Making(), MakingForms(), Driving()
+
+
 def names(given: str | None) -> list[str] | None:
     """Return the names of a list with commas, None where none is given."""
     return None if given is None else [one.strip() for one in given.split(",")]
@@ -223,7 +262,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def run(**given: Any) -> None:  # noqa: ANN401  (as many kinds as there are options)
         for name, group in groups.items():
-            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+            given[name] = _built(group, given)
         command(**given)
 
     run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
@@ -265,10 +304,18 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
     if not is_dataclass(parameter.annotation):
         return [parameter]
     hints = get_type_hints(parameter.annotation, include_extras=True)
-    return [
-        parameter.replace(name=field.name, annotation=hints[field.name], default=field.default)
-        for field in fields(parameter.annotation)
+    own = [
+        parameter.replace(name=one.name, annotation=hints[one.name], default=one.default)
+        for one in fields(parameter.annotation)
     ]
+    return [option for one in own for option in _options(one)]
+
+
+def _built(group: Any, given: dict[str, Any]) -> Any:  # noqa: ANN401 - a class of options, and one of them
+    """Return a group of the options that were ``given``, which are taken from them, with the groups in it."""
+    hints = get_type_hints(group)
+    parts = {one.name: _built(hints[one.name], given) for one in fields(group) if is_dataclass(hints[one.name])}
+    return group(**parts, **{one.name: given.pop(one.name) for one in fields(group) if one.name not in parts})
 
 
 def _number(text: str) -> object:

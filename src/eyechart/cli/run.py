@@ -12,7 +12,7 @@ from typer.main import get_command
 from eyechart.cli import options, probe
 from eyechart.cli.help import Command, Group
 from eyechart.cli.terminal import output_kept, progress, resumable, say
-from eyechart.errors import LedgerError, SpecError, perhaps
+from eyechart.errors import LedgerError, SpecError, counted, perhaps
 
 if TYPE_CHECKING:
     from eyechart.limits import Spent
@@ -72,9 +72,6 @@ def battery(
     seed: options.Seed = 0,
     limit: options.Limit = None,
     shard: options.Shard = None,
-    concurrency: options.Concurrency = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
     controls: Annotated[
         str | None,
         typer.Option(
@@ -89,8 +86,7 @@ def battery(
         bool,
         typer.Option("--fresh-controls", help="Draw the distances of the bank's controls anew, for this run alone."),
     ] = False,
-    again: options.AskAgain = False,
-    dry_run: options.DryRun = False,
+    making: options.Making = options.MADE,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
 
@@ -102,17 +98,15 @@ def battery(
     from eyechart.studies import battery as study
     from eyechart.studies.probed import Planner
 
-    asked_about = _with_fresh_controls(frames, out, shard, dry_run=dry_run) if fresh_controls else frames
+    asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)
         extent, names = study.Extent(limit, part, stop_early, controls), options.names(conditions)
         return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
-    asked = options.read_modes(model, mode, how.given())
-    allowed = spending.allowed(out, dry_run=dry_run, shard=shard, concurrency=concurrency, again=again)
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    make(Planner(planned, [out]), asked, allowed, done)
+    make(Planner(planned, [out]), making.asked(model, mode), making.allowed(out, shard=shard), done)
 
 
 @options.expanded
@@ -133,11 +127,7 @@ def prompts(
     ] = "real,blank",
     limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
     seed: options.Seed = 0,
-    concurrency: options.Concurrency = 8,
-    how: options.Addressing = options.ADDRESSED,
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.AskAgain = False,
-    dry_run: options.DryRun = False,
+    making: options.MakingForms = options.FORMS_MADE,
 ) -> None:
     """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
 
@@ -168,12 +158,10 @@ def prompts(
             seed=seed,
         )
 
-    asked = options.read_modes(model, mode, how.given())
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
     # a cell with a budget of its own says nothing of the others'; the form of an answer is a factor of this study
     planner = Planner(planned, study.cells_in(out), whole=not budget)
-    make(planner, asked, allowed, done, fixed={"structured": "none"})
+    make(planner, making.asked(model, mode), making.allowed(out), done, fixed={"structured": "none"})
 
 
 @options.expanded
@@ -184,11 +172,7 @@ def admission(
     mode: options.Mode = None,
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
-    concurrency: options.Concurrency = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.AskAgain = False,
-    dry_run: options.DryRun = False,
+    making: options.Making = options.MADE,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
 
@@ -200,8 +184,7 @@ def admission(
     from eyechart.studies.probed import Planner
 
     planner = Planner(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
-    make(planner, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
+    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -213,11 +196,7 @@ def structured(
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
     limit: options.Limit = None,
-    concurrency: options.Concurrency = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.AskAgain = False,
-    dry_run: options.DryRun = False,
+    making: options.Making = options.MADE,
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
 
@@ -230,8 +209,7 @@ def structured(
 
     plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
     planner = Planner(lambda modes: plan(frames, modes, out), [out])
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
-    make(planner, options.read_modes(model, mode, how.given()), allowed, _SCENES.format(out))
+    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -243,11 +221,7 @@ def _study(
     mode: options.Mode = None,
     seed: options.Seed = 0,
     limit: options.Limit = None,
-    concurrency: options.Concurrency = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
-    again: options.AskAgain = False,
-    dry_run: options.DryRun = False,
+    making: options.Making = options.MADE,
 ) -> None:
     """Ask models what this study asks about every frame of a bank.
 
@@ -259,10 +233,7 @@ def _study(
 
     study = open_study(str(ctx.info_name))
     planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
-    make(
-        planner, options.read_modes(model, mode, how.given()), allowed, f"'eyechart score {out}' prints what came of it"
-    )
+    make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints what came of it")
 
 
 def policy(
@@ -445,7 +416,7 @@ def merge(
     from eyechart.studies import battery as study
 
     calls = study.merge(shards, out)
-    say(f"{calls} calls from {len(shards)} shards in {out}")
+    say(f"{counted(calls, 'call')} from {counted(len(shards), 'shard')} in {out}")
     whole = study.begun(out)
     left, more = whole.left(), sum(whole.more_by_model().values())
     if left or more:
@@ -453,4 +424,4 @@ def merge(
         asked = whole.manifest
         who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
         command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"
-        say(f"{left} calls are left{up_to}: {command}, with the options of the shards, makes them")
+        say(f"{counted(left, 'call', 'are')} left{up_to}: {command}, with the options of the shards, makes them")

@@ -26,7 +26,7 @@ from eyechart.episodes.records import (
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
-from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, perhaps, printable, raising
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, counted, perhaps, printable, raising
 from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
@@ -133,13 +133,12 @@ class Episodes(Planned):
             name: len({getattr(key, name) for key in others or self.keys})
             for name in ("policy", "scenario", "seed", "condition")
         }
-        plural = {name: f"{name[:-1]}ies" if name.endswith("y") else f"{name}s" for name in parts}
-        size = " × ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in parts.items())
+        size = " × ".join(counted(count, name) for name, count in parts.items())
         left = len(self.left())
         if own and others:
             who = "the marginal of one" if len(own) == 1 else f"the marginals of {len(own)}"
             size += f", and {who} with real pictures"
-        return f"{size}: {len(self.keys)} episodes, {len(self.keys) - left} finished, {left} to drive"
+        return f"{size}: {counted(len(self.keys), 'episode')}, {len(self.keys) - left} finished, {left} to drive"
 
     def forecast(self, how: Allowed) -> Iterator[str]:
         """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
@@ -404,9 +403,14 @@ def drives_ended(parts: Mapping[str, Episodes], outcome: Outcome, failed: Mappin
         lines += [f"{f'{name}: ' if name else ''}{one.policy}: {one.words}" for one in words]
     waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
     if outcome.stopped is not None and waiting:
-        return Ending([*lines, f"stopped: {outcome.stopped}; {_count(waiting)} left; a higher limit resumes"], 3)
+        return Ending(
+            [*lines, f"stopped: {outcome.stopped}; {counted(waiting, 'episode', 'are')} left; a higher limit resumes"],
+            3,
+        )
     if left:
-        return Ending([*lines, f"{_count(left)} unfinished; the same command goes on where they were cut"], 1)
+        return Ending(
+            [*lines, f"{counted(left, 'episode', 'are')} unfinished; the same command goes on where they were cut"], 1
+        )
     return Ending([*lines, *unasked({}).lines], 1) if failed else Ending(lines)
 
 
@@ -421,17 +425,12 @@ def errors_ended(parts: Mapping[str, Episodes], bound: str = "--max-steps") -> E
     failed, part = [one for _, one in found], found[0][0]
     bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
     words = (
-        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {f'{part}: ' if part else ''}"
+        f"{counted(len(failed), 'episode')} ended in an error, first {f'{part}: ' if part else ''}"
         f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
         f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
         + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
     )
     return Ending([words], 1)
-
-
-def _count(episodes: int) -> str:
-    """Return a number of episodes with its verb."""
-    return f"{episodes} episode is" if episodes == 1 else f"{episodes} episodes are"
 
 
 def require_engine(engine: str) -> None:

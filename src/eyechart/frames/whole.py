@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
+from eyechart.errors import counted
 from eyechart.frames.pictures import RGB
 
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -48,7 +49,7 @@ def _behind(picture: bytes, end: int) -> Iterator[Damage]:
     if end > len(picture):
         yield Damage(f"is damaged: it ends {end - len(picture)} bytes before its end", lost=True)
     elif (more := len(picture) - end) > 0:
-        yield Damage(f"has {more} byte{'s' * (more > 1)} behind its end", lost=False)
+        yield Damage(f"has {counted(more, 'byte')} behind its end", lost=False)
 
 
 def _of_png(picture: bytes) -> Iterator[Damage]:

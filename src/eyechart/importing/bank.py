@@ -173,7 +173,7 @@ def import_table(
     wrong, by row, and leaves nothing at ``out``.
     """
     if not folder.is_dir():
-        raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
+        raise SourceError(f"{folder} is no folder, and the pictures are looked for there")
     photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip)
     return import_rows(_opened(table, reads, choices), photographs, out, choices, progress)
 

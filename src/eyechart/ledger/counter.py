@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from eyechart.errors import LedgerError, plain_file
+from eyechart.errors import LedgerError, counted, plain_file
 
 SUFFIX = ".counter"
 _LENGTH = 160
@@ -43,11 +43,10 @@ class Written(NamedTuple):
     @property
     def words(self) -> str:
         """Return it in words."""
-        parts = (f"{n} {one if n == 1 else many}" for n, (one, many) in zip(self, _NAMES, strict=True) if n)
+        parts = (counted(n, one) for n, one in zip(self, ("request", "reply"), strict=True) if n)
         return " and ".join(parts) or "nothing"
 
 
-_NAMES = (("request", "requests"), ("reply", "replies"))
 NOTHING = Written(0, 0)
 
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.errors import LedgerError, MissingCallsWarning, is_full, printable, why
+from eyechart.errors import LedgerError, MissingCallsWarning, counted, is_full, printable, why
 from eyechart.ledger.counter import NOTHING, Written, counting, is_alone, read_counter
 from eyechart.ledger.rows import (
     AGAIN,
@@ -58,6 +58,8 @@ _EVERY_CHECKED = (
     f"SELECT r.attempt, r.row_sha256, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, r.final, r.closed_at, "
     f"{REPLY_OF} FROM replies r JOIN attempts a ON a.id = r.attempt JOIN calls c ON c.id = a.call ORDER BY r.attempt"
 )
+_BESIDE = "run.json"
+"""What the run has written beside its ledger, and before it."""
 _ASKED = OF_KEY + 3
 """So many columns of what a checksum is of stand before those of the reply."""
 _TAKEN: set[str] = set()
@@ -85,7 +87,10 @@ class Ledger:
         self, path: Path, *, create: bool = False, absent: bool = False, sound: bool = True, accepting: bool = False
     ) -> None:
         if not (create or absent or path.is_file()):
-            raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run' makes one")
+            why_none = f"is {path.parent} a run? 'eyechart run' makes one"
+            if path.with_name(_BESIDE).is_file():
+                why_none = "its run asked nobody yet, or it is lost; the command that began the run makes its calls"
+            raise LedgerError(f"{path} does not exist: {why_none}")
         self.path = path
         self._pending = self._held = NOTHING
         self._alone = is_alone(path)
@@ -333,7 +338,9 @@ class Ledger:
         finished in both.
         """
         if twice := self.finished() & other.finished():
-            raise LedgerError(f"{other.path}: {len(twice)} calls are finished in both ledgers, first {min(twice)}")
+            raise LedgerError(
+                f"{other.path}: {counted(len(twice), 'call', 'are')} finished in both ledgers, first {min(twice)}"
+            )
         with self.together():
             (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
             new = self._sql.executemany(_ADD_CALL, other._sql.execute(f"SELECT {KEY} FROM calls")).rowcount  # noqa: SLF001

@@ -9,6 +9,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+from eyechart.errors import SpecError, meant
 from eyechart.frames import open_bank
 from eyechart.importing.costs import taken
 from eyechart.looking.answer import EXIT_CODES, Look, Pictured, Step
@@ -39,13 +40,21 @@ SUMMARY = "summary.md"
 
 
 def spec_of(given: str) -> str:
-    """Return the SPEC of what was given: ``python:`` comes before the ``MODULE:FUNCTION`` of a module that is there."""
+    """Return the SPEC of what was given: ``python:`` comes before the ``MODULE:FUNCTION`` of a module that is there.
+
+    Raises SpecError that says what was looked for where that may be meant, and no such module is there.
+    """
     first, colon, rest = given.partition(":")
     if not colon or not rest or first in ADAPTERS or first in POLICIES:
         return given
     top = first.partition(".")[0]
     here = Path(f"{top}.py").is_file() or Path(top).is_dir()
     known = top.isidentifier() and (here or find_spec(top) is not None)
+    if not known and rest.isidentifier() and all(map(str.isidentifier, first.split("."))):
+        raise SpecError(
+            f"unknown model '{given}';{meant(first, [*ADAPTERS, *POLICIES])} neither an adapter (see 'eyechart list "
+            f"models') nor a module is called '{first}': no {top}.py lies in {Path.cwd()}, and none is installed"
+        )
     return f"python:{given}" if known else given
 
 

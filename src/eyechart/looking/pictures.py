@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from eyechart.errors import SourceError, SpecError, finite_number, raising
-from eyechart.importing.bank import Choices, import_table
-from eyechart.importing.lerobot import Ahead, import_lerobot, read_dataset
+from eyechart.formats import FORMATS
+from eyechart.importing.bank import Choices
+from eyechart.importing.lerobot import Ahead, read_dataset
 from eyechart.importing.photographs import Convert
 from eyechart.loops import Progress
 from eyechart.records import parse_json
@@ -87,13 +88,13 @@ class Pictures:
     def _make(self, place: Path, move: Progress, steps: int | None) -> None:
         choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, convert=Convert())
         if self.photos is not None and self.table is not None:
-            import_table(self.photos, self.table, place, choices, progress=move)
+            FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
         elif self.dataset is not None:
             frames = sum(one or 0 for one in read_dataset(self.dataset, None, every=True).episodes.lengths.values())
             ahead, every = None if steps is None else Ahead(steps), max(1, frames // TAKEN)
             own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
             with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
-                import_lerobot(self.dataset, place, own, ahead=ahead, progress=move)
+                FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
         elif steps is None:
             open_bank_simulator(WORLD).build(place, seeds=SEEDS, steps=STEPS, progress=move)
         else:

@@ -9,9 +9,10 @@ from tempfile import TemporaryDirectory
 
 from eyechart.channels import CAMERAS
 from eyechart.costs import assumed, estimate
+from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
 from eyechart.importing.bank import Choices
-from eyechart.importing.lerobot import Ahead, import_lerobot
+from eyechart.importing.lerobot import Ahead
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
 from eyechart.looking.answer import Look, Pictured, Step
@@ -55,7 +56,8 @@ def steps_of(wanted: Wanted) -> int:
         return before
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        import_lerobot(wanted.pictures.dataset, bank, Choices(every=_SELDOM), ahead=Ahead(1, "delta"))
+        a_few = {"choices": Choices(every=_SELDOM), "ahead": Ahead(1, "delta")}
+        FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
         held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=Extent(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:

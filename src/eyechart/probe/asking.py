@@ -9,7 +9,7 @@ from typing import TypedDict
 
 from eyechart.attempts import close
 from eyechart.calls import REFUSED, TRANSIENT, Query, Reply
-from eyechart.errors import EyechartError
+from eyechart.errors import EyechartError, counted
 from eyechart.limits import NOTHING, Spent, pause_s
 from eyechart.models import Model, ask, open_model
 from eyechart.models.prices import Prices, read_prices
@@ -151,7 +151,7 @@ class Asker:
         if of > 1 and self.max_cost is not None and self.spent.cost_usd + of * mean > self.max_cost:
             self.stopped = f"${self.spent.cost_usd:.4f} were spent, and {of} calls at once may pass --max-cost"
         if self.stopped is None and self.spent.calls + of > self.most:
-            self.stopped = f"{self.spent.calls} calls were sent, and no more are allowed"
+            self.stopped = f"{counted(self.spent.calls, 'call', 'were')} sent, and no more are allowed"
         if self.stopped is None and self.max_cost is not None and self.spent.cost_usd >= self.max_cost:
             self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self.max_cost:g}"
         if self.stopped is not None:

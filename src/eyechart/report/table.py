@@ -419,6 +419,12 @@ def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
     return write_files(files_of(tables), folder)
 
 
+def of_lines(name: str, caption: str, lines: Iterable[str]) -> Table:
+    """Return lines as a table: what stands before the first colon of each, and what is said of it."""
+    rows = tuple((what, says) for what, _, says in (line.partition(": ") for line in lines))
+    return Table(name, caption, (Column("what", "word"), Column("what there is, and what it takes")), rows)
+
+
 def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
     """Yield what the mark behind a name stands for, a line a guard."""
     yield from (f"{MARK} {name}: {words}" for words in marks)

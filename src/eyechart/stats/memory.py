@@ -5,8 +5,6 @@ import numpy.typing as npt
 
 from eyechart.stats.statistic import Statistic, cannot_say
 
-Floats = npt.NDArray[np.float64]
-
 RESAMPLES = 999
 _LEAST = 20
 """Calls for each number of the one before, below which a fit says nothing."""

@@ -1,19 +1,13 @@
-"""What chance alone would give: permutation p values, Holm's correction and the episode bootstrap."""
+"""What chance alone would give: permutation p values and Holm's correction."""
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
+from eyechart.stats.statistic import TIE, Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
-
-ENUMERATED_MULTISETS = 2_000_000
-"""Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
 
 
 def permutation_p(exceedances: int, resamples: int) -> float:
@@ -107,67 +101,6 @@ def ratio_of_sums(sums: Floats) -> Floats:
     return out
 
 
-def cluster_bootstrap(
-    sums: npt.ArrayLike,
-    statistic: Callable[[Floats], Floats] = ratio_of_sums,
-    *,
-    seed: int,
-    resamples: int = 5000,
-    level: float = 0.95,
-    enumerate_up_to: int = ENUMERATED_MULTISETS,
-) -> Statistic:
-    """Return a statistic of summed episodes with its percentile interval over resampled episodes.
-
-    ``sums``, shape (episodes, k), holds what each episode adds up to; ``statistic`` maps sums of shape
-    (resamples, k) to (resamples,) and gives NaN where it is undefined. Whole episodes are drawn with
-    replacement. Where the multisets of episodes number at most ``enumerate_up_to`` all are enumerated and the
-    seed has no effect; 0 forces the ``resamples`` random draws. ``n`` counts episodes. The interval is None
-    below two episodes; resamples without a value are left out and counted in ``detail["undefined"]`` (a
-    share). ValueError for sums of another shape or that are not finite. Percentile intervals of few episodes are a
-    little short. Source: section The Input-Ablation Battery.
-    """
-    given = np.asarray(sums, dtype=np.float64)
-    if given.ndim != 2 or not np.isfinite(given).all():
-        raise ValueError(f"sums must be finite, one row per episode, got shape {given.shape}")
-    return _over_episodes(given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
-
-
-@dataclass(frozen=True, slots=True)
-class _Draws:
-    """How episodes are resampled."""
-
-    seed: int
-    resamples: int
-    level: float
-    enumerate_up_to: int
-
-
-def _over_episodes(sums: Floats, statistic: Callable[[Floats], Floats], how: _Draws) -> Statistic:
-    """Return a statistic of what resampled episodes add up to."""
-    if not 0 < how.level < 1 or how.resamples < 1:
-        raise ValueError(f"level={how.level} must lie in (0, 1) and resamples={how.resamples} be at least 1")
-    method = f"{100 * how.level:g}% percentile interval over episodes"
-    if (episodes := len(sums)) == 0:
-        return cannot_say("no episodes", method=method)
-    value = float(statistic(sums.sum(axis=0)[None, :])[0])
-    if math.isnan(value):
-        return cannot_say("the statistic is undefined on these episodes", episodes, method)
-    if episodes < 2:
-        return Statistic(value, 1, method=method, note="one episode cannot be resampled")
-    multisets = math.comb(2 * episodes - 1, episodes)
-    if multisets <= how.enumerate_up_to:
-        parts = [(statistic(added), np.exp(log_p)) for added, log_p in _halves(sums)]
-        values, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
-        method += f", all {multisets} multisets"
-    else:
-        drawn = _drawn(np.random.default_rng(how.seed), how.resamples, episodes)
-        values = np.concatenate([statistic(counts @ sums) for counts in drawn])
-        weights = np.full(how.resamples, 1 / how.resamples)
-        method += f", B={how.resamples}"
-    ci, undefined = _weighted_interval(values, weights, how.level)
-    return Statistic(value, episodes, ci, method=method, detail={"undefined": undefined}, level=how.level)
-
-
 def _stack(tables: npt.ArrayLike) -> npt.NDArray[np.int64]:
     given = np.asarray(tables)
     if given.ndim not in (2, 3) or given.dtype.kind not in "iu" or (given < 0).any():
@@ -200,56 +133,3 @@ def _xlogx(n: int) -> Floats:
     """Return k log2 k for k = 0..n."""
     k = np.arange(n + 1, dtype=np.float64)
     return k * np.log2(np.maximum(k, 1.0))
-
-
-def _drawn(rng: np.random.Generator, resamples: int, episodes: int) -> Iterator[Floats]:
-    """Yield how often each resample takes each episode, shape (resamples, episodes), in chunks of `CHUNK_BYTES`."""
-    for part in chunks(resamples, episodes):
-        rows = part.stop - part.start
-        draws = rng.integers(episodes, size=(rows, episodes))
-        draws += episodes * np.arange(rows)[:, None]
-        yield np.bincount(draws.ravel(), minlength=rows * episodes).reshape(rows, episodes).astype(np.float64)
-
-
-@cache
-def _compositions(parts: int, total: int) -> npt.NDArray[np.int64]:
-    """Return all ways to write ``total`` as ``parts`` ordered counts, shape (ways, parts)."""
-    if parts == 1:
-        return np.array([[total]], dtype=np.int64)
-    blocks = []
-    for first in range(total + 1):
-        rest = _compositions(parts - 1, total - first)
-        blocks.append(np.hstack([np.full((len(rest), 1), first, dtype=np.int64), rest]))
-    return np.vstack(blocks)
-
-
-def _halves(sums: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """Yield every multiset of episodes in chunks: its sums, shape (m, k), and its log probability.
-
-    The episodes are split in two halves and the first takes 0, 1, ... of the draws: what a multiset adds up to
-    is then an outer sum of two short lists, so that no matrix of 1.4 million x 12 counts is ever made.
-    """
-    episodes = len(sums)
-    log_factorial = np.array([math.lgamma(k + 1) for k in range(episodes + 1)])
-    cut = episodes // 2
-    for drawn in range(episodes + 1):
-        left, right = _compositions(cut, drawn), _compositions(episodes - cut, episodes - drawn)
-        added = (left @ sums[:cut])[:, None, :] + (right @ sums[cut:])[None, :, :]
-        unlikely = log_factorial[left].sum(axis=1)[:, None] + log_factorial[right].sum(axis=1)[None, :]
-        log_p = log_factorial[episodes] - unlikely - episodes * math.log(episodes)
-        yield added.reshape(-1, sums.shape[1]), log_p.ravel()
-
-
-def _weighted_interval(values: Floats, weights: Floats, level: float) -> tuple[tuple[float, float] | None, float]:
-    """Return the interval between the inverse distribution at both tails, and the undefined share."""
-    defined = ~np.isnan(values)
-    undefined = max(0.0, 1.0 - float(weights[defined].sum() / weights.sum()))
-    if not defined.any():
-        return None, undefined
-    values, weights = values[defined], weights[defined]
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    tail = (1 - level) / 2
-    places = np.searchsorted(below / below[-1], [tail - 1e-12, 1 - tail - 1e-12])
-    low, high = values[order[np.minimum(places, len(order) - 1)]]
-    return (float(low), float(high)), undefined

@@ -162,7 +162,7 @@ class Study(ABC, Generic[S]):
     required: ClassVar[str] = ""
     callables: ClassVar[bool] = False
     """Whether who is asked is a callable, which counts no tokens and reports no cost."""
-    counted: ClassVar[tuple[str, str]] = ("look", "models")
+    counted: ClassVar[tuple[str, str]] = ("look", "model")
     """What its findings say yes to, and of whom: an index counts the findings of one kind together."""
 
     @abstractmethod

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from eyechart.costs import ALL, Account
-from eyechart.errors import LedgerError, SpecError
+from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.integrity import Guard, unfinished
 from eyechart.limits import Outcome
 from eyechart.manifest import is_run
@@ -76,9 +76,9 @@ class PromptStudy(Planned):
         calls, finished, unknown = self.counts()
         more = sum(sum(cell.more_by_model().values()) for cell in self.cells.values())
         up_to = f", and up to {more} of controls" if more else ""
-        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome"
-        size = f"{len(self.cells)} cells × {len(self.keeper.models)} models"
-        yield f"{size}: {counted}, {calls - finished} to make{up_to}"
+        size = f"{counted(len(self.cells), 'cell')} × {counted(len(self.keeper.models), 'model')}"
+        sent = f"{counted(calls, 'call')}, {finished} finished, {unknown} sent with unknown outcome"
+        yield f"{size}: {sent}, {calls - finished} to make{up_to}"
         for name, cell in self.cells.items():
             for one in battery.expected(cell, how.prices, concurrency=how.concurrency):
                 yield f"{name}: {one.words}"
@@ -558,7 +558,7 @@ class Prompts(OfFrames[PromptsScore]):
 
     names = ()
     runs_are = "prompts"
-    counted = ("look under every prompt", "models")
+    counted = ("look under every prompt", "model")
     question = "Under which prompt does a model look?"
     refuses: ClassVar = {
         **NO_DRIVES,

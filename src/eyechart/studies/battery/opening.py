@@ -6,6 +6,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from eyechart.errors import counted
 from eyechart.report.page import Opening, Said, Shot, parted
 from eyechart.studies.battery.album import NO_PICTURE, Album
 from eyechart.studies.battery.figures import BANDS, braking_head
@@ -104,7 +105,7 @@ def _beside(
 ) -> str:
     """Return in words which models and runs are not in the example."""
     left = len(everyone) - len(who)
-    more = f" {left} more model{' stands' if left == 1 else 's stand'} below." if left else ""
+    more = f" {counted(left, 'more model', 'stand')} below." if left else ""
     others = ", ".join(one.name for one in evidence if not any(one is each for each in asked))
     more += f" Of other frames or conditions: {others}." if others else ""
     return more

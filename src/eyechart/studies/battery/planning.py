@@ -22,7 +22,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError, perhaps, raising
+from eyechart.errors import BankError, LedgerError, SpecError, counted, perhaps, raising
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
@@ -162,15 +162,15 @@ class Battery(Planned):
     def sizes(self) -> list[str]:
         """Say what is left out and why, and how many calls there are."""
         to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()}"
-        return [*self._left_out(), self._counted("models", to_make), *self._controls(), *self._out_of_reach()]
+        return [*self._left_out(), self._counted("model", to_make), *self._controls(), *self._out_of_reach()]
 
     def _left_out(self) -> list[str]:
         return [f"left out: {names}, because {why}" for names, why in by_reason(self.left_out).items()]
 
     def _counted(self, who: str, to_make: str) -> str:
         plan, (calls, finished, unknown) = self.plan, self.counts()
-        counted = f"{calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make"
-        return f"{len(plan.models)} {who} × {plan.size}: {counted}"
+        sent = f"{counted(calls, 'call')}, {finished} finished, {unknown} sent with unknown outcome"
+        return f"{counted(len(plan.models), who)} × {plan.size}: {sent}, {to_make} to make"
 
     def _controls(self) -> list[str]:
         """Say how many calls of controls may come, and where a shard leaves them."""
@@ -179,9 +179,9 @@ class Battery(Planned):
                 "controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"
             ]
         more = sum(self.more_by_model().values())
-        return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][
-            : more > 0
-        ]
+        return [
+            f"controls: up to {counted(more, 'call')} more, of models whose answers claim what these could take away"
+        ][: more > 0]
 
     def _out_of_reach(self) -> list[str]:
         """Say which verdicts so few frames cannot give, before they are paid; nothing of a shard, or of none left."""

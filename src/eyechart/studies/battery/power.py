@@ -8,7 +8,7 @@ import numpy as np
 
 from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.frames import FrameBank
-from eyechart.report.table import Column, Mark, Table, columns
+from eyechart.report.table import Column, Mark, Table, columns, of_lines
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import Exchanged, exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
@@ -87,8 +87,8 @@ class BankPower:
         del spec  # scripted models cost nothing that could be priced
         return {"calls": sum(self.calls.values()), "controls": sum(self.controls.values()), "cost": None}
 
-    def lines(self, specs: Sequence[str]) -> list[str]:
-        """Return the same in words, a line each."""
+    def details(self, specs: Sequence[str]) -> Table:
+        """Return what that comes of, a row each: what is asked, what each test can find, and what cannot say."""
         episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
         calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
         controls = ", ".join(f"{name} {count}" for name, count in self.controls.items() if count) or "none"
@@ -122,7 +122,7 @@ class BankPower:
         more = f"and up to {sum(self.controls.values())} of controls"
         said += [f"model {spec}: {self.asked(spec)['calls']} calls {more}, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
-        return said
+        return of_lines("details", "What it comes of", said)
 
 
 def _number(value: float | None) -> str:

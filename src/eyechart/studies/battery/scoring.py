@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 from eyechart.conditions import CONTROLS, OF_BANKS, available
 from eyechart.costs import ALL, Account, Book
-from eyechart.errors import LedgerError, SpecError
+from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard, GuardChecks, ShownChecks
 from eyechart.ledger import Ledger
@@ -18,7 +18,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
 from eyechart.records import Written
 from eyechart.run import Plan
-from eyechart.spaces.reader import READER, READERS
+from eyechart.spaces.reader import READERS
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -158,19 +158,15 @@ class BatteryScore(Written, CallsScore[ModelScore]):
         """Return the sentence that bounds a verdict: bank, episodes, model, prompt, date, what was not tested."""
         bank, run = self.bank, self.manifest
         frames = (model or next(iter(self.models.values()))).answers.frames
-        episodes = _count(len({frame.episode for frame in frames}), "episode")
+        episodes = counted(len({frame.episode for frame in frames}), "episode")
         if "episode" in bank.manifest.absent:
             episodes = f"no episodes recorded{', frames declared independent' if self.independent else ''}"
         who = f"{model.model}@{model.version}" if model else "each model"
-        size = f"{_count(len(frames), 'frame')}, {episodes}"
+        size = f"{counted(len(frames), 'frame')}, {episodes}"
         asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
         if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
             asked = f"asked elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
         return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def score(
@@ -209,11 +205,7 @@ def require_scorable(
             f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}', or "
             "from Python eyechart.api.read_policies of policies, else eyechart.studies.study_of, which finds the study"
         )
-    if manifest.reader not in READERS and not reread:
-        raise LedgerError(
-            f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
-            "its decisions may differ from those seen before; read its replies anew with --reread"
-        )
+    manifest.require_reader(path, READERS, reread=reread)
     if (
         independent
         and max(Counter(frame.episode for frame in bank).values()) > 1

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
-from eyechart.errors import LedgerError
 from eyechart.frames import read_bank_manifest
 from eyechart.gate import REQUIREMENTS, Gate, Terms, hold
 from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
@@ -48,11 +47,7 @@ class OfFrames(Study[S]):
     def require_scorable(self, run: Path, reading: Reading) -> None:
         manifest, bank = read_run(run, reread=reading.reread)
         reader = manifest.prompt.asks(bank.manifest.action_space).reader
-        if manifest.reader != reader and not reading.reread:
-            raise LedgerError(
-                f"{run} was begun under version {manifest.reader} of the reader of its replies, and this is version "
-                f"{reader}: read its replies anew with --reread"
-            )
+        manifest.require_reader(run, (reader,), reread=reading.reread)
 
 
 class BatteryStudy(OfFrames[BatteryScore]):

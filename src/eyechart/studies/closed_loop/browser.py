@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eyechart.episodes import Episode
-from eyechart.errors import EyechartError
+from eyechart.errors import EyechartError, counted
 from eyechart.frames import RGB
 from eyechart.records import picked
 from eyechart.report.page import evenly
@@ -108,7 +108,7 @@ class _Album:
         said = [f"Without pictures: {words}." for words in self.refused]
         count = len(self.places)
         said.append(
-            f"Pictures of {count} episode{'' if count == 1 else 's'}, driven again from the recorded actions and "
+            f"Pictures of {counted(count, 'episode')}, driven again from the recorded actions and "
             "checked against the recorded state; 'eyechart film' shows any other."
         )
         return said

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.episodes import ACTION_MAP, Episode, Episodes, Setup, plan
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, counted
 from eyechart.modes import RequestMode
 from eyechart.planned import Allowed
 from eyechart.policies import open_policy
@@ -49,7 +49,7 @@ class Ladder(Episodes):
 
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield how many episodes there are, and what the models' calls are expected to take."""
-        yield f"{len(self.keys)} episodes, {len(self.keys) - len(self.left())} driven already"
+        yield f"{counted(len(self.keys), 'episode')}, {len(self.keys) - len(self.left())} driven already"
         yield from self.forecast(how)
 
 

@@ -249,7 +249,7 @@ class OfEpisodes(Study[S]):
 class ClosedLoop(OfEpisodes[ClosedLoopScore]):
     """Policies and models that drive."""
 
-    counted = ("drive by sight", "drivers")
+    counted = ("drive by sight", "driver")
 
     def holds(self, folder: Path) -> bool:
         return is_episodes(folder)

@@ -26,13 +26,11 @@ from eyechart.studies.guardian.votes import VoteTable, answered, require_both
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 Metrics = Mapping[str, Statistic]
-
-METRICS = ("coverage", "acc", "bal", "sens", "spec")
-"""Coverage, accuracy, balanced accuracy, sensitivity and specificity, these over the frames that were answered."""
+"""Coverage, and over the frames that were answered ``acc``, balanced accuracy, sensitivity and specificity."""
 
 
 def measure(table: VoteTable, said: Mapping[str, Ints]) -> dict[str, Metrics]:
-    """Return the `METRICS` of each set of answers to the frames of a table, shape (frames,) each.
+    """Return the metrics of each set of answers to the frames of a table, shape (frames,) each.
 
     Shares have the interval of `share_over_episodes`, and balanced accuracy that of `mean_of_shares`.
     """

@@ -9,7 +9,7 @@ from typing import ClassVar
 from eyechart.episodes import Bounds, Episodes, Setup, drives_ended, errors_ended
 from eyechart.episodes import plan as plan_episodes
 from eyechart.episodes.running import USUAL
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, counted
 from eyechart.limits import Outcome
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -232,7 +232,8 @@ class Arms(Planned):
     def lines(self, how: Allowed) -> Iterator[str]:
         """Yield the size of each run, and what its models' calls are expected to take."""
         for name, part in self.parts.items():
-            yield f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive"
+            size = f"{counted(len(part.keys), 'episode')} in {part.manifest.simulator}"
+            yield f"{name}: {size}, {len(part.left())} to drive"
             yield from (f"  {line}" for line in part.forecast(how))
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:

@@ -17,7 +17,7 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     """Sources of intent above a controller: up to seven runs of drives in one folder."""
 
     runs_are = "hierarchy"
-    counted = ("complete by their pictures", "planners")
+    counted = ("complete by their pictures", "planner")
     refuses: ClassVar = {**NO_LEDGER, **NO_DRIVES}
 
     def holds(self, folder: Path) -> bool:

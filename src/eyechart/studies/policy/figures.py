@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
-from eyechart.errors import EyechartError
+from eyechart.errors import EyechartError, counted
 from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import (
     BLUE,
@@ -370,7 +370,7 @@ def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
 
 def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
     """Return in words what is drawn of a motion, and how to read it."""
-    steps = f"{space.horizon} step{'' if space.horizon == 1 else 's'}"
+    steps = counted(space.horizon, "step")
     rate = f", {space.rate_hz:g} a second" if space.rate_hz else ""
     exchanged = (
         "Thick: its answer as things were. Every other line: with that one thing changed, and all else as it was."

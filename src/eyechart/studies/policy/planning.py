@@ -74,9 +74,9 @@ class PolicyRun(Battery):
         """Yield what is left out and why, and how many calls there are."""
         del how
         calls, finished, _ = self.counts()
-        counted = self._counted("policies", str(calls - finished))
+        size = self._counted("policy", str(calls - finished))
         yield from (*self._left_out(), *notes(self.plan.bank))
-        yield f"{counted}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
+        yield f"{size}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
         if self.of_shapley:
             yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
 

@@ -107,11 +107,7 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
             f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score {path}', "
             "or eyechart.api.read_report of a battery from Python"
         )
-    if manifest.reader != MOTION_READER and not reread:
-        raise LedgerError(
-            f"{path} was begun under version {manifest.reader} of the reader of motions, and this is version "
-            f"{MOTION_READER}: read its motions anew with --reread"
-        )
+    manifest.require_reader(path, (MOTION_READER,), reread=reread)
 
 
 def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> PolicyScore:

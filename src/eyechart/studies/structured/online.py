@@ -14,7 +14,7 @@ from pathlib import Path
 from eyechart import episodes as closed_loop
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
 from eyechart.episodes.running import USUAL
-from eyechart.errors import BankError, LedgerError, SpecError, raising
+from eyechart.errors import BankError, LedgerError, SpecError, counted, raising
 from eyechart.integrity import ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome
@@ -163,7 +163,7 @@ class Online(Episodes):
         """Yield which worlds were refused, how many episodes there are, and what they are expected to take."""
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
         yield f"view: {self.manifest.view}"
-        yield f"{len(self.keys)} episodes in worlds that pass the checks, {len(self.left())} to drive"
+        yield f"{counted(len(self.keys), 'episode')} in worlds that pass the checks, {len(self.left())} to drive"
         yield from bound(self.manifest.modes.values())
         yield from self.forecast(how)
 

@@ -13,7 +13,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.records import Written
 from eyechart.spaces.discrete import DRIVING, Discrete
-from eyechart.spaces.scene import SCENE_READER, SCENE_READERS, SCENES, Estimate, SceneSpace
+from eyechart.spaces.scene import SCENE_READERS, SCENES, Estimate, SceneSpace
 from eyechart.stats.agreement import rate
 from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.jackknife import mean_over_episodes
@@ -248,11 +248,7 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
     """Raise LedgerError where a run may not be scored as was asked, see ``score``."""
     if manifest.study not in STUDIES:
         raise LedgerError(f"{path} is a run of the study '{manifest.study}', not one of {', '.join(STUDIES)}")
-    if manifest.reader not in SCENE_READERS and not reread:
-        raise LedgerError(
-            f"{path} was begun under version {manifest.reader} of the reader of scenes, and this is version "
-            f"{SCENE_READER}: its estimates may differ from those seen before; read its replies anew with --reread"
-        )
+    manifest.require_reader(path, SCENE_READERS, reread=reread)
 
 
 def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> StructuredScore:

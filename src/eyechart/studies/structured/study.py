@@ -36,7 +36,7 @@ class Structured(OfFrames[StructuredScore]):
 
     names = STUDIES
     runs_are = "estimates"
-    counted = ("admitted", "estimators")
+    counted = ("admitted", "estimator")
     requirements = ADMISSION
     required = "admission"
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
@@ -121,7 +121,7 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         **{name: why for name, why in NO_LEDGER.items() if name != "gate"},
         "score --against": NO_DRIVES["score --against"],
     }
-    counted = ("admitted", "estimators")
+    counted = ("admitted", "estimator")
     requirements = ONLINE
     required = "admission"
 

@@ -26,7 +26,9 @@ from eyechart.calibrate.adversaries import (
     road,
     scale,
 )
-from eyechart.calibrate.strangers import (
+from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.spaces.scene import Other, Scene
+from strangers import (
     FARTHEST_M,
     Make,
     Reads,
@@ -40,8 +42,6 @@ from eyechart.calibrate.strangers import (
     says_slow,
     three_sides,
 )
-from eyechart.models.scripted import Answer, Reading, Sight
-from eyechart.spaces.scene import Other, Scene
 
 PAINTS = ("blue", "orange", "magenta")
 """The lead's colours where a reading bears none."""
