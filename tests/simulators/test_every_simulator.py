@@ -60,7 +60,7 @@ def test_its_bank_is_what_its_manifest_says(bank: FrameBank) -> None:
 
 
 def test_the_same_seeds_give_the_same_frames_and_others_give_others(bank: FrameBank, tmp_path: Path) -> None:
-    """A bank can be built again from its name; a seed is one episode a scenario, of so many steps, and progress is told."""
+    """A bank can be built again from its name, which is told as it goes; a seed is one episode a scenario."""
     simulator, told = open_bank_simulator(bank.manifest.simulator), list[tuple[int, int]]()
     again = simulator.build(tmp_path / "again", seeds=(0, 1), steps=4, progress=lambda *at: told.append(at))
     assert told[-1] == (len(bank), len(bank))
