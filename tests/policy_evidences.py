@@ -267,7 +267,11 @@ def said_of(rng: Random, axis: str, make: Make) -> str:
 
     Nothing of one that is read otherwise since.
     """
-    statistics, found = verdict_of(rng, axis, make)
+    return words_of(*verdict_of(rng, axis, make))
+
+
+def words_of(statistics: Mapping[str, Statistic], found: PolicyVerdict) -> str:
+    """Return what a verdict says of an evidence, likewise."""
     if is_read_otherwise(statistics):
         return ""
     axes = {name: (one.as_dict(), one.may_be) for name, one in found.axes.items()}

@@ -28,7 +28,8 @@ CHOSEN = (
     "check | (contradiction|named pipe)",
     "import | (full disk|failing change|failing lock)",
     "merge | failing (statement|lock|temporary)",
-    "drives resumed | (contradiction|full disk)",
+    "drives resumed | contradiction",
+    "drives resumed | full disk | 20000",
     "doctor | few descriptors",
 )
 """The cells of the short form, as ``exercise | fault | case``; each part is a pattern."""

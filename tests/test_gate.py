@@ -1,7 +1,9 @@
 """The gate: what passes, what fails, and what cannot say."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,17 @@ def run_of(spec: str, folder: Path, **options: object) -> Path:
     return folder / "run"
 
 
+@pytest.fixture(scope="module")
+def alone(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that gives a complete run of one controller, made once."""
+    folder = tmp_path_factory.mktemp("alone")
+    return cache(lambda controller: demo.alone(controller, folder / controller))
+
+
+SCORED = cache(battery.score)
+"""Scores a run once, however many gates are asked of it."""
+
+
 @pytest.mark.parametrize(
     ("require", "controller", "code"),
     [
@@ -56,9 +69,17 @@ def run_of(spec: str, folder: Path, **options: object) -> Path:
         ("depth", "nuisance", 1),
     ],
 )
-def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, controller: str, code: int) -> None:
+def test_the_exit_code_is_the_answer(
+    alone: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    require: str,
+    controller: str,
+    code: int,
+) -> None:
     """0 holds, 1 fails, 2 cannot say, on a complete run of one controller."""
-    run = demo.alone(controller, tmp_path / "run")
+    monkeypatch.setattr("eyechart.studies.battery.study.score", SCORED)
+    run = alone(controller)
     result = CliRunner().invoke(app, ["gate", str(run), "--require", require, "--junit", str(tmp_path / "gate.xml")])
     assert result.exit_code == code, result.output
     suite = ET.parse(tmp_path / "gate.xml").getroot()[0]  # noqa: S314 - our own file

@@ -51,8 +51,11 @@ def test_a_verdict_names_its_scope(demo: Demo, verdicts: dict[str, Verdict]) -> 
         assert part in verdict.scope
 
 
-def test_json_has_the_names_that_scripts_rely_on(demo: Demo) -> None:
+def test_json_has_the_names_that_scripts_rely_on(
+    demo: Demo, scored: BatteryScore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """``verdict --json`` and ``score --json`` carry the promised keys, and no NaN."""
+    monkeypatch.setattr("eyechart.studies.battery.study.score", lambda *_, **__: scored)
     verdicts = _json("verdict", str(demo.run), "--json")
     for one in verdicts["models"].values():
         assert {"paper", "calibrated", "lateral", "evidence", "because", "notes"} <= one.keys()

@@ -93,17 +93,36 @@ CHANGES: dict[str, tuple[Change, str]] = {
 }
 
 
+TOGETHER = (
+    ("an answer", "a time", "a share", "a table cell", "a manifest's layout"),
+    ("a state", "the day", "a bound", "a figure"),
+    ("a logged motion", "the seed"),
+    ("an instruction",),
+)
+"""Changes that have nothing to do with each other, and are made in one bundle."""
+
+
+def test_every_change_is_made_in_one_bundle() -> None:
+    """None is forgotten."""
+    assert sorted(CHANGES) == sorted(what for together in TOGETHER for what in together)
+
+
 def test_an_honest_bundle_holds_and_is_of_this_eyechart(packed: Path) -> None:
     """The rules of reading motions have a version of their own, by which a bundle is no other eyechart's."""
     found = validate(packed)
     assert (found.differences, found.uncompared, found.notes, found.holds) == ([], [], [], True)
 
 
-@pytest.mark.parametrize("what", CHANGES)
-def test_one_changed_number_is_named(what: str, packed: Path, tmp_path: Path) -> None:
-    """Whoever changed it has mended the digests of all files."""
-    change, line = CHANGES[what]
+@pytest.mark.parametrize("together", TOGETHER)
+def test_one_changed_number_is_named(together: tuple[str, ...], packed: Path, tmp_path: Path) -> None:
+    """Each of several; whoever changed it has mended the digests of all files."""
+
+    def change(folder: Path) -> None:
+        for what in together:
+            CHANGES[what][0](folder)
+
     found = validate(repacked(packed, tmp_path, change))
     said = "\n".join(map(str, found.differences))
-    assert re.search(line, said, re.MULTILINE), said
+    for what in together:
+        assert re.search(CHANGES[what][1], said, re.MULTILINE), said
     assert found.uncompared == []

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from matrix import guests, materials, mutations, stand_in
@@ -77,11 +77,16 @@ class Matrix:
     arrow: bool
 
     def __post_init__(self) -> None:
-        self.stock = self.work / "stock"
-        if not self.stock.exists():
-            materials.prepare(self.stock, arrow=self.arrow)
         self.plain: dict[str, tuple[Ended, str]] = {}
         self.port = stand_in.free_port()
+
+    @cached_property
+    def stock(self) -> Path:
+        """Return the folder of the materials, which are made where the first exercise needs one."""
+        folder = self.work / "stock"
+        if not folder.exists():
+            materials.prepare(folder, arrow=self.arrow)
+        return folder
 
     def exercises(self) -> list[Exercise]:
         """Return the exercises that can be done here."""
@@ -92,7 +97,8 @@ class Matrix:
         folder = self.work / "cell"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        materials.copy(self.stock, exercise.needs, folder)
+        if exercise.needs:
+            materials.copy(self.stock, exercise.needs, folder)
         self.invite(folder, exercise, manner)
         return folder
 

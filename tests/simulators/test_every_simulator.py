@@ -60,9 +60,10 @@ def test_its_bank_is_what_its_manifest_says(bank: FrameBank) -> None:
 
 
 def test_the_same_seeds_give_the_same_frames_and_others_give_others(bank: FrameBank, tmp_path: Path) -> None:
-    """A bank can be built again from its name; a seed is one episode a scenario, of so many steps."""
-    simulator = open_bank_simulator(bank.manifest.simulator)
-    again = simulator.build(tmp_path / "again", seeds=(0, 1), steps=4)
+    """A bank can be built again from its name, which is told as it goes; a seed is one episode a scenario."""
+    simulator, told = open_bank_simulator(bank.manifest.simulator), list[tuple[int, int]]()
+    again = simulator.build(tmp_path / "again", seeds=(0, 1), steps=4, progress=lambda *at: told.append(at))
+    assert told[-1] == (len(bank), len(bank))
     others = simulator.build(tmp_path / "others", seeds=(2, 3), steps=4)
     assert again.manifest.fingerprint == bank.manifest.fingerprint
     assert again.manifest.images == bank.manifest.images
@@ -135,12 +136,10 @@ def test_moving_the_lead_changes_the_picture(bank: FrameBank) -> None:
         assert bank.image(frame, "lead_near") != bank.image(frame, "lead_far")
 
 
-def test_it_tells_its_progress_and_refuses_what_cannot_be(bank: FrameBank, tmp_path: Path) -> None:
-    """Frame by frame; an unknown preset and a place that is taken are errors in words."""
-    simulator, told = open_bank_simulator(bank.manifest.simulator), []
-    simulator.build(tmp_path / "new", seeds=(0,), steps=4, progress=lambda done, total: told.append((done, total)))
-    assert told[-1] == (len(bank) // 2, len(bank) // 2)
+def test_it_refuses_what_cannot_be(bank: FrameBank, tmp_path: Path) -> None:
+    """An unknown preset and a place that is taken are errors in words."""
+    simulator = open_bank_simulator(bank.manifest.simulator)
     with pytest.raises(SpecError, match="no preset 'ideal'"):
         simulator.build(tmp_path / "other", preset="ideal")
     with pytest.raises(BankError, match="exists already"):
-        simulator.build(tmp_path / "new")
+        simulator.build(bank.root)

@@ -37,6 +37,8 @@ pytestmark = pytest.mark.slow
 
 STEADY, LOSING, LOCKED = "standin:steady", "standin:losing", "standin:locked"
 EARLY = study.Extent(stop_early=True)
+SCORED = functools.cache(functools.partial(study.score, resamples=99))
+"""Scores a run that no test changes once, with few resamples."""
 CLEAR = ("constant", "truncating", "depth", "presence", "depth_lateral", "refuse_blank")
 
 
@@ -142,14 +144,14 @@ def test_the_card_of_an_early_depth_shows_its_test_and_that_of_an_absence_its_e_
 def test_a_gate_takes_a_stopped_run_for_complete(highway: tuple[Path, Result]) -> None:
     """Depth holds, its absence fails, and the reason says that the run stopped early, and by what."""
     out, _ = highway
-    held = {check.model: check for check in hold(study.score(out, resamples=99), ["depth"]).checks}
+    held = {check.model: check for check in hold(SCORED(out), ["depth"]).checks}
     assert held["scripted:depth"].holds
     assert held["scripted:depth_lateral"].holds
     assert not held["scripted:presence"].holds
     because = held["scripted:depth"].because
     assert "stopped early after 1687 of 2592 calls, by depth" in because
     assert "of 100 comparisons the wrong way round: order = " in because
-    rate = hold(study.score(out, resamples=99), ["depth"], max_unparsed=0.9).checks[1]
+    rate = hold(SCORED(out), ["depth"], max_unparsed=0.9).checks[1]
     assert (rate.requirement, rate.holds) == ("max_unparsed", None)
     assert "stopped early" in rate.because
 
@@ -159,7 +161,7 @@ def test_verdict_and_score_say_that_a_run_stopped_early(
 ) -> None:
     """After how many calls, by which rule, and the e-values; what was asked of all frames keeps its p."""
     out, _ = highway
-    monkeypatch.setattr(study, "score", functools.partial(study.score, resamples=99))
+    monkeypatch.setattr("eyechart.studies.battery.study.score", lambda folder, **_: SCORED(folder))
     shown = CliRunner().invoke(app, ["verdict", str(out)], env={"COLUMNS": "200"}).output
     assert "(1687/2592)" in shown
     assert "stopped early after 1687 of 2592 calls, by depth" in " ".join(shown.split())
