@@ -192,7 +192,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "reads the header of a checkpoint in bounded length: tests/extras",
     ("eyechart.models.ollama", "_fetched"): "asks Ollama of its model, as its user names it: tests/models",
     ("eyechart.perception.estimators", "_silent_when_free"): "parses what eyechart wrote itself",
-    ("eyechart.probe.arrival", "at_size"): "opens a picture that eyechart drew itself",
+    ("eyechart.probe.arrival", "in_form"): "opens a picture that eyechart drew itself",
     ("eyechart.report.page", "unpack"): "reads a page of a bundle only where its bytes differ: tests/bundle",
     (
         "eyechart.serve.life",

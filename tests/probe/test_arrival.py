@@ -14,11 +14,11 @@ from seeing import Endpoint
 from ways import Kept, OnTheWay, Rig, enlarged
 
 
-def large_sample() -> Sample:
-    """Return the built-in sample with pictures of 640×400 pixels."""
+def large_sample(kind: str = "PNG") -> Sample:
+    """Return the built-in sample with pictures of 640×400 pixels in this format."""
     plain = default_sample()
     asked = [
-        (prompt, replace(seen, images={name: enlarged(one) for name, one in seen.images.items()}))
+        (prompt, replace(seen, images={name: enlarged(one, kind) for name, one in seen.images.items()}))
         for prompt, seen in plain.asked
     ]
     return replace(plain, asked=asked)
@@ -47,6 +47,42 @@ def test_a_server_that_drops_or_mixes_pictures_is_found_before_the_run_is_paid(e
         with pytest.raises(ProbeError, match=said):
             probe(RequestMode("openai:m", base_url=server.base_url), sample=large_sample())
         assert server.requests <= MOST_CALLS
+
+
+@pytest.mark.parametrize("tokens", [85, 0])
+@pytest.mark.parametrize("kind", ["JPEG", "WEBP"])
+def test_a_server_that_drops_pictures_by_their_format_is_found_before_the_run_is_paid(kind: str, tokens: int) -> None:
+    """A run's pictures are drawn in their own format; a server that shows them to the model is probed as ever."""
+    for way, healthy in (("knows PNG", False), ("", True)):
+        with FaultServer([OnTheWay(way=way, tokens=tokens)]) as server:
+            mode = RequestMode("openai:m", base_url=server.base_url)
+            if healthy:
+                assert probe(mode, sample=large_sample(kind)).measured.sees_image is True
+                continue
+            with pytest.raises(ProbeError, match=rf"'picture' fails: .*\(640×400 as {kind}\) do not arrive.*as PNG"):
+                probe(mode, sample=large_sample(kind))
+
+
+@pytest.mark.parametrize("honest", [True, False])
+def test_pictures_that_arrive_in_some_calls_only_are_found_before_the_run_is_paid(*, honest: bool) -> None:
+    """Where every other call goes to a server without eyes: half of what is right in one call is missed in another."""
+    with FaultServer([OnTheWay(way="takes turns", honest=honest)]) as server:
+        with pytest.raises(ProbeError, match="'picture' fails: pictures arrive in some calls only"):
+            probe(RequestMode("openai:m", base_url=server.base_url), sample=large_sample())
+        assert server.requests <= MOST_CALLS
+
+
+def test_the_largest_picture_of_a_run_is_the_one_that_is_drawn() -> None:
+    """Also where the first frame's is small, and the server drops the others by their size."""
+    small, large = default_sample().asked, large_sample().asked
+    with (
+        FaultServer([OnTheWay(way="drops")]) as server,
+        pytest.raises(ProbeError, match=r"'picture' fails: pictures of this run's size \(640×400\)"),
+    ):
+        probe(
+            RequestMode("openai:m", base_url=server.base_url),
+            sample=replace(default_sample(), asked=[small[0], *large[1:]]),
+        )
 
 
 HEALTHY = (
@@ -79,11 +115,11 @@ def test_a_cache_by_prefix_is_named_as_the_cause() -> None:
     assert "a cache by prefix" in found.causes[0]
 
 
-def rig_sample() -> Sample:
-    """Return the sample with two cameras."""
+def rig_sample(cameras: tuple[str, ...] = ("front", "rear")) -> Sample:
+    """Return the sample with several cameras."""
     plain = default_sample()
     asked = [
-        (prompt, replace(seen, images={"front": one, "rear": one}))
+        (prompt, replace(seen, images=dict.fromkeys(cameras, one)))
         for prompt, seen in plain.asked
         for one in [enlarged(next(iter(seen.images.values())))]
     ]
@@ -98,7 +134,25 @@ def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
         with FaultServer([endpoint]) as server:
             found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
             assert server.requests <= MOST_CALLS
-        assert any("one of two colours" in note for note in found.notes) is noted
+        assert any("it names 1 of 2 pictures" in note for note in found.notes) is noted
+
+
+@pytest.mark.parametrize("hands_on", [1, 2, 3])
+def test_a_server_that_hands_on_some_of_three_pictures_is_found_before_the_run(hands_on: int) -> None:
+    """The last camera has a colour of its own too; one that counts all pictures is noted only."""
+    sample = rig_sample(("front", "left", "right"))
+    with FaultServer([Rig(hands_on=hands_on)]) as server:
+        mode = RequestMode("openai:m", base_url=server.base_url)
+        if hands_on == 3:
+            assert not any("pictures" in note for note in probe(mode, sample=sample).notes)
+        else:
+            with pytest.raises(
+                ProbeError, match=rf"'picture' fails: of 3 pictures of one size in one query {hands_on}"
+            ):
+                probe(mode, sample=sample)
+    with FaultServer([Rig(hands_on=hands_on, counts_all=True)]) as server:
+        found = probe(RequestMode("openai:m", base_url=server.base_url), sample=sample)
+    assert any("all of which the server counts" in note for note in found.notes) is (hands_on < 3)
 
 
 @pytest.mark.parametrize(

@@ -173,6 +173,13 @@ FAILED: list[dict[str, object]] = [
     {"meta": {"why": {"said": "No picture was attached"}}},
     {"comment": "Please upload the image again."},
     {"comment": "Without seeing an image I assume a free road."},
+    {"image_received": False},
+    {"imageVisible": "no"},
+    {"can_see_image": False},
+    {"image": "not provided"},
+    {"image_status": "missing"},
+    {"meta": {"picture_available": False}},
+    {"note": "I was not given a picture."},
 ]
 
 
@@ -193,6 +200,7 @@ ORDINARY: list[dict[str, object]] = [
     {"explanation": "There is no lead in this picture; I cannot see beyond the frame."},
     {"notes": "Sorry, the distance is a guess: I cannot determine it exactly."},
     {"quality": "no image noise, no frame drops", "image_ok": True},
+    {"image_received": True, "image_changed": False, "lead_visible": False, "frame": 0, "image": "none of note"},
     {"reasoning": "The left lane in the image is not visible."},
     {"error": None, "errors": [], "refusal": "", "refused": False, "failure": "none", "unable": {"to": None}},
     {"gap_error_m": 1.5, "error_margin": 0.5, "valid": True},

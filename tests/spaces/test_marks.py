@@ -246,3 +246,16 @@ def test_signs_without_a_number_are_no_name(name: str) -> None:
     """As before."""
     with pytest.raises(SpecError, match="cannot be read"):
         Discrete("own", (name, "GO"), (), (), ())
+
+
+def test_the_side_of_a_sign_is_what_an_alias_says() -> None:
+    """Below zero is left, unless the words for a side are names of the other numbers."""
+    names, pair = ("-1", "0", "1"), (("-1", "1"),)
+    plain = Discrete("plain", names, pair, (), ())
+    turned = Discrete("turned", names, pair, (), (), (("left", "1"), ("right", "-1")))
+    for text, of_plain, of_turned in (
+        ("-1 (left)", "-1", None),
+        ("1 (left)", None, "1"),
+        ("Action: -1 (right)", None, "-1"),
+    ):
+        assert (read(plain, text), read(turned, text)) == (of_plain, of_turned)

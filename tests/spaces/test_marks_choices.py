@@ -125,6 +125,114 @@ DENIED = (
 )
 
 
+OTHERS = (
+    '{"trucks": [{"id": 1, "action": "NAME"}]}',
+    '{"pedestrian": {"action": "NAME"}}',
+    '{"oncoming_car": {"action": "NAME"}}',
+    '{"objects": [{"type": "car", "action": "NAME"}], "plan": "be careful"}',
+    '{"road": {"direction": "NAME"}, "plan": "be careful"}',
+    '{"perception": {"lead": "none", "direction": "NAME"}}',
+)
+BLIND = (
+    '"image_received": false',
+    '"imageVisible": false',
+    '"can_see_image": "no"',
+    '"has_picture": false',
+    '"image": "not provided"',
+    '"image_status": "missing"',
+    '"reason": "No image was provided."',
+    '"note": "I was not given an image."',
+    '"meta": {"image_available": false}',
+)
+SEEING = (
+    '"image_received": true',
+    '"image_quality": "poor"',
+    '"frame": 0',
+    '"image_changed": false',
+    '"lead_visible": false',
+    '"reason": "No vehicle is visible in the image."',
+    '"image": "none of the lanes is blocked"',
+)
+
+
+@pytest.mark.parametrize(("space", "name"), [("letters", "B"), ("ids", "2"), ("moves", "STOP"), (None, "LEFT")])
+def test_what_an_object_of_another_thing_holds_is_that_things(space: str | None, name: str) -> None:
+    """Its action, and its direction; one of the controller's own is read beside it."""
+    asked = DRIVING if space is None else SPACES[space]
+    other = asked.actions[0]
+    for text in OTHERS:
+        said = text.replace("NAME", name)
+        assert asked.read(Reply(said, "stop", None)).action is None, said
+        own = f'{{"scene": {said}, "plan": {{"action": "{other}"}}}}'
+        assert asked.read(Reply(own, "stop", None)).action == other, own
+
+
+@pytest.mark.parametrize(("space", "name"), [("letters", "B"), ("ids", "2"), ("moves", "STOP"), (None, "LEFT")])
+def test_an_action_beside_a_field_that_says_there_was_no_picture_is_none(space: str | None, name: str) -> None:
+    """Wherever the field stands; that no lead is seen in a picture is no such thing."""
+    asked = DRIVING if space is None else SPACES[space]
+    for fields, action in ((BLIND, None), (SEEING, name)):
+        for field in fields:
+            for text in (f'{{"action": "{name}", {field}}}', f'{{{field}, "action": "{name}"}}'):
+                assert asked.read(Reply(text, "stop", None)).action == action, text
+
+
+@pytest.mark.parametrize(
+    ("space", "text"),
+    [
+        ("bins", "-(1)"),
+        ("bins", '-"1"'),
+        ("bins", "-\\boxed{1}"),
+        ("bins", "Answer: -[1]"),
+        ("bins", "Answer: minus (1)"),
+        ("bins", "+/-1"),
+        ("bins", "1,-1"),
+        ("bins", "1/-1"),
+        ("bins", "(0.5, 1)"),
+        ("ids", "7, 2"),
+        ("ids", "Action: (7, 2)"),
+        ("bins", "steer(1, 0)"),
+        ("bins", "steer=1 brake=0"),
+        ("bins", "Brake: 0"),
+        ("bins", "x: -1"),
+        ("gears", "Speed (km/h): 1"),
+        ("gears", '{"speed": 1, "unit": "km/h"}'),
+        ("gears", '{"speed_kmh": 1}'),
+        ("degrees", '{"angle": 15, "unit": "rad"}'),
+    ],
+)
+def test_a_number_of_another_sign_list_control_or_unit_is_no_action(space: str, text: str) -> None:
+    """Also where something parts the sign from it, or its unit stands in another field."""
+    assert Marked(space, text, None, None).read is None
+
+
+@pytest.mark.parametrize(
+    ("space", "text", "action"),
+    [
+        ("letters", "B) slow down because the lane is blocked", "B"),
+        ("letters", "(B) turn left since the right side is closed", "B"),
+        ("letters", "Press B.", "B"),
+        ("bins", "(1)", "1"),
+        ("bins", "Answer: - 1, 0.9", None),
+        ("gears", "Speed (m/s): 1", "1"),
+        ("gears", '{"speed": 1, "unit": "m/s"}', "1"),
+        ("gears", '{"speed_mps": 1}', "1"),
+        ("degrees", '{"angle": 15, "unit": "degrees"}', "15"),
+        (None, "Which side is the car on? LEFT.", None),
+        (None, "Where is the truck? LEFT", None),
+        (None, "Which side is safest? LEFT.", "LEFT"),
+        (None, "What should the car do? LEFT.", "LEFT"),
+        (None, "RIGHT: two cars", None),
+        (None, "RIGHT turn ahead", None),
+        (None, '{"action": "LEFT", "speed_action": "SLOW"}', None),
+    ],
+)
+def test_reasons_and_questions_are_told_from_choices(space: str | None, text: str, action: str | None) -> None:
+    """What is said of a thing in the picture is no choice, and a reason takes no choice away."""
+    asked = DRIVING if space is None else SPACES[space]
+    assert asked.read(Reply(text, "stop", None)).action == action
+
+
 HARMS = (
     "NAME would hit the car ahead.",
     "Option NAME would hit the car ahead.",

@@ -1,8 +1,8 @@
-"""Shows that a run's pictures arrive as they are sent: at the size of its own, and several calls at once.
+"""Shows that a run's pictures arrive as they are sent: at the size and in the format of its own, several calls at once.
 
-The drawn pictures that were asked one at a time are asked again at the run's own size, all at once. Where fewer are
+The drawn pictures that were asked one at a time are asked again as the run's own are, all at once. Where fewer are
 right by `LOST` than were alone, they are asked once more, one at a time: what is then right shows that calls that are
-made together get each other's pictures, and what is wrong again that pictures of this size do not arrive.
+made together get each other's pictures, and what is wrong again that such pictures do not arrive.
 """
 
 import io
@@ -10,14 +10,15 @@ import random
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from PIL import Image
 
 from eyechart.calls import Query, Reply
-from eyechart.frames import decode
+from eyechart.frames import media_type, size_of
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker
-from eyechart.probe.pictures import CHOICES, draw, words
+from eyechart.probe.pictures import CHOICES, NONE, draw, words
 from eyechart.probe.sample import Sample, plain
 from eyechart.probe.sight import Shot, Sight, said
 from eyechart.seeds import key_seed
@@ -28,6 +29,8 @@ MOST_CALLS = 2 * AT_ONCE
 REPEATS = 3
 LOST = 5
 """So many more answers lost than won are no accident: below 3 in 10,000 where each is right in 9 of 10 calls."""
+FLICKERS = 3
+"""So many pictures that one call names and another one lacks, some in either order, came in some of the calls only."""
 _GREY = (190, 190, 190)
 _LEAST_SIDE = 256
 """Pixels of a side below which a drawn picture would be too small to be named rightly by a weak model."""
@@ -41,7 +44,27 @@ class Fault:
     because: str
 
 
-def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, size: tuple[int, int]) -> Fault | None:
+class Form(NamedTuple):
+    """How a picture is sent: its width and height in pixels, and its format."""
+
+    wide: int
+    high: int
+    kind: str
+
+    @property
+    def words(self) -> str:
+        """Return it in words; PNG, as drawn pictures are, is not named."""
+        return f"{self.wide}×{self.high}" if self.kind == "PNG" else f"{self.wide}×{self.high} as {self.kind}"
+
+    @property
+    def another(self) -> str:
+        """Return how pictures may be had that arrive."""
+        smaller = f"import smaller pictures (--convert --longest {min(384, max(self.wide, self.high) - 1)})"
+        said = smaller if self.kind == "PNG" else f"save them as PNG, or {smaller}"
+        return f"raise the server's context or limit of pixels, or {said}"
+
+
+def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
     """Return that the run's own pictures are dropped, where the server's count of tokens proves it; else None.
 
     It counts the drawn pictures, and each prompt with a picture of the run has exactly the tokens of the words alone.
@@ -51,47 +74,56 @@ def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, size: tuple[int, i
         return None
     if bare.prompt_tokens is None or any(count != bare.prompt_tokens for count in counts):
         return None
-    wide, high = size
     return Fault(
         "picture",
-        f"the server drops this run's pictures of {wide}×{high} pixels: a prompt with one has the {bare.prompt_tokens} "
-        f"tokens of its words alone, where a drawn picture of 384×384 adds {adds}; {_smaller(size)}",
-    )
-
-
-def _smaller(size: tuple[int, int]) -> str:
-    return (
-        f"raise the server's context or limit of pixels, or import smaller pictures (--convert --longest "
-        f"{min(384, max(size) - 1)})"
+        f"the server drops this run's pictures of {form.words}: a prompt with one has the {bare.prompt_tokens} "
+        f"tokens of its words alone, where a drawn picture of 384×384 adds {adds}; {form.another}",
     )
 
 
 async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Fault | None:
-    """Return what is wrong with pictures of the run's size, or with calls made together; None where nothing is.
+    """Return what is wrong with pictures of the run's form, or with calls made together; None where nothing is.
 
     At most `MOST_CALLS` calls. A call that fails says nothing.
     """
-    size = size_of(sample)
+    form = form_of(sample)
     alone = [one for one in sight.shots if one.reply.error is None][:AT_ONCE]
-    if size is None or len(alone) < AT_ONCE:
+    if form is None or len(alone) < AT_ONCE:
         return None
     queries = [
-        plain(one.question.words, key_seed("arrival", seed, number), picture=at_size(one.question.picture, size))
+        plain(one.question.words, key_seed("arrival", seed, number), picture=in_form(one.question.picture, form))
         for number, one in enumerate(alone)
     ]
-    together = _shots(alone, await asker.together(queries, sample.at_once))
-    if _lost(alone, together) < LOST:
-        return None
+    order = sorted(range(AT_ONCE), key=lambda at: at ^ (at >= AT_ONCE // 2))  # half in pairs turned: servers take turns
+    came = await asker.together([queries[at] for at in order], sample.at_once)
+    together = _shots(alone, [came[at] for at in order])
+    if (fault := _flickers(alone, together)) is not None or _lost(alone, together) < LOST:
+        return fault
     again = _shots(alone, [await asker.ask(query) for query in queries])
     before, one_by_one = (f"{sum(one.right for one in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
-        what = f"pictures of this run's size ({size[0]}×{size[1]}) do not arrive as they are"
-        named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
-        return Fault("picture", f"{what}: {named}; {_smaller(size)}")
+        what = f"pictures of this run's size ({form.words}) do not arrive as they are"
+        named = f"{one_by_one} drawn ones are named rightly so, and {before} at 384×384"
+        return Fault("picture", f"{what}: {named}; {form.another}")
     at_once = f"{sum(one.right for one in together)} of {len(together)}"
     named = f"{at_once} are named rightly when they are asked at once, and {one_by_one} one at a time"
     what = "pictures of calls that are made together are mixed up"
     return Fault("picture", f"{what}: {named}; ask with --concurrency 1, or mend the server")
+
+
+def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> Fault | None:
+    """Return that pictures come in some calls only: one call names a picture, and another one says that there is none.
+
+    As from several servers behind one address, of which one has no eyes. None where it is so of few, or one way only.
+    """
+    both = list(zip(before, after, strict=True))
+    gone = sum(one.right and other.said == NONE for one, other in both)
+    back = sum(one.said == NONE and other.right for one, other in both)
+    if not gone or not back or gone + back < FLICKERS:
+        return None
+    words = f"of {len(both)} drawn pictures {gone + back} are named rightly in one of two calls and missed in the other"
+    hint = "behind this address one server of several may have no eyes: ask one that has, or mend the server"
+    return Fault("picture", f"pictures arrive in some calls only: {words}; {hint}")
 
 
 async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
@@ -108,7 +140,7 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
     first, other = dice.sample([colour for colour in CHOICES["colour"] if colour != named], 2)
     answers = []
     for number, colour in enumerate((first, other), 100):
-        picture = at_size(draw("colour", colour, dice), (448, 416))
+        picture = in_form(draw("colour", colour, dice), Form(448, 416, "PNG"))
         reply = await asker.ask(plain(words("colour"), key_seed("arrival", seed, number), picture=picture))
         answers.append(said("colour", reply))
     if answers != [first, first]:
@@ -123,48 +155,81 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
 async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, str]:
     """Return whether pictures of one query are told apart, for a run that has several: a fault, or a note in words.
 
-    Each camera's picture has the size that it has in the run. Three calls. Two answers that name one of two colours
-    each, and tokens that do not grow with the pictures, show that one of them arrives; where the tokens grow, the model
-    may look at one alone. Answers that name the pictures in another order than they were sent in, once as the choices
-    stand and once not, and the first one by the colour of the last, are noted: the server may have exchanged them.
+    Each camera's picture has the form that it has in the run. Three calls. Of two colours one is the first picture's,
+    or else the last one's, and the other all others'. Tokens that do not fall where a picture is left out whose colour
+    is not named show that it did not arrive; where they fall, the model may look at the others alone, and where nobody
+    counts, both answers have to lack a colour. Answers that name the pictures in another order than they were sent in,
+    once as the choices stand and once not, and the first one by the colour of the last, are noted: the server may have
+    exchanged them.
     """
-    sizes = {name: _size(picture, name) for name, picture in sample.asked[0][1].images.items()}
-    if len(sizes) < 2:
+    forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
+    if len(forms) < 2:
         return None, ""
-    alone_at = dict([next(iter(sizes.items()))])
+    colours = _colours(seed)
+    first, *_, last = forms
+    shown = [{name: colours[name != first] for name in forms}, {name: colours[2 + (name == last)] for name in forms}]
+    replies = [
+        await asker.ask(_of_several(forms, one, key_seed("arrival", seed, 200 + number)))
+        for number, one in enumerate(shown)
+    ]
+    if any(one.error is not None for one in replies):
+        failed = next(one.error_detail for one in replies if one.error is not None)
+        return None, f"{len(forms)} pictures in one query failed: {failed[:200]}"
+    if _is_turned(replies[0], colours[:2]) and _is_turned(replies[1], colours[2:]):
+        both = {name: colours[1 + (name != first)] for name in forms}
+        return None, await _of_first(asker, forms, both, key_seed("arrival", seed, 202))
+    named = [_named_in(reply, one) for reply, one in zip(replies, shown, strict=True)]
+    some = [number for number, names in enumerate(named) if 0 < len(names) < len(forms)]
+    if not some:
+        return None, ""
+    rest = {name: forms[name] for name in named[some[0]]}
+    fewer = await asker.ask(_of_several(rest, shown[some[0]], key_seed("arrival", seed, 202)))
+    tokens = replies[some[0]].prompt_tokens, fewer.prompt_tokens
+    return _left_out(forms, len(rest), tokens, every=len(some) == len(shown))
+
+
+def _colours(seed: int) -> list[str]:
+    """Return four colours: two in the order of the choices, and two in the other one."""
     dice = random.Random(key_seed("arrival", seed, "apart"))  # noqa: S311 - no secret
     colours = dice.sample(CHOICES["colour"], 4)
     colours[:2] = sorted(colours[:2], key=CHOICES["colour"].index)
     colours[2:] = sorted(colours[2:], key=CHOICES["colour"].index, reverse=True)
-    replies = [
-        await asker.ask(_of_several(sizes, shown, key_seed("arrival", seed, 200 + number)))
-        for number, shown in enumerate((colours[:2], colours[2:]))
-    ]
-    if any(one.error is not None for one in replies):
-        failed = next(one.error_detail for one in replies if one.error is not None)
-        return None, f"{len(sizes)} pictures in one query failed: {failed[:200]}"
-    if _is_turned(replies[0], colours[:2]) and _is_turned(replies[1], colours[2:]):
-        return None, await _of_first(asker, sizes, colours[1:3], key_seed("arrival", seed, 202))
-    shown_of = zip(replies, (colours[:2], colours[2:]), strict=True)
-    if any(sum(_names(reply, colour) for colour in shown) != 1 for reply, shown in shown_of):
-        return None, ""
-    alone = await asker.ask(_of_several(alone_at, colours[:1], key_seed("arrival", seed, 202)))
-    if alone.prompt_tokens and replies[0].prompt_tokens and replies[0].prompt_tokens > alone.prompt_tokens:
-        return None, f"it names one of two colours in {len(sizes)} pictures, all of which the server counts"
-    several = sorted(set(sizes.values()), reverse=True)
-    of = "one size" if len(several) == 1 else "sizes " + " and ".join(f"{wide}×{high}" for wide, high in several)
-    what = f"of {len(sizes)} pictures of {of} in one query one arrives: answers name one of two colours"
-    return Fault("picture", f"{what}; mend the server, or run on one camera"), ""
+    return colours
 
 
-async def _of_first(asker: Asker, sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int) -> str:
+def _named_in(reply: Reply, shown: Mapping[str, str]) -> list[str]:
+    """Return the cameras whose colour an answer names."""
+    return [name for name, colour in shown.items() if _names(reply, colour)]
+
+
+def _left_out(
+    forms: Mapping[str, Form], named: int, tokens: tuple[int | None, int | None], *, every: bool
+) -> tuple[Fault | None, str]:
+    """Return what it means that answers name so many pictures of a query, by the tokens of all and of these alone.
+
+    ``every`` says whether all answers lacked some.
+    """
+    whole, fewer = tokens
+    counted = bool(whole and fewer)
+    if whole and fewer and whole > fewer:
+        return None, f"it names {named} of {len(forms)} pictures by their colours, all of which the server counts"
+    if not counted and not every:
+        return None, f"one of two answers names {named} of {len(forms)} pictures of a query by their colours"
+    several = sorted({form.words for form in forms.values()}, reverse=True)
+    of = "one size" if len(several) == 1 else f"sizes {' and '.join(several)}"
+    what = f"of {len(forms)} pictures of {of} in one query {named} arrive: answers name no other by its colour"
+    return Fault("picture", f"{what}; mend the server, or run on fewer cameras"), ""
+
+
+async def _of_first(asker: Asker, forms: Mapping[str, Form], shown: Mapping[str, str], seed: int) -> str:
     """Return in words that the first of several pictures is named as the last one is; nothing where it is not."""
     asked = "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
-    reply = await asker.ask(_of_several(sizes, colours, seed, asked))
-    if reply.error is not None or _names(reply, colours[0]) or not _names(reply, colours[-1]):
+    reply = await asker.ask(_of_several(forms, shown, seed, asked))
+    first, *_, last = shown.values()
+    if reply.error is not None or _names(reply, first) or not _names(reply, last):
         return ""
     return (
-        f"of {len(sizes)} pictures in one query it takes the first for another: the server exchanges them, or the "
+        f"of {len(forms)} pictures in one query it takes the first for another: the server exchanges them, or the "
         "model does not know their order; before what one camera does is believed, mend the server or ask about one"
     )
 
@@ -178,15 +243,12 @@ def _is_turned(reply: Reply, colours: Sequence[str]) -> bool:
 _ALL = "Each picture shows a shape of one colour. Which colours are there? Answer with all, in the pictures' order: "
 
 
-def _of_several(sizes: Mapping[str, tuple[int, int]], colours: Sequence[str], seed: int, asked: str = _ALL) -> Query:
-    """Return a query that shows the first colour to the first camera, and the last one to all others."""
+def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, asked: str = _ALL) -> Query:
+    """Return a query that shows each of these cameras a shape of its colour."""
     asked = f"{asked}{', '.join(CHOICES['colour'])}."
     query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
-    shown = {
-        name: at_size(draw("colour", colours[min(place, len(colours) - 1)], dice), size)
-        for place, (name, size) in enumerate(sizes.items())
-    }
-    return replace(query, stimulus=replace(query.stimulus, images=shown))
+    images = {name: in_form(draw("colour", shown[name], dice), form) for name, form in forms.items()}
+    return replace(query, stimulus=replace(query.stimulus, images=images))
 
 
 def _names(reply: Reply, colour: str) -> bool:
@@ -216,29 +278,27 @@ def _lost(before: Sequence[Shot], after: Sequence[Shot]) -> int:
     return sum(one - other for one, other in both)
 
 
-def size_of(sample: Sample) -> tuple[int, int] | None:
-    """Return the width and height of the first picture that a run asks about, None where it shows none."""
-    for _, seen in sample.asked:
-        for name, picture in seen.images.items():
-            return _size(picture, name)
-    return None
+def form_of(sample: Sample) -> Form | None:
+    """Return the form of the largest picture that a run asks about, None where it shows none."""
+    forms = [_form(picture, name) for _, seen in sample.asked for name, picture in seen.images.items()]
+    return max(forms, key=lambda one: one.wide * one.high, default=None)
 
 
-def _size(picture: bytes, name: str) -> tuple[int, int]:
-    high, wide, _ = decode(picture, name).shape
-    return wide, high
+def _form(picture: bytes, name: str) -> Form:
+    return Form(*size_of(picture, name), media_type(picture).removeprefix("image/").upper())
 
 
-def at_size(picture: bytes, size: tuple[int, int]) -> bytes:
-    """Return a drawn picture (PNG) inside a grey one of this width and height; itself where that is too small."""
+def in_form(picture: bytes, form: Form) -> bytes:
+    """Return a drawn picture (PNG) in another format, inside a grey one of its size; at its own where that is small."""
     drawn = Image.open(io.BytesIO(picture)).convert("RGB")
-    side = min(*size, *drawn.size)
-    if side < _LEAST_SIDE:
+    side = min(form.wide, form.high, *drawn.size)
+    if side >= _LEAST_SIDE:
+        canvas = Image.new("RGB", form[:2], _GREY)
+        shown = drawn if side == drawn.width else drawn.resize((side, side))
+        canvas.paste(shown, ((form.wide - side) // 2, (form.high - side) // 2))
+        drawn = canvas
+    elif form.kind == "PNG":
         return picture
-    canvas = Image.new("RGB", size, _GREY)
-    canvas.paste(
-        drawn if side == drawn.width else drawn.resize((side, side)), ((size[0] - side) // 2, (size[1] - side) // 2)
-    )
     written = io.BytesIO()
-    canvas.save(written, "PNG")
+    drawn.save(written, form.kind, quality=95)
     return written.getvalue()

@@ -16,7 +16,7 @@ from eyechart.limits import Spent
 from eyechart.loops import in_own_loop
 from eyechart.modes import ALONE, Measured, RequestMode
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
-from eyechart.probe.arrival import apart, arrives, dropped, repeats, reuses, size_of
+from eyechart.probe.arrival import apart, arrives, dropped, form_of, repeats, reuses
 from eyechart.probe.asking import Asker, Asking, LimitReachedError
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
@@ -151,14 +151,14 @@ class _Probe:
 
         Raises ProbeError where one that sees is not shown what the run sends, or a cache answers for another picture.
         """
-        size = size_of(self.sample)
-        if size is None or not is_served(self.asker.mode):
+        form = form_of(self.sample)
+        if form is None or not is_served(self.asker.mode):
             return {}
         fault = None
         if sight.outcome == "blind":
             fault = await reuses(self.asker, sight, self.seed)
         elif sight.outcome == "sees":
-            fault = dropped(sight, came, bare, size) or await arrives(self.asker, sight, self.sample, self.seed)
+            fault = dropped(sight, came, bare, form) or await arrives(self.asker, sight, self.sample, self.seed)
             if fault is None:
                 fault, note = await apart(self.asker, self.sample, self.seed)
                 self.notes += [note] if note else []

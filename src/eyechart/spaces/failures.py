@@ -36,9 +36,21 @@ _NO_PICTURE = pattern(
     r"|\b(?:can(?:no|')t|can not|could(?:n't| not)|unable to|not able to|(?:do|did)(?:n't| not)|never)\s+"
     r"(?:actually |currently |directly )?(?:access|find|get|have(?: access to)?|load|open|process|receive|see|view)\s+"
     rf"(?:(?:any|an?|the|this|that|your)\s+)?{_PICTURE}\b{_ENDS}"
+    r"|\b(?:(?:is|was|are|were|am)(?:n't| not| never)|(?:have|has|had)(?:n't| not| never) been)\s+(?:given|shown|sent"
+    rf"|(?:provided|supplied)(?: with)?)\s+(?:any|an?|the)\s+{_PICTURE}\b{_ENDS}"
     rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
+
+_HAS_PICTURE = pattern(
+    r"(?:(?:is|was|has|have|had|got|can|could|received?|sees?|saw|view|access|the|an?|any)\s)*"
+    rf"{_PICTURE}(?:\s(?:is|was|has been))?(?:\s(?:{_CAME}|visible|present|seen|shown|readable|valid|found|exists))?",
+    re.IGNORECASE,
+)
+"""A name that says that there is a picture."""
+_OF_PICTURE = pattern(rf"{_PICTURE}(?:\s(?:status|state|input|data))?", re.IGNORECASE)
+_NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|empty|not (?:been )?{_CAME}|not (?:found|visible)")
+"""What may be said of a picture in its own field where there was none."""
 
 
 def says_no_picture(text: str) -> bool:
@@ -49,10 +61,18 @@ def says_no_picture(text: str) -> bool:
 def says_failed(fields: Iterable[tuple[str, object]], known: Iterable[str]) -> bool:
     """Return whether a field of an object, or of one within it, says that the answer is none; ``known`` ones do not.
 
-    It has the name of a failure and a value, or its text, or its name where it is true, says that there was no picture.
-    Objects are lists of names and values.
+    It has the name of a failure and a value, or says that there was no picture. Objects are lists of names and values.
     """
     return any(_fails(name, value) for name, value in _every(fields) if name not in known)
+
+
+def lacks_picture(fields: Iterable[tuple[str, object]]) -> bool:
+    """Return whether a field of an object, or of one within it, says that there was no picture.
+
+    Its text does, or its name with its text, or its name where it is true: "image_missing". Or its name says that there
+    is one and its value is no: ``"image_received": false``.
+    """
+    return any(_lacks(name, value) for name, value in _every(fields))
 
 
 def _every(fields: Iterable[object]) -> Iterator[tuple[str, object]]:
@@ -67,7 +87,19 @@ def _every(fields: Iterable[object]) -> Iterator[tuple[str, object]]:
 def _fails(name: str, value: object) -> bool:
     if re.sub(r"[\W_]", "", name.lower()) in _NAMES and not _is_nothing(value):
         return True
-    return says_no_picture(name if value is True else value if isinstance(value, str) else "")
+    return _lacks(name, value)
+
+
+def _lacks(name: str, value: object) -> bool:
+    named = re.sub(r"(?<=[a-z])(?=[A-Z])|[\W_]+", " ", name)
+    if value is True:
+        return says_no_picture(named)
+    text = value.strip(" .").lower() if isinstance(value, str) else ""
+    if value is False or text in {"false", "no"}:
+        return _HAS_PICTURE.fullmatch(named) is not None
+    return says_no_picture(text) or (
+        _NONE_CAME.fullmatch(text) is not None and _OF_PICTURE.fullmatch(named) is not None
+    )
 
 
 def _is_nothing(value: object) -> bool:

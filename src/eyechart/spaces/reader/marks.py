@@ -16,8 +16,8 @@ _HEAD = re.compile(
 )
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
-    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%-])(?<!\w[-/:])(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
-    rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
+    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%-])(?<!\w[-/:])(?<!\+/)(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
+    rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[,/][+-]\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
 _BETWEEN = r"[ \t]*(?:[-+/x×*^&·~]|\.{2,})?[ \t]*"
 _BESIDE_BEFORE = re.compile(
@@ -25,6 +25,12 @@ _BESIDE_BEFORE = re.compile(
 )
 _BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
 """What makes a number a part of something else: another number beside it, "3 – 5", or a bound, "≥ 3"."""
+SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
+"""A sign that something parts from its number: "-(1)", "minus (1)"."""
+_LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
+_LISTED_AFTER = re.compile(rf"[ \t]*,[ \t]*(?P<number>{_NUMBER})[ \t]*(?=[,)\]\n]|\.?[ \t]*\Z)")
+"""Another number of a list: "(7, 2)"."""
+_CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[^()\n]{0,40}(?=\))")
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
@@ -33,7 +39,7 @@ _OPTION = (
 _WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
 _BEFORE = re.compile(
     r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
-    r"or|nor|not|than|but|is|be|are|was|would|should|will|i'd|i'll|it's|that's|with|for|to|"
+    r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|i'd|i'll|it's|that's|with|for|to|"
     r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
@@ -180,7 +186,7 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
             start, end = match.start(), _unit_end(text, match.end(), unit)
             if end is None or (signed and split is not None and is_other_side(split[0], text, start, end)):
                 continue
-            if _is_beside(match["number"], unit, text, start, end):
+            if _is_beside(match["number"], unit, text, start, end) or _is_one_of_others(text, start, end, numbers):
                 continue
             if signed and _APART.search(text, max(0, start - 40), start):
                 continue
@@ -189,6 +195,19 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
             if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in "+-"):
                 yield Mention(action, match["number"], _begin(text, start), end, united=bool(unit))
                 break
+
+
+def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, object]) -> bool:
+    """Return whether a number is one of several of a call, as in "steer(1, 0)", or in a list with what is no action.
+
+    Or it has a sign that something parts from it.
+    """
+    left = text[max(0, start - 60) : start]
+    if (call := _CALL_BEFORE.search(left)) is not None and (rest := _CALL_AFTER.match(text, end)) is not None:
+        return "," in call[1] + rest[0]
+    around = (_LISTED_BEFORE.search(left), _LISTED_AFTER.match(text, end))
+    beside = [split_number(one["number"]) for one in around if one is not None]
+    return any(one is None or one[0] not in numbers for one in beside) or SIGN_APART.search(left) is not None
 
 
 def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:

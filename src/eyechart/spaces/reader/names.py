@@ -120,9 +120,14 @@ def spelled(text: str) -> str:
     return _words_of(text)
 
 
+_AROUND = ".,;:!*`\"'()[]<>{}"
+
+
 def _words_of(text: str) -> str:
     plain = re.sub(r"[\s_-]+", "", re.sub(r"(?<=[\s_-])(?:(?:to|on|onto|into)\s+)?the\s|(?<=[\s_-])to\s", "", text))
-    return plain.strip(".,;:!*`\"'()[]<>{}").upper()
+    plain = plain.strip(_AROUND).upper()
+    parted = "-" in text and re.fullmatch(r"[\d.]+", plain) is not None  # "-(1)" is not "1"
+    return re.sub(r"\s+", "", text).strip(_AROUND) if parted else plain
 
 
 @lru_cache(maxsize=256)

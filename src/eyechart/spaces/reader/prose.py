@@ -93,7 +93,7 @@ _COLOURS = frozenset(
 _THINGS = _one_of(
     r"vehicles?|cars?|trucks?|lorry|bus(?:es)?|traffic|signs?|lights?|road|highway|street|leads?|leaders?|obstacles?"
     r"|buoys?|ships?|vessels?|boats?|bow|quarter|beam|tack|arrows?|signals?|indicators?|shoulder|edge|border|line"
-    r"|curb|kerb|bend|curve|one|driver|van|bike|motorcycle"
+    r"|curb|kerb|bend|curve|one|driver|van|bike|motorcycle|turns?(?=\s+(?:ahead|coming))"
 )
 _CARRIERS = frozenset(["GO", "TURN", "MOVE", "KEEP", "DRIVE", "CHANGE", "STEER", "SWING", "HEAD", "TAKE"])
 _CARRIED = re.compile(r"\s+(?:to\s+|on\s+)?(?:the\s+)?")
@@ -133,7 +133,7 @@ _JOINED = re.compile(
     rf"|lanes? ){{0,4}})?"
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
-_BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
+_BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-i])[.):])?[ \t>#]*")
 _LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
 _SHORTENED = (
     *("approx", "appr", "ca", "cf", "vs", "fig", "figs", "max", "min", "resp", "incl", "excl", "eq"),
@@ -172,7 +172,7 @@ _CHOOSE = _one_of(
     "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
     "|take|prefer"
     "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
-    "|change (?:it|that|my answer) to|do|choose to"
+    "|change (?:it|that|my answer) to|do|choose to|press(?:ing)?"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
@@ -399,7 +399,8 @@ _HARMS = re.compile(
 own ("STOP. We would hit it"): that is no denial."""
 _BLOCKED = re.compile(
     rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
-    rf"[^@.,;:!?\n]{{0,30}}\s(?:is|are|would be|would|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
+    rf"(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would|will|can|may)"
+    rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
     r"|lead to\b|risk\b)"
 )
 """What is said of an option behind its letter: "A) blocked", "B) turn right is unsafe"."""
@@ -407,8 +408,14 @@ _ASKED_FOR_BAD = re.compile(
     rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
+_ASKED_WHERE = re.compile(
+    r"\b(?:where (?:is|are)|(?:which|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b"
+    r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
+    r"\s*(?:a[.:)]\s*)?$"
+)
+"""A question of what is seen: "Which side is the car on?"."""
 _STATE = re.compile(
-    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+|no\s+|\d+\s+|two\s+|three\s+|several\s+|many\s+)?(?:free|clear|empty|open|available|safe"
     r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
     r"|libre)\b[^.;,@]{0,14}"
     r"(?:[.;,)|\n]|$)"
@@ -780,6 +787,8 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
         status = "listed"
     elif _ASKED_FOR_BAD.search(marked, max(0, start - _LEFT), start):
         status = "denied"
+    elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
+        status = "said"
     elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right):
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
     return [replace(one, status=status) for one in group]
@@ -833,7 +842,9 @@ def _only_said(left: str, right: str) -> bool:
 
 def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
-    if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
+    if (label := _LABELLED.search(left)) is not None and (
+        not _names_a_choice(label.group(1)) or (is_mark(one.action) and _PEDAL.fullmatch(label.group(1)))
+    ):
         return "said"
     several = _SEVERAL.search(one.written) is not None
     if _is_measured(left, one):
@@ -874,6 +885,8 @@ def _names_a_choice(label: str) -> bool:
 
 
 _ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?$")
+_PEDAL = re.compile(r"(?:.*\s)?(?:brak(?:e|es|ing)|throttle|gas|pedal)")
+"""A label of another control than the one whose numbers are the actions: "brake: 0"."""
 _SEVERAL = re.compile(r"[^\W\d_][\s_-]+[^\W\d_]")
 
 

@@ -59,26 +59,34 @@ _WANTED = (
     r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
 )
 """What may stand before the name of a quantity that is set; ``current_speed`` or ``lead_speed`` is measured."""
-_IN = r"(?:[ _-]?(?:in[ _-])?(?:deg|degs|degrees|mps|ms|m_s|m/s|kmh|kph|km_h|value|command|cmd))?"
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What the numbers of a space are: the spellings of its unit, and the words for what is set by them."""
+    """What the numbers of a space are: the spellings of its unit, and the words for what is set by them.
+
+    ``keyed`` is how a key or a label may name the unit; under one that names another the number is another.
+    """
 
     units: tuple[str, ...]
     words: str
+    keyed: str = "value"
+
+    @property
+    def _named(self) -> str:
+        """Return a pattern of what is set, as a key or a label has it."""
+        return rf"{_WANTED}(?:{self.words})(?:[ _-]?(?:in[ _-])?(?:{self.keyed}|value|command|cmd))?"
 
     def is_key(self, key: str) -> bool:
         """Return whether a key of JSON is of this quantity as it is set."""
-        return bool(self.words) and re.fullmatch(rf"{_WANTED}(?:{self.words}){_IN}", key, re.IGNORECASE) is not None
+        return bool(self.words) and re.fullmatch(self._named, key, re.IGNORECASE) is not None
 
     def lines(self, text: str) -> Iterator[re.Match[str]]:
         """Yield where a line of a folded text begins with the quantity and a colon or the like."""
         if self.words:
             yield from re.finditer(
-                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{_WANTED}(?:{self.words}){_IN}"
-                r"(?:[ \t]?[(\[](?:°|deg(?:ree)?s?|m/s|km/h)[)\]])?"
+                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
+                rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
                 r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*"
                 r"|[ \t](?=[+-]?\d[^\n]{0,9}$)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
@@ -87,9 +95,9 @@ class Quantity:
 
 
 _KINDS = (
-    Quantity(_DEGREES, _ANGLE),
-    Quantity(_METRES_A_SECOND, _SPEED),
-    Quantity(_KILOMETRES_AN_HOUR, _SPEED),
+    Quantity(_DEGREES, _ANGLE, "°|degs?|degrees?"),
+    Quantity(_METRES_A_SECOND, _SPEED, "mps|ms|m_s|m/s"),
+    Quantity(_KILOMETRES_AN_HOUR, _SPEED, "kmh|kph|km_h|km/h"),
 )
 _PLAIN = Quantity((), "")
 _STEERED = Quantity((), rf"{_STEERING}|bin")

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.patterns import pattern
-from eyechart.spaces.reader.marks import is_contrary, is_mark, split_number
+from eyechart.spaces.failures import lacks_picture
+from eyechart.spaces.reader.marks import SIGN_APART, is_contrary, is_mark, split_number
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
@@ -42,7 +43,7 @@ _OWN = (
     r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
     r"|preferred"
     r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary|main|top"
-    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|lateral"
+    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed|velocity|lateral"
     r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
     r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
 )
@@ -83,7 +84,10 @@ _OTHERS = pattern(
     r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
     r"|last|history|past"
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
-    r"|wrong|expert",
+    r"|wrong|expert"
+    r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
+    r"|motorcycles?|animals?|actors|agents|obstacles?|objects?|detect\w+|hazards?|traffic|lights?|signs?|signals?|arrows?"
+    r"|neighbou?rs?|oncoming|adjacent|surround\w+|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
 """Keys whose objects are about somebody else, or are no choice."""
@@ -208,7 +212,9 @@ def _in_brackets(value: str, names: Names) -> Decision[str] | None:
     action = None if found is None else names.whole(found.group(2))
     if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
         return None
-    return None if _NO_STATEMENT.search(found.group(1)) or "?" in value else Decision(action)
+    if _NO_STATEMENT.search(found.group(1)) or SIGN_APART.search(value, 0, found.start(2)) or "?" in value:
+        return None
+    return Decision(action)
 
 
 def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]:
@@ -287,7 +293,7 @@ def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator
         return
     if not isinstance(value, _Pairs):
         return
-    if _at_fault(value) or _is_contrary(value, names):
+    if _at_fault(value) or lacks_picture(value) or _is_contrary(value, names) or _has_other_unit(value, names):
         yield None, "negated"
     elif (named := _flagged(value, names) or _called(value, names)) is not None:
         yield named, None
@@ -307,7 +313,11 @@ def _stated_under(key: str, value: object, names: Names, *, within: bool) -> Ite
     return _stated_in(value, names, within=within or not _HOLDS.fullmatch(key))
 
 
-_HOLDS = pattern(rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?", re.IGNORECASE)
+_HOLDS = pattern(
+    rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?|(?:\w+_)?plan|final|next"
+    r"|navigation|steering|step\w*",
+    re.IGNORECASE,
+)
 """Keys whose objects are of what is done."""
 _LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
 
@@ -361,6 +371,13 @@ def _is_of_other_side(action: str, side: str, names: Names) -> bool:
     return bool(words) and side not in words
 
 
+def _has_other_unit(value: _Pairs, names: Names) -> bool:
+    """Return whether an object says another unit than the space's: ``{"speed": 10, "unit": "km/h"}``."""
+    units = {one.upper() for one in names.quantity.units}
+    said = [inner for key, inner in value if key.lower() in {"unit", "units"} and isinstance(inner, str)]
+    return bool(units) and any(one.strip().upper() not in units for one in said)
+
+
 def _given(key: str, value: object) -> object:
     """Return a value; what a call of a tool is given may be JSON inside a string."""
     if key != "arguments" or not isinstance(value, str):
@@ -383,8 +400,11 @@ def _is_another(key: str, value: object, names: Names) -> bool:
 
 
 def _answer_key(value: _Pairs, names: Names, *, within: bool = False) -> str | None:
-    """Return the key that holds the answer, the plainest of several; None where an object holds it further in."""
-    known = [key for key, _ in value if _KEY.fullmatch(key)]
+    """Return the key that holds the answer, the plainest of several; None where an object holds it further in.
+
+    A side or a direction ``within`` an object of another thing is that thing's.
+    """
+    known = [key for key, _ in value if _KEY.fullmatch(key) and not (within and _SIDE.fullmatch(key))]
     if not within and all(_SIDE.fullmatch(key) for key in known):
         known = [key for key, _ in value if names.quantity.is_key(key)] or known
     if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
@@ -469,7 +489,13 @@ def _tags(text: str, names: Names) -> Iterator[_Stated]:
 def _boxes(text: str, names: Names) -> Iterator[_Stated]:
     for match in _BOX.finditer(text):
         found = _phrase(_TEX.sub(" ", match.group(1)), names)
+        if found.action is not None and split_number(found.action) and _SIGNED_BOX.search(text, 0, match.start()):
+            found = unparsed("unknown_action")
         yield _Stated(match.start(), match.end(), found.action, found.why)
+
+
+_SIGNED_BOX = pattern(r"(?<![\w)])[-\u2012-\u2015\u2212]\$?\Z")
+"""A sign before a box: what is in it is another number."""
 
 
 def _hashes(text: str, names: Names) -> Iterator[_Stated]:
