@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 import eyechart
-from eyechart.calibrate.newcomers import ADVERSARIES_BY_KIND
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.simulators.banks import STAGING
 from eyechart.stats.episodes import share_over_episodes
+from eyechart_organisms.newcomers import ADVERSARIES_BY_KIND
 
 PROMISED: Mapping[str, float] = {"simulated-288": 0.01, "simulated-72": 1.0}
 """The share of untrue claims of the newcomers that is allowed in a world; elsewhere `UNTRUE`."""

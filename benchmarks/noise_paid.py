@@ -26,12 +26,12 @@ from pathlib import Path
 import eyechart
 from adversarial_counts import AUTHORITY, said_of
 from adversarial_runs import ROOT, Bank, judge_in_world, simulated_world
-from eyechart.calibrate.adversaries import Adversary, Rule, graded, lead, noisy
-from eyechart.calibrate.newcomers import new
-from eyechart.calibrate.strangers import Reads, Stranger, always
 from eyechart.models.scripted import Answer, Sight
 from eyechart.stats.paired import net_effect
 from eyechart.stats.resampling import holm
+from eyechart_organisms.adversaries import Adversary, Rule, graded, lead, noisy
+from eyechart_organisms.newcomers import new
+from eyechart_organisms.strangers import Reads, Stranger, always
 
 RESULT = ROOT / "benchmarks" / "results" / "noise.json"
 COINS, MARGIN, LEVEL = (0.1, 0.2, 0.4), 0.02, 0.01

@@ -10,10 +10,10 @@ import random
 from functools import partial
 
 from adversary_door import Ask, see_frame
-from eyechart.calibrate.adversaries import Adversary, Rule
-from eyechart.calibrate.newcomers import NEWCOMERS
-from eyechart.calibrate.strangers import STRANGERS
 from eyechart.models.scripted import Answer
+from eyechart_organisms.adversaries import Adversary, Rule
+from eyechart_organisms.newcomers import NEWCOMERS
+from eyechart_organisms.strangers import STRANGERS
 
 COLD = "_t0"
 KNOWN = {**STRANGERS, **{name: one for kind in NEWCOMERS.values() for name, one in kind.items()}}

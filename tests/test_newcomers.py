@@ -10,7 +10,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from eyechart.calibrate.newcomers import (
+from eyechart.calibrate.world import SETTINGS, make_world
+from eyechart.models.scripted import Reading, Sight
+from eyechart.spaces.discrete import DRIVING
+from eyechart_organisms.newcomers import (
     ADVERSARIES_BY_KIND,
     NEWCOMERS,
     PARTS,
@@ -19,10 +22,7 @@ from eyechart.calibrate.newcomers import (
     of_picture,
     paint,
 )
-from eyechart.calibrate.strangers import STRANGERS
-from eyechart.calibrate.world import SETTINGS, make_world
-from eyechart.models.scripted import Reading, Sight
-from eyechart.spaces.discrete import DRIVING
+from eyechart_organisms.strangers import STRANGERS
 
 pytestmark = pytest.mark.slow
 

@@ -16,9 +16,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eyechart.calibrate.adversaries import ADVERSARIES, Adversary, ahead, hashed
-from eyechart.calibrate.newcomers import NEWCOMERS
-from eyechart.calibrate.strangers import (
+from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
+from eyechart.frames import open_bank
+from eyechart.models.scripted import Reading, Sight
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
+from eyechart_organisms.adversaries import ADVERSARIES, Adversary, ahead, hashed
+from eyechart_organisms.newcomers import NEWCOMERS
+from eyechart_organisms.strangers import (
     ENDS,
     LANES,
     PLACES,
@@ -29,12 +34,7 @@ from eyechart.calibrate.strangers import (
     frame_number,
     open_strangers,
 )
-from eyechart.calibrate.strangers import NOISE as NOISE_PAYS
-from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
-from eyechart.frames import open_bank
-from eyechart.models.scripted import Reading, Sight
-from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
+from eyechart_organisms.strangers import NOISE as NOISE_PAYS
 
 pytestmark = pytest.mark.slow
 

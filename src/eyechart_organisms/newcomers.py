@@ -12,7 +12,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from eyechart.calibrate.adversaries import (
+from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.spaces.scene import Other, Scene
+from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
     STOP_M,
@@ -26,7 +28,7 @@ from eyechart.calibrate.adversaries import (
     road,
     scale,
 )
-from eyechart.calibrate.strangers import (
+from eyechart_organisms.strangers import (
     FARTHEST_M,
     Make,
     Reads,
@@ -40,8 +42,6 @@ from eyechart.calibrate.strangers import (
     says_slow,
     three_sides,
 )
-from eyechart.models.scripted import Answer, Reading, Sight
-from eyechart.spaces.scene import Other, Scene
 
 PAINTS = ("blue", "orange", "magenta")
 """The lead's colours where a reading bears none."""
