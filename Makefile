@@ -41,7 +41,7 @@ help:
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
 	@echo "make wheel        both distributions, in dist, their contents checked, and tried in a fresh environment"
-	@echo "make release      make wheel, and the same trial in each of PYTHONS ($(PYTHONS))"
+	@echo "make release      the same, tried in each of PYTHONS ($(PYTHONS))"
 	@echo "make bench        ratios against what one would otherwise do"
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries and readers on fresh banks through the real run and in simulated worlds, beside their truth"
@@ -116,18 +116,18 @@ docs: $(DOCS)
 	$(BIN)/python -m sphinx -j 2 -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
-# Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses.
+# Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
+# in one of every Python that is promised. With pyenv: PYENV_VERSION=3.11.7:3.12.1:3.13.0 make release.
+PYTHONS ?= python3.11 python3.12 python3.13
+release: TRIED := $(PYTHONS)
+
 wheel: $(CORE)
 	rm -rf dist build/lib build/bdist.* organisms/build
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist . ./organisms
 	$(BIN)/python tests/check_wheel.py dist/*.whl
-	$(BIN)/python tests/try_wheel.py dist
-
-# A release: what make wheel does, and the same trial in every Python that is promised.
-PYTHONS ?= python3.11 python3.12 python3.13
+	$(BIN)/python tests/try_wheel.py dist $(TRIED)
 
 release: wheel
-	$(BIN)/python tests/try_wheel.py dist $(PYTHONS)
 
 bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_statistics.py
