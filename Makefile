@@ -13,6 +13,7 @@ FUZZ := $(VENV)/.fuzz
 INSPECT := $(VENV)/inspect
 DOCS := $(VENV)/.docs
 EXTRAS := $(VENV)/.extras
+PROJECTS := pyproject.toml organisms/pyproject.toml
 
 # Python keeps what it compiled, also where the environment says otherwise: else each start of a command compiles it anew.
 export PYTHONDONTWRITEBYTECODE :=
@@ -24,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -39,7 +40,8 @@ help:
 	@echo "make extras       what test-models, test-browser and docs need, installed at once"
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
-	@echo "make wheel        the package, in dist, with its contents checked"
+	@echo "make wheel        both distributions, in dist, their contents checked, and tried in a fresh environment"
+	@echo "make release      the same, tried in each of PYTHONS ($(PYTHONS))"
 	@echo "make bench        ratios against what one would otherwise do"
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries and readers on fresh banks through the real run and in simulated worlds, beside their truth"
@@ -114,10 +116,18 @@ docs: $(DOCS)
 	$(BIN)/python -m sphinx -j 2 -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
-wheel: $(VENV)/bin/python
-	rm -rf dist build/lib build/bdist.*
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
+# Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
+# in one of every Python that is promised. With pyenv: PYENV_VERSION=3.11.7:3.12.1:3.13.0 make release.
+PYTHONS ?= python3.11 python3.12 python3.13
+release: TRIED := $(PYTHONS)
+
+wheel: $(CORE)
+	rm -rf dist build/lib build/bdist.* organisms/build
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist . ./organisms
 	$(BIN)/python tests/check_wheel.py dist/*.whl
+	$(BIN)/python tests/try_wheel.py dist $(TRIED)
+
+release: wheel
 
 bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_statistics.py
@@ -245,19 +255,19 @@ $(OLD)/.venv/bin/python:
 	$(OLD)/.venv/bin/python -m pip install --quiet --disable-pip-version-check -c $(OLD)/constraints.txt -e $(OLD)
 
 clean:
-	rm -rf $(VENV) demo ladder hierarchy build dist
+	rm -rf $(VENV) demo ladder hierarchy build dist organisms/build
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "eyechart needs Python 3.11 or newer; give it with: make PYTHON=python3.11 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(CORE): $(VENV)/bin/python pyproject.toml constraints.txt
-	$(PIP) -e .
+$(CORE): $(VENV)/bin/python $(PROJECTS) constraints.txt
+	$(PIP) -e . -e ./organisms
 	@touch $@
 
-$(DEV): $(VENV)/bin/python pyproject.toml constraints.txt
-	$(PIP) -e '.[dev]'
+$(DEV): $(VENV)/bin/python $(PROJECTS) constraints.txt
+	$(PIP) -e '.[dev]' -e ./organisms
 	@touch $(CORE) $@
 
 $(VLM): $(CORE)

@@ -81,7 +81,7 @@ def said_of(root: Path) -> Code:
     measuring = [
         benchmarks / f"{one}.py" for one in ("adversary_truth", "adversary_pictures", "strangers", "newcomers")
     ]
-    measuring += [source / "calibrate" / f"{one}.py" for one in ("adversaries", "world")]
+    measuring += [root / "src" / "eyechart_organisms" / "adversaries.py", source / "calibrate" / "world.py"]
     return Code(_digest(judging, f"staging {STAGING}"), _digest(measuring, ""))
 
 

@@ -31,7 +31,6 @@ from adversarial_counts import KNOWN, Row, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_truth
 from eyechart import verdicts
-from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
 from eyechart.calibrate.early import sampled
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Query, Reply
@@ -49,6 +48,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
+from eyechart_organisms.adversaries import ADVERSARIES, Adversary
 from newcomers import NEWCOMERS, paint
 from stranger_door import COLD, open_stranger
 from strangers import ENDS, LANES, NOISE, PLACES, READERS, STAGES, TURNS

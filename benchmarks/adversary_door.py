@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.calibrate.adversaries import ADVERSARIES, REVERSED, Adversary, Rule, graded, lead, road
 from eyechart.calls import Reply
 from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
 from eyechart.models.scripted import Answer, Sight, see
+from eyechart_organisms.adversaries import ADVERSARIES, REVERSED, Adversary, Rule, graded, lead, road
 from newcomers import Painted
 
 Ask = Callable[[str, bytes | None], Awaitable[str | Reply]]

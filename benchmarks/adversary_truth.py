@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adversary_pictures import Floats, Ints, Pictures
-from eyechart.calibrate.adversaries import Adversary
 from eyechart.calls import Reply
 from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
+from eyechart_organisms.adversaries import Adversary
 
 DRAWS, CURVE_DRAWS = 48, 16
 """How often a picture is asked about where chance or memory has a say, and one of the curve."""

@@ -30,7 +30,7 @@ KINDS = {"blind": BLIND, "reader of distance": READERS, "follower of the layout"
 COUNT = """
 import json, random, sys
 import numpy as np
-from eyechart.calibrate.adversaries import ADVERSARIES
+from eyechart_organisms.adversaries import ADVERSARIES
 from eyechart.calibrate.known import KNOWN, Known, by_sight
 from eyechart.calibrate.replication import answers_of, staged
 from eyechart.calibrate.world import SETTINGS, make_world

@@ -37,7 +37,7 @@ import write_gguf  # noqa: E402 - beside this file
 
 RESULT = ROOT / "benchmarks" / "results" / "endpoints.json"
 KEPT = ROOT / "build" / "every_server"
-ORGANISM = ROOT / "src" / "eyechart" / "models" / "huggingface" / "organisms" / "grounded"
+ORGANISM = ROOT / "src" / "eyechart_organisms" / "checkpoints" / "grounded"
 FRAMES = 24
 STARTS_S = 300.0
 _KEYLESS = "LITELLM_DANGEROUSLY_PERMIT_WEAK_OR_UNSET_MASTER_KEY"

@@ -33,7 +33,6 @@ sys.path[:0] = [str(ROOT / "tests")]
 
 import eyechart  # noqa: E402
 from broken_roads import BrokenRoad  # noqa: E402 - of the tests; here its road is sound
-from eyechart.calibrate.adversaries import ADVERSARIES  # noqa: E402
 from eyechart.calls import Query  # noqa: E402
 from eyechart.frames import Stimulus, open_bank  # noqa: E402
 from eyechart.models import open_model  # noqa: E402
@@ -41,6 +40,7 @@ from eyechart.models.scripted import see  # noqa: E402
 from eyechart.records import plain  # noqa: E402
 from eyechart.studies import battery as study  # noqa: E402
 from eyechart.verdicts import judge  # noqa: E402
+from eyechart_organisms.adversaries import ADVERSARIES  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "inspect.json"
 KEPT = ROOT / "build" / "inspect_battery"

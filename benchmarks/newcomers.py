@@ -12,7 +12,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from eyechart.calibrate.adversaries import (
+from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.spaces.scene import Other, Scene
+from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
     STOP_M,
@@ -26,8 +28,6 @@ from eyechart.calibrate.adversaries import (
     road,
     scale,
 )
-from eyechart.models.scripted import Answer, Reading, Sight
-from eyechart.spaces.scene import Other, Scene
 from strangers import (
     FARTHEST_M,
     Make,

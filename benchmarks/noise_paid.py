@@ -26,10 +26,10 @@ from pathlib import Path
 import eyechart
 from adversarial_counts import AUTHORITY, said_of
 from adversarial_runs import ROOT, Bank, judge_in_world, simulated_world
-from eyechart.calibrate.adversaries import Adversary, Rule, graded, lead, noisy
 from eyechart.models.scripted import Answer, Sight
 from eyechart.stats.paired import net_effect
 from eyechart.stats.resampling import holm
+from eyechart_organisms.adversaries import Adversary, Rule, graded, lead, noisy
 from newcomers import new
 from strangers import Reads, Stranger, always
 

@@ -10,8 +10,8 @@ import random
 from functools import partial
 
 from adversary_door import Ask, see_frame
-from eyechart.calibrate.adversaries import Adversary, Rule
 from eyechart.models.scripted import Answer
+from eyechart_organisms.adversaries import Adversary, Rule
 from newcomers import NEWCOMERS
 from strangers import STRANGERS
 

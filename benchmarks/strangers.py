@@ -13,7 +13,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from eyechart.calibrate.adversaries import (
+from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import Other
+from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
     STOP_M,
@@ -27,9 +30,6 @@ from eyechart.calibrate.adversaries import (
     nearest,
     road,
 )
-from eyechart.models.scripted import Answer, Reading, Sight
-from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Other
 
 Make = Callable[[], Rule]
 """Makes a rule that remembers nothing yet."""

@@ -7,6 +7,7 @@ import itertools
 import threading
 import time
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import arms
 from arms import Images
 from eyechart.models import trained
 
-NETWORK = trained.Network(Path(trained.__file__).parent / "sees.npz", samples=False)
+NETWORK = trained.Network(Path(str(files("eyechart_organisms") / "policies" / "sees.npz")), samples=False)
 sound = partial(NETWORK.act)
 
 

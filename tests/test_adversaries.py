@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
 from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
 from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import Sight
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
+from eyechart_organisms.adversaries import ADVERSARIES, Adversary
 
 pytestmark = pytest.mark.slow
 

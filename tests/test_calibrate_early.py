@@ -8,7 +8,6 @@ import pytest
 
 from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
 from eyechart.calibrate import early as stopping
-from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import (
     DRAWS,
     EMPTY,
@@ -32,6 +31,7 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.stats import evalues
 from eyechart.studies.battery.evidence import claims
 from eyechart.studies.battery.stopping import Course
+from eyechart_organisms.adversaries import ADVERSARIES
 
 pytestmark = pytest.mark.slow
 

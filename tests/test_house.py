@@ -16,8 +16,8 @@ from radon.visitors import Class, Function
 
 SOURCE = Path(__file__).parents[1] / "src"
 TEXTS = {
-    path.relative_to(SOURCE / "eyechart").as_posix(): path.read_text(encoding="utf-8")
-    for path in sorted((SOURCE / "eyechart").rglob("*.py"))
+    path.relative_to(SOURCE).as_posix().removeprefix("eyechart/"): path.read_text(encoding="utf-8")
+    for path in sorted(SOURCE.rglob("*.py"))
 }
 COMPLEXITY = 20
 """The most ways through a function; more is radon's rank D."""

@@ -18,6 +18,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("calibrate", "compare", "transfer", "guardian", "overview", "corpus"),
     ("studies",),
     ("report",),
+    ("eyechart_organisms",),
     ("gate", "destination"),
     ("verdicts",),
     ("episodes",),
@@ -34,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "seeds", "records", "keys"),
     ("patterns", "processes", "scratch"),
 )
-"""Top to bottom. A name is a module or a package of ``eyechart``.
+"""Top to bottom. A name is a module or a package of ``eyechart``, or the other distribution's package as a whole.
 
 ``probe`` stands beside ``run``: it asks models and reads replies, as a run does, and knows no study, ledger or verdict;
 ``integrity`` reads what it measured from the mode, not from it.
@@ -87,6 +88,7 @@ ASSEMBLED = {
     "cli",
     "conditions",
     "episodes",
+    "eyechart_organisms",
     "frames",
     "guardian",
     "importing",
@@ -113,8 +115,9 @@ ASSEMBLED = {
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
-ALLOWED_FROM_ANYWHERE = {"eyechart"}
-"""``eyechart`` itself holds the version and imports nothing of the tree, but ``look`` where somebody asks for it."""
+PACKAGES = {"eyechart", "eyechart_organisms"}
+ALLOWED_FROM_ANYWHERE = PACKAGES
+"""A package itself holds the version and imports nothing of the tree, but ``look`` where somebody asks for it."""
 LATE = {"eyechart": {"eyechart.api"}}
 
 DOORS = {"models", "simulators", "policies", "studies"}
@@ -139,7 +142,7 @@ BY_NAME = {"import_module", "__import__"}
 @cache
 def modules(root: Path = ROOT) -> dict[str, ast.Module]:
     """Return every module below ``root`` by its dotted name."""
-    paths = sorted((root / "eyechart").rglob("*.py"))
+    paths = sorted(path for package in sorted(PACKAGES) for path in (root / package).rglob("*.py"))
     return {name_of(path, root): parsed(path.read_text(encoding="utf-8")) for path in paths}
 
 
@@ -164,21 +167,27 @@ def named(tree: ast.Module) -> tuple[tuple[ast.Import | ast.ImportFrom, ...], bo
 
 
 def imports(tree: ast.Module, known: set[str]) -> Iterator[str]:
-    """Yield the eyechart modules that a module imports."""
+    """Yield the modules of the tree that a module imports."""
     for node in named(tree)[0]:
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "eyechart")
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] in PACKAGES)
         elif node.level:
             yield "a relative import"
-        elif (node.module or "").split(".")[0] == "eyechart":
+        elif (node.module or "").split(".")[0] in PACKAGES:
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
                 yield full if full in known else str(node.module)
 
 
+def part_of(module: str) -> str:
+    """Return the module or package of ``eyechart`` to which a module belongs; the other distribution's is one."""
+    package, _, inside = module.partition(".")
+    return inside.partition(".")[0] if package == "eyechart" else package
+
+
 def layer_of(module: str) -> int:
     """Return the number of a module's layer, counted from the top."""
-    first = module.split(".")[1]
+    first = part_of(module)
     for number, names in enumerate(LAYERS):
         if first in names:
             return number
@@ -221,7 +230,7 @@ def violations(trees: Mapping[str, ast.Module]) -> list[str]:
 
 def shared(module: str, target: str) -> bool:
     """Return whether two modules of one layer may know each other."""
-    package = module.split(".")[1]
+    package = part_of(module)
     if room_of(module) == room_of(target) and room_of(module) in ASSEMBLED:
         return True
     return target in FLOORS.get(package, ()) or (package in DOORS and target == f"eyechart.{package}")
@@ -248,6 +257,26 @@ def cycles(trees: Mapping[str, ast.Module]) -> list[str]:
 def test_imports_point_down_and_peers_do_not_know_each_other() -> None:
     """The tree as it stands keeps to its layers."""
     assert violations(modules()) == []
+
+
+def test_eyechart_goes_without_the_other_distribution() -> None:
+    """What needs it imports it in a function, where its lack is said in words."""
+    whole = {module: tree for module, tree in modules().items() if part_of(module) != "eyechart_organisms"}
+    first = (ast.Import, ast.ImportFrom)
+    tops = {
+        module: ast.Module([one for one in tree.body if isinstance(one, first)], []) for module, tree in whole.items()
+    }
+
+    def wanting(trees: Mapping[str, ast.Module]) -> set[str]:
+        known = set(modules())
+        return {
+            module
+            for module, tree in trees.items()
+            if any(one.startswith("eyechart_organisms") for one in imports(tree, known))
+        }
+
+    assert wanting(tops) == set()
+    assert wanting(whole) == {"eyechart.models", "eyechart.calibrate.known"}
 
 
 def test_no_module_imports_itself_through_others() -> None:
@@ -302,11 +331,13 @@ def test_no_module_imports_itself_through_others() -> None:
             "eyechart.frames.nouns imports by name",
         ),
         ("errors.py", "from eyechart.seeds import key_seed", "eyechart.errors imports eyechart.seeds, its peer"),
+        ("verdicts/paper.py", "from eyechart_organisms.adversaries import ADVERSARIES", "which stands above it"),
+        ("../eyechart_organisms/adversaries.py", "from eyechart.calibrate import world", "which stands above it"),
     ],
 )
 def test_a_forbidden_import_is_found(file: str, line: str, message: str) -> None:
     """An upward or sideways import that is added to the tree, even inside a function, is named."""
-    path = ROOT / "eyechart" / file
+    path = (ROOT / "eyechart" / file).resolve()
     added = f"\ndef _late() -> None:\n{line}\n" if line.startswith(" ") else f"\n{line}\n"
     changed = ast.parse(path.read_text(encoding="utf-8") + added)
     assert any(message in found for found in violations({**modules(), name_of(path): changed}))
@@ -317,7 +348,7 @@ def lacking(program: ast.Module, trees: Mapping[str, ast.Module]) -> list[str]:
     wanted = [
         (node.module, one.name)
         for node in ast.walk(program)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "eyechart"
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in PACKAGES
         for one in node.names
     ]
     return [

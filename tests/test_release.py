@@ -34,11 +34,11 @@ def test_every_earlier_version_in_the_changelog_has_a_date_and_is_kept() -> None
         assert (ROOT / "tests" / "old" / version / "answers").is_dir(), f"{version} is not kept: tests/old/make.py"
 
 
-def test_a_citation_names_the_last_release() -> None:
-    """While a version is in the making, it is the one before."""
+def test_a_citation_names_this_version() -> None:
+    """Also while it is in the making: who cites a checkout cites what is in it, and that is not the last release."""
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     assert cited
-    assert cited[1] == (HEADS[1][0] if ".dev" in __version__ else __version__)
+    assert cited[1] == __version__
 
 
 def test_the_workflows_only_call_make() -> None:

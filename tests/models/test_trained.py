@@ -14,7 +14,7 @@ from eyechart.calls import Query
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
-from eyechart.models import known_models, open_model
+from eyechart.models import known_models, open_model, organisms_folder
 from eyechart.models.trained import TRAINED
 from eyechart.spaces.motion import Motion
 from eyechart.verdicts.labels import CAMERA, INSTRUCTION, STATE
@@ -25,9 +25,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def folder() -> Path:
     """Return where the weights lie."""
-    import eyechart.models.trained as package  # noqa: PLC0415 - its folder is wanted
-
-    return Path(package.__file__).parent
+    return organisms_folder("this test") / "policies"
 
 
 def test_each_ships_in_some_fifty_kilobytes(folder: Path) -> None:

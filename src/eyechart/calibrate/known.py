@@ -3,9 +3,14 @@
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from eyechart.calibrate.world import Shown, World
+from eyechart.models import organisms_folder
 from eyechart.models.scripted import CONTROLLERS, Answer, Decide
+
+if TYPE_CHECKING:
+    from eyechart_organisms.adversaries import Adversary
 
 Choose = Callable[[Shown, float, random.Random], Answer]
 """(what is shown, how much of the asked frame's episode has passed, chance) to an answer."""
@@ -62,6 +67,15 @@ KNOWN: Mapping[str, Known] = {
         "no_power",
     ),
 }
+
+
+def adversaries() -> "Mapping[str, Adversary]":
+    """Return the rules that must not pass, by name; raises SpecError that says what to install where they are not."""
+    organisms_folder("'eyechart calibrate'")
+    from eyechart_organisms.adversaries import ADVERSARIES  # noqa: PLC0415 - a distribution of its own
+
+    return ADVERSARIES
+
 
 FOLLOW_GAP = frozenset(
     ("depth", "depth_lateral", "depth_left", "one_sided", "noisy_depth", "declines_blank_depth", "truncating")

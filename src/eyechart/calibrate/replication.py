@@ -11,9 +11,8 @@ import msgspec
 import numpy as np
 
 from eyechart import __version__, verdicts
-from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import MEASURED, count_rejections, sampled, stop_early
-from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_sight, deserved, is_false
+from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, adversaries, answer_all, by_sight, deserved, is_false
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
@@ -72,9 +71,10 @@ def calibrate(
 
     The result depends on the seed and on nothing else, least of all on ``processes``. ``progress`` is called with
     (banks done, banks in all). ``keep`` names a file of what was found so far: banks that stand in it are not simulated
-    again, the others are appended as they are done. Raises SpecError for an unknown setting, a number below 1, or a
-    file that holds something else.
+    again, the others are appended as they are done. Raises SpecError for an unknown setting, a number below 1, a file
+    that holds something else, or where ``eyechart-organisms`` is not installed.
     """
+    adversaries()
     chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
     for name in chosen:
         require_known(f"setting '{name}'", name, SETTINGS)
@@ -159,7 +159,7 @@ def try_adversaries(task: Task) -> list[Tried]:
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
     found = []
-    for name, one in ADVERSARIES.items():
+    for name, one in adversaries().items():
         known = Known(name, one.says, by_sight(one.decide), "", "", "")
         rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
         answers = answers_of(known, SETTINGS[task.setting], world, rng)

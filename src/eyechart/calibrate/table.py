@@ -3,9 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from eyechart.calibrate import early
-from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import EQUAL, SAVERS, mean_saved
-from eyechart.calibrate.known import KNOWN, NULLS
+from eyechart.calibrate.known import KNOWN, NULLS, adversaries
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.stats.agreement import clopper_pearson, rate
@@ -164,7 +163,7 @@ def _adversaries(found: Calibration) -> str:
     """Return what each adversary was called, and how often that was untrue of it."""
     rows = []
     for name, counts in found.adversaries.items():
-        one, n = ADVERSARIES[name], sum(counts.values())
+        one, n = adversaries()[name], sum(counts.values())
         said = ", ".join(f"{label} {count / n:.3f}" for label, count in sorted(counts.items(), key=lambda at: -at[1]))
         false = sum(count for label, count in counts.items() if one.is_false(*label.split("/")))
         rows.append((name, one.says, one.deserves, said, f"{false / n:.3f}"))

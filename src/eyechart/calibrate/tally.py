@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eyechart.calibrate import early as stopping
-from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import Early, Sums
-from eyechart.calibrate.known import KNOWN, NULLS, is_false
+from eyechart.calibrate.known import KNOWN, NULLS, adversaries, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import picked
@@ -183,8 +182,8 @@ class Calibration:
         """Return how often each adversary got a claim that is untrue of it, of those of which it is."""
         found = {}
         for name, counts in self.adversaries.items():
-            false = {called: claim in ADVERSARIES[name].is_false(*called.split("/")) for called in counts}
-            if ADVERSARIES[name].may_be_wronged(claim):
+            false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
+            if adversaries()[name].may_be_wronged(claim):
                 found[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
         return found
 
@@ -196,7 +195,7 @@ class Calibration:
                 sum(counts.values()),
             )
             for name, counts in self.adversaries.items()
-            if ADVERSARIES[name].follows
+            if adversaries()[name].follows
         }
 
     def type_one(self, setting: str, test: str) -> Statistic:
@@ -284,7 +283,7 @@ class Calibration:
             },
             **picked(self, "tests early ever"),
             "adversaries": {
-                name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
+                name: {"says": adversaries()[name].says, "deserves": adversaries()[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()
             },
             "power": [setting for setting in POWER if setting in self.settings],

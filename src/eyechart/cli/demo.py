@@ -21,10 +21,14 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
     vlm: Annotated[
-        bool, typer.Option("--vlm", help="Ask the five model organisms: needs the extra 'transformers'.")
+        bool,
+        typer.Option("--vlm", help="Ask the five model organisms: needs the extras 'organisms' and 'transformers'."),
     ] = False,
     policy: Annotated[
-        bool, typer.Option("--policy", help="Ask six tiny robot policies, which answer with motions.")
+        bool,
+        typer.Option(
+            "--policy", help="Ask six tiny robot policies, which answer with motions: needs the extra 'organisms'."
+        ),
     ] = False,
 ) -> None:
     """Build a highway bank, run all known-answer controllers, and print their verdicts.
@@ -39,6 +43,7 @@ def demo(
             raise typer.BadParameter("--vlm and --policy are two demos: give one of them")
         _demo_policies(out, seed)
         return
+    from eyechart.models import open_model
     from eyechart.models.scripted import CONTROLLERS
     from eyechart.modes import RequestMode
     from eyechart.simulators import open_bank_simulator
@@ -52,12 +57,13 @@ def demo(
         declared = {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
     else:
         declared = {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
+    # a checkpoint itself says whether its answers are drawn
+    asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
+    open_model(asked[0].spec, asked[0])  # what is not installed is said before a bank is built
     bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with progress("frames", "frames") as move:
             open_bank_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
-    # a checkpoint itself says whether its answers are drawn
-    asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else spec for spec in declared]
     planned = study.plan(bank, asked, run, seed=seed)
     with resumable(), progress("calls", "calls") as move:
         study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
@@ -161,8 +167,9 @@ def calibrate(
     """Test the battery's tests and both sets of rules on simulated controllers whose answer is known.
 
     Prints confusion matrices, error rates, power and the share of undecided verdicts; see docs/calibration.md. With
-    --policies, how often each label was said of simulated policies, and how often it was untrue. Exit 0: all targets
-    hold, 1: one is missed. Example: eyechart calibrate --replications 200 --keep banks.jsonl
+    --policies, how often each label was said of simulated policies, and how often it was untrue. Without --policies it
+    needs the extra 'organisms'. Exit 0: all targets hold, 1: one is missed.
+    Example: eyechart calibrate --replications 200 --keep banks.jsonl
     """
     if policies:
         if keep is not None:

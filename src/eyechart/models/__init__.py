@@ -5,11 +5,13 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
+from importlib.resources import files
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, meant
 from eyechart.loops import asyncio
@@ -105,6 +107,27 @@ def open_policy(policy: str | Opened, timeout_s: float | None = None) -> Opened:
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:
     """Return how a policy is asked: within so many seconds, or as long as any model may take."""
     return RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s)
+
+
+def organisms_folder(need: str, also: str = "") -> Path:
+    """Return the folder of the package ``eyechart_organisms``, which holds the weights of the model organisms.
+
+    Raises SpecError that says what to install for ``need``, and for the other extra that it needs ``also``, where the
+    package is not there or is of another version.
+    """
+    extras, local = (f"organisms,{also}", f"'.[{also}]' ./organisms") if also else ("organisms", "./organisms")
+    try:
+        import eyechart_organisms  # noqa: PLC0415 - a distribution of its own: eyechart goes without
+    except ModuleNotFoundError as error:
+        raise SpecError(
+            f"{need} needs eyechart-organisms: pip install 'eyechart[{extras}]' (in a checkout: pip install {local})"
+        ) from error
+    if eyechart_organisms.__version__ != __version__:
+        raise SpecError(
+            f"{need} needs eyechart-organisms {__version__}, and {eyechart_organisms.__version__} is installed: "
+            f"pip install 'eyechart[{extras}]=={__version__}'"
+        )
+    return Path(str(files(eyechart_organisms)))
 
 
 def machine_of(mode: RequestMode) -> str:

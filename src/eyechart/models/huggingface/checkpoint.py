@@ -85,13 +85,14 @@ def _sizes(weights: Weights) -> str:
 
 def find(name: str, mode: RequestMode) -> Checkpoint:
     """Find a checkpoint and open its processor; raises SpecError that says what is missing and what to do."""
+    organism = organisms.folder(name.removeprefix("organism:")) if name.startswith("organism:") else None
     require_library()
     options = mode.options
     trust = options.get("trust_remote_code", False)
     batch = options.get("batch", _BATCH)
     if not isinstance(trust, bool) or not isinstance(batch, int) or isinstance(batch, bool) or batch < 1:
         raise SpecError(f"'{mode.spec}': trust_remote_code is true or false, and batch a whole number of at least 1")
-    place, commit, weights = _locate(name, str(options.get("revision", "main")))
+    place, commit, weights = _locate(str(organism or name), str(options.get("revision", "main")))
     processor = _open_processor(place, commit, trust=trust)
     template = _require_image_slot(processor, mode.spec)
     how = choose_loading(mode, _open_config(place, commit, trust=trust))
@@ -162,10 +163,6 @@ def digest(folder: Path) -> str:
 
 def _locate(name: str, revision: str) -> tuple[str, str | None, Weights | None]:
     """Return the folder, or the Hub id with the commit that its revision stands for, and what is known of its size."""
-    kind, colon, organism = name.partition(":")
-    if colon and kind == "organism":
-        there = organisms.folder(organism)
-        return str(there), None, weigh(there)
     folder = Path(name).expanduser()
     if folder.is_dir():
         if not (folder / "config.json").is_file():

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from eyechart.models import open_policy
 from eyechart.models.trained import TRAINED
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
@@ -49,6 +50,7 @@ class Shown:
 
 def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[str, Shown]]:
     """Build the banks and ask every trained policy on the preset that it was trained for; a second call goes on."""
+    open_policy(f"trained:{next(iter(TRAINED))}")  # what is not installed is said before a bank is built
     scores: list[PolicyScore] = []
     found: dict[str, Shown] = {}
     for preset in PRESETS:

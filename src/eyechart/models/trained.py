@@ -1,6 +1,7 @@
 """``trained:NAME``: tiny policies of the tabletop that were trained to look in a known way; they need numpy alone.
 
-Each file holds some 23 000 weights in half precision. How they were trained is organisms/reach.py, beside src.
+Each is a file of some 23 000 weights in half precision, in the distribution ``eyechart-organisms``. How they were
+trained is organisms/reach.py, beside src.
 """
 
 import hashlib
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import require_known
+from eyechart.models import organisms_folder
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.modes import RequestMode
 
@@ -160,9 +162,12 @@ def _windows(shape: tuple[int, ...], wide: int, stride: int) -> npt.NDArray[np.i
 
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
-    """Open a trained policy; raises SpecError that lists the known ones. No weights are read before it is asked."""
+    """Open a trained policy; no weights are read before it is asked.
+
+    Raises SpecError that lists the known ones, or says what to install.
+    """
     require_known(f"policy 'trained:{name}'", name, TRAINED)
-    file = Path(__file__).parent / f"{name}.npz"
+    file = organisms_folder(f"'trained:{name}'") / "policies" / f"{name}.npz"
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     network = Network(file, TRAINED[name].samples)
     facts = {"seedable": "false", "file_sha256": digest}

@@ -1,13 +1,14 @@
 """Model organisms: tiny real vision-language models that were trained to look in a known way, or not at all.
 
-Each folder here is an ordinary checkpoint with its card. They are what the instrument is tried on: real weights, a real
-tokenizer, real decoding, and an answer that is known because it was trained.
+They are what the instrument is tried on: real weights, a real tokenizer, real decoding, and an answer that is known
+because it was trained. Each is an ordinary checkpoint with its card, in the distribution ``eyechart-organisms``.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.errors import require_known
+from eyechart.models import organisms_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +63,10 @@ PLANNERS: dict[str, Organism] = {
 """Sources of intent for the hierarchy; their labels are those on a ``balanced`` rover bank."""
 
 SAYS: dict[str, str] = {name: one.says for name, one in (ORGANISMS | ESTIMATORS | PLANNERS).items()}
-"""Every organism that ships, in words."""
+"""Every organism, in words."""
 
 
 def folder(name: str) -> Path:
-    """Return an organism's checkpoint; raises SpecError that lists the known ones."""
+    """Return an organism's checkpoint; raises SpecError that lists the known ones, or says what to install."""
     require_known(f"organism '{name}'", name, SAYS)
-    return Path(__file__).parent / name
+    return organisms_folder(f"'hf:organism:{name}'", "transformers") / "checkpoints" / name

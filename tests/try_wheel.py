@@ -1,0 +1,127 @@
+"""Install both wheels into fresh environments and try them there. Usage: try_wheel.py dist [PYTHON ...].
+
+Without a PYTHON it is this one, whose installed requirements are used; for others they are installed once, into
+build/requirements. The wheels themselves come from the folder alone. In an empty folder it is tried what the core does,
+what it says where the organisms are missing, and that they are found once they are installed.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from email import message_from_bytes
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+BUILD = ROOT / "build"
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "EYECHART"))}
+FOUND = """
+import eyechart, sys
+from eyechart.models import open_model, organisms_folder
+from eyechart.models.trained import TRAINED
+from eyechart.models.huggingface.organisms import SAYS, folder
+assert eyechart.__file__.startswith(sys.prefix), eyechart.__file__
+assert all((folder(name) / "model.safetensors").is_file() for name in SAYS)
+assert all(open_model(f"trained:{name}", answering="policy").version for name in TRAINED)
+"""
+
+
+def run(*words: str | Path, cwd: Path | None = None, codes: tuple[int, ...] = (0,)) -> str:
+    """Return what a command prints; ends the program where it exits otherwise than it should."""
+    done = subprocess.run(words, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    if done.returncode not in codes:
+        sys.exit(f"{' '.join(map(str, words))}: exit {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout + done.stderr
+
+
+def expect(words: str, said: str) -> None:
+    """End the program where a command did not say what it should."""
+    if words not in " ".join(said.split()):
+        sys.exit(f"try_wheel: '{words}' was expected, and not said:\n{said}")
+
+
+def version_of(python: str) -> str:
+    """Return the version of a Python, as 3.12; ends the program where there is none of that name."""
+    if shutil.which(python) is None:
+        sys.exit(
+            f"try_wheel: there is no {python}; name those that there are: make release PYTHONS='/path/to/python …'"
+        )
+    return run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
+
+
+def requirements(python: str, version: str, place: Path, dist: Path) -> Path:
+    """Return a folder of what eyechart requires, without eyechart: links to what this Python has, or installed once."""
+    if python == sys.executable:
+        place.mkdir()
+        for one in Path(sysconfig.get_path("purelib")).iterdir():
+            if not one.name.startswith(("eyechart", "__")):
+                (place / one.name).symlink_to(one)
+        return place
+    kept = BUILD / "requirements" / version
+    if not kept.is_dir():
+        with zipfile.ZipFile(next(dist.glob("eyechart-*.whl"))) as wheel:
+            about = next(name for name in wheel.namelist() if name.endswith("/METADATA"))
+            named = message_from_bytes(wheel.read(about)).get_all("Requires-Dist", [])
+        needed = [one for one in named if "extra ==" not in one]
+        part = kept.with_name(f"{version}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        pip = (python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-compile")
+        run(*pip, "--target", part, "-c", ROOT / "constraints.txt", *needed)
+        part.rename(kept)
+    return kept
+
+
+def install(python: Path, dist: Path, what: str) -> None:
+    """Install from the folder of wheels alone."""
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python, "install", "--quiet")
+    run(*pip, "--no-index", "--find-links", dist, what)
+
+
+def try_in(python: str, dist: Path) -> str:
+    """Try the wheels in a fresh environment of a Python; returns what was done, with the seconds that it took."""
+    version, start = version_of(python), time.perf_counter()
+    place = BUILD / "tried" / version
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    needed = requirements(python, version, place / "requirements", dist)
+    run(python, "-m", "venv", "--without-pip", place / "venv")
+    own = place / "venv" / "bin" / "python"
+    packages = run(own, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
+    (Path(packages) / "requirements.pth").write_text(f"{needed}\n", encoding="utf-8")
+    install(own, dist, "eyechart")
+    command, empty = own.with_name("eyechart"), place / "empty"
+    empty.mkdir()
+    with ThreadPoolExecutor() as pool:  # each takes half a minute of one core
+        demo, look = pool.map(lambda words: run(command, *words, cwd=empty), (("demo",), ("look", "scripted:depth")))
+    expect("16 of 16 verdicts are as the controllers declared.", demo)
+    expect("Yes. It may be tried", look)
+    for words, extras in (
+        (("demo", "--vlm", "--out", "vlm"), "organisms,transformers"),
+        (("demo", "--policy", "--out", "policy"), "organisms"),
+        (("doctor", "hf:organism:grounded"), "organisms,transformers"),
+        (("calibrate",), "organisms"),
+    ):
+        said = run(command, *words, cwd=empty, codes=(2,))
+        expect(f"needs eyechart-organisms: pip install 'eyechart[{extras}]'", said)
+        if "Traceback" in said or not {one.name for one in empty.iterdir()} <= {"demo", "looks"}:
+            sys.exit(f"try_wheel: {' '.join(words)} left something, or broke:\n{said}")
+    install(own, dist, "eyechart[organisms]")
+    run(own, "-c", FOUND, cwd=empty)
+    expect(
+        "Targets:", run(command, "calibrate", "--replications", "1", "--setting", "small_10", cwd=empty, codes=(0, 1))
+    )
+    shutil.rmtree(place)
+    seconds = time.perf_counter() - start
+    return (
+        f"Python {version}: demo, look, what is said to be missing, and calibrate with the organisms: {seconds:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    where, *pythons = sys.argv[1:]
+    for one in pythons or [sys.executable]:
+        print(try_in(one, Path(where).resolve()), flush=True)
