@@ -30,6 +30,7 @@ from eyechart.verdicts.depth import (
 )
 from eyechart.verdicts.rules import Clause
 from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.why_not import why_not
 
 
 def ruled(**changed: Statistic) -> Ruling:
@@ -440,8 +441,9 @@ def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
 def test_a_file_that_was_not_tested_keeps_from_depth_and_is_named() -> None:
     """All else holds: the label, its sentence and why it is no more say so."""
     found = by_hand(file=cannot_say("no nudged picture was answered"))
-    verdict = judge_one(Evidence("m", found, 9, 9, {}, holm={"cramers_v": None}, directions={"LEFT": 0, "RIGHT": 0}))
-    assert verdict.calibrated.label == "depth_associated"
-    assert "whether it follows the file was not tested" in str(verdict.calibrated.reason)
-    assert verdict.why_not is not None
-    assert verdict.why_not.decided_by == "file"
+    ruling = DISTANCE.evaluate(found)
+    assert ruling.label == "depth_associated"
+    assert "whether it follows the file was not tested" in str(ruling.reason)
+    kept = why_not(Evidence("m", found, 9, 9, {}), ruling, ruling)
+    assert kept is not None
+    assert kept.decided_by == "file"
