@@ -8,7 +8,7 @@ from eyechart.gate import hold_policies
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.shares import Misfit, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.axes import judge_camera, judge_state
+from eyechart.verdicts.axes import of_camera, of_state
 from eyechart.verdicts.channels import REQUIREMENTS, judge_policy
 from eyechart.verdicts.labels import STATE
 from eyechart.verdicts.uses import Asked
@@ -92,7 +92,7 @@ def test_each_camera_has_a_label_of_its_own() -> None:
 def test_the_state_axis(changed: dict[str, Statistic | None], label: str) -> None:
     """A shortcut only where the cameras are ignored."""
     assert verdict(**changed).state.label == label
-    assert judge_state({}, "undecided", there=False).label == "undecided"
+    assert of_state({}, "undecided", there=False).label == "undecided"
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,7 @@ def test_a_gate_cannot_say_whether_an_object_is_followed_that_nobody_moved() -> 
 
 def test_judging_nothing_decides_nothing() -> None:
     """Without any statistic of a channel."""
-    assert judge_camera({}, "cameras", "its cameras").label == "undecided"
+    assert of_camera({}, "cameras", "its cameras").label == "undecided"
 
 
 def test_a_verdict_bears_the_name_of_its_policy_and_of_each_camera() -> None:
@@ -627,3 +627,26 @@ def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
     found = verdict(misfit=small)
     assert found.guards == {}
     assert any(one.startswith("The spread of 'dx' is another by a factor of 9") for one in found.remarks)
+
+
+def test_a_command_names_the_bank_of_the_run() -> None:
+    """By its path, as a shell takes it, wherever a verdict says what to ask."""
+    unread = {"T.swapped@state": Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)}
+    asked = Asked(bank="banks/my arm")
+    found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", asked=asked)
+    assert "'eyechart doctor SPEC --frames 'banks/my arm'' asks" in found.state.because
+    assert "BANK" not in str(found)
+
+
+def test_what_is_said_of_one_camera_alone_ends_its_last_sentence() -> None:
+    """Behind the remark that it may not be connected, where that is made too."""
+    same = Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)
+    names = ("camera:left", "camera:right")
+    shares = {f"T.{kind}@{name}": same for name in names for kind in ("swapped", "matched")}
+    greys = {f"T.blank@{name.partition(':')[2]}": same for name in names}
+    found = judge_policy("m", GOOD | shares | greys, (*CHANNELS, *names), scope="here.")
+    assert [found.cameras[name].label for name in ("left", "right")] == ["ignores_camera"] * 2
+    said = found.cameras["left"].because
+    assert ". Another picture of left changes not one bit" in said
+    assert said.endswith("since they may tell the same.")
+    assert ".;" not in said

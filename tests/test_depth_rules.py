@@ -30,6 +30,7 @@ from eyechart.verdicts.depth import (
 )
 from eyechart.verdicts.rules import Clause
 from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.why_not import why_not
 
 
 def ruled(**changed: Statistic) -> Ruling:
@@ -435,3 +436,14 @@ def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
     assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
     blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
     assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT, AGAIN)
+
+
+def test_a_file_that_was_not_tested_keeps_from_depth_and_is_named() -> None:
+    """All else holds: the label, its sentence and why it is no more say so."""
+    found = by_hand(file=cannot_say("no nudged picture was answered"))
+    ruling = DISTANCE.evaluate(found)
+    assert ruling.label == "depth_associated"
+    assert "whether it follows the file was not tested" in str(ruling.reason)
+    kept = why_not(Evidence("m", found, 9, 9, {}), ruling, ruling)
+    assert kept is not None
+    assert kept.decided_by == "file"

@@ -8,7 +8,7 @@ import pytest
 
 from eyechart.stats.shares import Followed, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.axes import judge_camera
+from eyechart.verdicts.axes import of_camera
 from eyechart.verdicts.channels import AXES, judge_policy
 from eyechart.verdicts.labels import CAMERA, USES
 from eyechart.verdicts.uses import Asked
@@ -153,5 +153,5 @@ def test_pictures_that_are_open_stay_open() -> None:
     """What changes a bit is not said to be unconnected."""
     found = verdict(swap=OPEN).camera
     assert (found.label, found.may_be_unconnected) == ("undecided", False)
-    assert judge_camera({}, "cameras", "its cameras").label == "undecided"
+    assert of_camera({}, "cameras", "its cameras").label == "undecided"
     assert verdict(follow=FOLLOWED, swap=share(0.5, 0.9)).camera.label == "object_grounded"

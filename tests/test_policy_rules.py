@@ -1,6 +1,7 @@
 """Rules of policies as rows: they say of random evidences what older rules said, and every clause has three values."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -34,6 +35,7 @@ CHANGED: dict[str, dict[str, dict[str, int]]] = json.loads(
 ``first`` counts the labels of the first 1000, ``all`` those of all that are recorded.
 """
 
+VERDICTS = Path(__file__).parents[1] / "src" / "eyechart" / "verdicts"
 AXES = (
     camera_axis("cameras", "its cameras", (SINGLES, ())),
     *(camera_axis(one, f"the {one.partition(':')[2]} camera") for one in SINGLES),
@@ -145,10 +147,12 @@ def test_a_statistic_of_another_kind_is_read_as_the_one_that_a_rule_reads() -> N
     assert as_read("follow.named", followed) is as_read("T.blank", followed) is followed
 
 
-@pytest.mark.parametrize("module", ["axes", "channels", "uses", "rules"])
-def test_no_rule_of_policies_reads_prose(module: str) -> None:
-    """Neither method nor detail; a note is printed whole, and no part of it is looked for."""
-    text = (Path(__file__).parents[1] / "src" / "eyechart" / "verdicts" / f"{module}.py").read_text("utf-8")
+@pytest.mark.parametrize("module", sorted(one.stem for one in VERDICTS.glob("*.py")))
+def test_no_rule_reads_prose_or_cuts_a_sentence(module: str) -> None:
+    """Neither method nor detail; a note and a reason are printed whole, and no part of them is looked for."""
+    text = (VERDICTS / f"{module}.py").read_text("utf-8")
+    assert "[:-1]" not in text
+    assert not re.search(r"(because|reason|note)\)?(\[|\.(partition|split|removeprefix|removesuffix))", text)
     assert ".detail" not in text
     assert ".method" not in text
     assert " in noise.note" not in text

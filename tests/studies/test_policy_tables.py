@@ -105,7 +105,7 @@ def test_the_page_draws_no_share_of_who_failed_and_says_what_settles_what_is_ope
     unread, contrary = f"{HERE}:unread", f"{HERE}:contrary"
     for channel, what in (("cameras", "its picture"), ("instruction", "its instruction")):
         assert settling(scored, unread, channel).startswith(
-            f"ask 'eyechart doctor SPEC --frames BANK' whether {what} reaches it; a policy"
+            f"ask 'eyechart doctor SPEC --frames {scored.manifest.bank_path}' whether {what} reaches it; a policy"
         )
     assert "names that were exchanged" in settling(scored, contrary, "instruction")
     assert "names that were exchanged" in html
@@ -113,7 +113,9 @@ def test_the_page_draws_no_share_of_who_failed_and_says_what_settles_what_is_ope
     assert html.count("pictures-python-test-policy-tables-unread-") > 0
     assert "another top picture, another wrist picture" in html
     assert "whether its picture reaches it" in html
-    command = "".join(f"<span>{word}</span> " for word in ("eyechart", "doctor", "SPEC", "--frames", "BANK"))
+    command = "".join(
+        f"<span>{word}</span> " for word in ("eyechart", "doctor", "SPEC", "--frames", scored.manifest.bank_path)
+    )
     assert f'<code class="command">{command.rstrip()}</code> whether its picture reaches it' in html
 
 

@@ -22,7 +22,16 @@ from eyechart.stats.partners import balanced_partners
 from eyechart.stats.shares import Share
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
-from eyechart.verdicts.axes import RESPONDS, SURENESS, Judged, judge_camera, judge_instruction, judge_state, rests_on
+from eyechart.verdicts.axes import (
+    RESPONDS,
+    SURENESS,
+    Judged,
+    judged,
+    of_camera,
+    of_instruction,
+    of_state,
+    rests_on,
+)
 from eyechart.verdicts.uses import IGNORED
 
 Floats = npt.NDArray[np.float64]
@@ -250,20 +259,20 @@ def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
     Where the share is `IGNORED` or more, and that of these episodes is not, each once more as `TRUE_OF_THESE`.
     """
     world = _World(setting, rng)
-    judged = _judged(setting, world.statistics())
-    labels = tuple(one.label for one in judged)
+    said = _judged(setting, world.statistics())
+    labels = tuple(one.label for one in said)
     little = setting.whole and world.share < IGNORED <= setting.share
     own = tuple(f"{one}{TRUE_OF_THESE}" for one in labels) if little else ()
-    return (*labels, *(f"{one.of_data_set}{WHOLE}" for one in judged), *own)
+    return (*labels, *(f"{one.of_data_set}{WHOLE}" for one in said), *own)
 
 
 def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judged, ...]:
     if setting.margin == "instruction":
-        return (judge_instruction(statistics),)
-    camera = judge_camera(statistics, "cameras", "its cameras")
+        return (judged(of_instruction(statistics)),)
+    camera = judged(of_camera(statistics, "cameras", "its cameras"))
     if setting.margin in {"matched", "follow", "control", "beyond", "exchanged"}:
         return (camera,)
-    return camera, judge_state(statistics, camera.label, there=True)
+    return camera, judged(of_state(statistics, camera.label, there=True))
 
 
 def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic]:

@@ -534,10 +534,14 @@ STATE = Axis("state", tuple(_of_state()))
 INSTRUCTION = Axis("instruction", tuple(_of_instruction()))
 
 
-def judged(ruling: Ruling) -> Judged:
-    """Return a ruling in words, of the whole data set only where few enough of its episodes may respond."""
+def judged(ruling: Ruling, *beside: str) -> Judged:
+    """Return a ruling in words, of the whole data set only where few enough of its episodes may respond.
+
+    ``beside`` is what else is said, by sentence; without it the reason alone.
+    """
     one, why = ruling.bound, str(ruling.why_not)
-    found = Judged(ruling.label, sentence(str(ruling.reason)), ruling.decided_by, why, may_be=ruling.may_be)
+    because = " ".join(map(sentence, beside or (str(ruling.reason),)))
+    found = Judged(ruling.label, because, ruling.decided_by, why, may_be=ruling.may_be)
     if one is None or one.value is None or one.ci is None:
         return found
     if one.ci[1] < OF_DATA_SET:
@@ -557,14 +561,14 @@ def _count(one: Statistic) -> int:
     return round((one.value or 0.0) * one.n)
 
 
-def judge_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EVERYTHING) -> Judged:
-    """Return the label of all cameras together, or of one."""
+def of_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EVERYTHING) -> Ruling:
+    """Return the ruling on all cameras together, or of one."""
     head = "swapped@camera:"
     singles = tuple(name.removeprefix("T.swapped@") for name in statistics if name.startswith(f"T.{head}"))
     others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
     found = Known(statistics, asked)
     found.update(_halves(found))
-    return judged(camera_axis(channel, what, (singles, others)).evaluate(found))
+    return camera_axis(channel, what, (singles, others)).evaluate(found)
 
 
 def _halves(found: Known) -> dict[str, Share]:
@@ -576,12 +580,12 @@ def _halves(found: Known) -> dict[str, Share]:
     }
 
 
-def judge_state(statistics: Statistics, camera: str, *, there: bool, asked: Asked = EVERYTHING) -> Judged:
-    """Return the label of the state, where the bank has one; ``camera`` is that of all cameras."""
+def of_state(statistics: Statistics, camera: str, *, there: bool, asked: Asked = EVERYTHING) -> Ruling:
+    """Return the ruling on the state, where the bank has one; ``camera`` is that of all cameras."""
     blind = camera == "ignores_camera"
-    return judged(STATE.evaluate(Known(statistics, asked, has_state=there, ignores_camera=blind)))
+    return STATE.evaluate(Known(statistics, asked, has_state=there, ignores_camera=blind))
 
 
-def judge_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Judged:
-    """Return the label of the instruction."""
-    return judged(INSTRUCTION.evaluate(Known(statistics, asked)))
+def of_instruction(statistics: Statistics, asked: Asked = EVERYTHING) -> Ruling:
+    """Return the ruling on the instruction."""
+    return INSTRUCTION.evaluate(Known(statistics, asked))

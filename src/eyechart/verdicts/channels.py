@@ -14,14 +14,15 @@ from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.axes import (
     OF_ITS_WORLD,
     Judged,
-    judge_camera,
-    judge_instruction,
-    judge_state,
     judged,
+    of_camera,
+    of_instruction,
+    of_state,
 )
 from eyechart.verdicts.card import card
 from eyechart.verdicts.labels import CAMERA, INSTRUCTION, LOOKS, STATE, USES, Use, meets
 from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, fail, missing, there
+from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.uses import (
     EVERYTHING,
     FOLLOWED,
@@ -184,22 +185,24 @@ def judge_policy(
         every = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, every, nothing, nothing, failed, shares, scope, tuple(remarks))
 
-    def reached(found: Judged, channel: str, what: str) -> Judged:
-        return _reached(found, known, reaching(channel, what), unread=bool(reads) and not is_read(channel, reads))
+    def reached(ruling: Ruling, channel: str, what: str, alone: str = "") -> Judged:
+        unread = bool(reads) and not is_read(channel, reads)
+        return _reached(ruling, reaching(channel, what).evaluate(known), alone, unread=unread)
 
-    camera = reached(judge_camera(statistics, "cameras", "its cameras", asked), "cameras", "picture")
+    whole = of_camera(statistics, "cameras", "its cameras", asked)
+    single = {name: of_camera(statistics, f"camera:{name}", f"the {name} camera", asked) for name in names}
+    several = (
+        []
+        if whole.label == "ignores_camera"
+        else [name for name, one in single.items() if one.label == "ignores_camera"]
+    )
+    camera = reached(whole, "cameras", "picture")
     cameras = {
-        name: reached(
-            judge_camera(statistics, f"camera:{name}", f"the {name} camera", asked),
-            f"camera:{name}",
-            f"picture of {name}",
-        )
-        for name in names
+        name: reached(one, f"camera:{name}", f"picture of {name}", _alone(name, several))
+        for name, one in single.items()
     }
-    if camera.label != "ignores_camera":
-        cameras = _one_at_a_time(cameras)
-    state = reached(judge_state(statistics, camera.label, there="state" in channels, asked=asked), "state", "state")
-    instruction = reached(judge_instruction(statistics, asked), "instruction", "instruction")
+    state = reached(of_state(statistics, camera.label, there="state" in channels, asked=asked), "state", "state")
+    instruction = reached(of_instruction(statistics, asked), "instruction", "instruction")
     remarks += [*_left_out(statistics["motions"], missing or {}), *_remarks(known, camera.label)]
     misfit = statistics["misfit"].value
     return PolicyVerdict(
@@ -207,40 +210,36 @@ def judge_policy(
     )
 
 
-def _one_at_a_time(cameras: Mapping[str, Judged]) -> dict[str, Judged]:
-    """Return the labels of single cameras, said of one at a time where several are ignored and all together are not."""
-    several = [name for name, one in cameras.items() if one.label == "ignores_camera"]
-    found = dict(cameras)
-    for name in several if len(several) > 1 else ():
-        others = ", ".join(one for one in several if one != name)
-        alone = (
-            f"that is said of it alone, while the others are there: so could {others}, and that they could together "
-            "is not said, since they may tell the same"
-        )
-        found[name] = replace(found[name], because=f"{found[name].because[:-1]}; {alone}.")
-    return found
+def _alone(name: str, several: Sequence[str]) -> str:
+    """Return that the label of a single camera is said of it alone, where others of ``several`` are ignored too."""
+    others = ", ".join(one for one in several if one != name)
+    if name not in several or not others:
+        return ""
+    return (
+        f"that is said of it alone, while the others are there: so could {others}, and that they could together is not "
+        "said, since they may tell the same"
+    )
 
 
 HOLDS = "holds"
 """The label of what no rule speaks against."""
 
 
-def _reached(found: Judged, known: Known, reaching: Axis, *, unread: bool) -> Judged:
-    """Return a label with the remark that the channel may not be connected, of one that changes not one bit.
+def _reached(ruling: Ruling, reaches: Ruling, alone: str, *, unread: bool) -> Judged:
+    """Return a ruling in words with the remark that the channel may not be connected, of one that changes not one bit.
 
     It stands behind an absence, which is true either way, and before what else leaves an axis open; and is not made of
-    a channel that the policy declares to leave ``unread``.
+    a channel that the policy declares to leave ``unread``. What is said of it ``alone`` ends the last sentence.
     """
-    ruling = reaching.evaluate(known)
-    if not (USES[found.label].is_absence or found.label == "undecided") or ruling.label == HOLDS:
-        return found
-    said = found.because
-    if not unread:
-        wiring = judged(ruling).because
-        said = f"{said} {wiring}" if USES[found.label].is_absence else f"{wiring} {said}"
-    elif USES[found.label].is_absence:
-        said = f"{said[:-1]}; it declares that it does not read it."
-    return replace(found, because=said, may_be_unconnected=not unread)
+    absent, said = USES[ruling.label].is_absence, [str(ruling.reason)]
+    still = reaches.label != HOLDS and (absent or ruling.label == "undecided")
+    if still and not unread:
+        said.insert(len(said) if absent else 0, str(reaches.reason))
+    elif still and absent:
+        said[-1] += "; it declares that it does not read it"
+    if alone:
+        said[-1] += f"; {alone}"
+    return replace(judged(ruling, *said), may_be_unconnected=still and not unread)
 
 
 @cache
@@ -257,7 +256,7 @@ def reaching(channel: str, what: str) -> Axis:
     alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
     words = (
         f"another {what} changes {{bits:{channel}}}: it may not be connected, or an earlier answer is kept; "
-        "'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
+        "'eyechart doctor SPEC --frames {bank}' asks, and a policy that is not to read it declares its channels"
     )
     return Axis(f"reaching {channel}", (undecided(swap, alike, words), Rule(HOLDS, swap, (), "it does")))
 
@@ -449,7 +448,7 @@ REMARKS = (
     ),
     _remark(
         "it ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in training? "
-        "'eyechart doctor SPEC --frames BANK' tries other forms",
+        "'eyechart doctor SPEC --frames {bank}' tries other forms",
         UNFIT,
         _BLIND,
     ),

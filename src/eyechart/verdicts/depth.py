@@ -200,8 +200,18 @@ NO_OPEN_PLACE = compared(
 )
 """A place in which the effect is neither shown nor bounded may be a hole: more frames of it tell."""
 FILE = p_below("file", FILE_ALPHA)
-NO_FILE = compared("file", "p", ">=", FILE_ALPHA, untested=False)
+NO_FILE = compared(
+    "file",
+    "p",
+    ">=",
+    FILE_ALPHA,
+    unasked="whether it follows the file was not tested",
+    needs=f"p of {FILE_ALPHA} at least",
+    untested=False,
+)
 
+UNSHOWN = (*SHOWN, NO_RISE, NO_OPEN_PLACE, NO_FILE)
+"""What keeps who is not refuted from depth, the first that does not hold first."""
 _HOLDS = (*SHOWN, *REFUTING, NO_FILE)
 
 
@@ -283,7 +293,7 @@ RULES: tuple[Rule, ...] = (
         "depth_interventional",
         (MOVED, UNFOLLOWED),
         f"{HARDER}; {{but}}",
-        open_to=(*SHOWN, NO_RISE, NO_OPEN_PLACE),
+        open_to=UNSHOWN,
     ),
 )
 """The rules of who brakes harder for the nearer lead, in their order."""

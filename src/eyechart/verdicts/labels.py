@@ -260,8 +260,8 @@ CAMERA: dict[str, Use] = {
         "blind",
         answer="No",
         rank=0,
-        advice="ask 'eyechart doctor SPEC --frames BANK' whether the picture reaches it; if so, train where the state "
-        "alone does not tell what to do.",
+        advice="ask 'eyechart doctor SPEC --frames {bank}' whether the picture reaches it; if so, train where the "
+        "state alone does not tell what to do.",
     ),
     "undecided": Use("The run does not settle what the picture is used for.", otherwise="cannot say"),
 }

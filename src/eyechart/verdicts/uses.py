@@ -4,6 +4,7 @@ Why these rules: docs/decisions/policies.md.
 """
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from string import Formatter
@@ -45,10 +46,14 @@ Statistics = Mapping[str, Statistic]
 
 @dataclass(frozen=True)
 class Asked:
-    """What a run did not ask although its bank can show it, and why the bank cannot show the rest, by condition."""
+    """What a run did not ask although its bank can show it, and why the bank cannot show the rest, by condition.
+
+    ``bank`` is the folder of the bank, for the commands that sentences name.
+    """
 
     unasked: frozenset[str] = frozenset()
     lacking: Mapping[str, str] = field(default_factory=dict)
+    bank: str = "BANK"
 
 
 EVERYTHING = Asked()
@@ -81,6 +86,7 @@ class Known(dict[str, Share]):
             | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in asked.unasked}
             | {name: Share(float(holds), 1) for name, holds in facts.items()}
         )
+        self.bank = shlex.quote(asked.bank)
 
     def __missing__(self, name: str) -> Share:
         return _kind(name)(None, -1)
@@ -186,6 +192,7 @@ WORDS: dict[str, Word] = {
     "forgot": lambda found, names: found.forgot(*names.split(",")),
     "without": lambda found, name: found.without(name),
     "note": lambda found, name: found[name].note,
+    "bank": lambda found, _: found.bank,
 }
 """The words that stand in sentences as places."""
 

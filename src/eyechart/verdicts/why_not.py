@@ -12,7 +12,7 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
-from eyechart.verdicts.depth import NO_OPEN_PLACE, NO_RISE, REFUTING, SHOWN, STAGE, is_refuted
+from eyechart.verdicts.depth import NO_OPEN_PLACE, REFUTING, STAGE, UNSHOWN, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, UNPARSED_CUT
@@ -197,7 +197,7 @@ def _not_depth(evidence: Evidence) -> WhyNot:
             settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
             return WhyNot("depth", name, found[name], "an answer", settle)
         return _missing("depth", name, evidence, tuple(one for one in (*MOVED, *STAGE) if one not in evidence.replies))
-    clause = next(one for one in (*SHOWN, NO_RISE, NO_OPEN_PLACE) if one.holds(found) is not True)
+    clause = next(one for one in UNSHOWN if one.holds(found) is not True)
     one = clause.read(found)
     missing = tuple(name for name in clause.conditions if name not in evidence.replies)
     if clause.outcome(found) is None and missing:

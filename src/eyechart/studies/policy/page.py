@@ -12,7 +12,7 @@ from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
 from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.studies.policy.settling import ASK_ROAD, CHANNEL_OF, IN_WORDS, settling
+from eyechart.studies.policy.settling import ASK_ROAD, CHANNEL_OF, named, settling
 from eyechart.studies.policy.tables import (
     channel_table,
     meaning_table,
@@ -198,7 +198,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     """Return what somebody who trains this policy could do next, the first thing first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
     found = [GUARDS[name].advice for name in one.guards]
-    found += filter(None, (_of_label(name, each) for name, each in axes.items()))
+    found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
     still_open = [name for name, each in axes.items() if each.label == "undecided"]
     found += dict.fromkeys(settling(score, one.model, CHANNEL_OF[name]) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
@@ -209,14 +209,14 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "undecided" != one.camera.label:
             found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
-    return found or [UNFIT if is_unfit(one) else FINE]
+    return found or [named(UNFIT, score) if is_unfit(one) else FINE]
 
 
-def _of_label(axis: str, one: Judged) -> str:
+def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
     """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
     label = USES[one.label]
     unconnected = one.may_be_unconnected and label.is_absence
-    return ASK_ROAD.format(IN_WORDS[CHANNEL_OF[axis]]) if unconnected else label.advice
+    return named(ASK_ROAD if unconnected else label.advice, score, CHANNEL_OF[axis])
 
 
 FINE = (
@@ -225,5 +225,5 @@ FINE = (
 )
 UNFIT = (
     "it uses what it is given, and does something else than was logged: look at its actions beside the logged ones, "
-    "and ask 'eyechart doctor SPEC --frames BANK' for other forms of its pictures, before it is driven."
+    "and ask 'eyechart doctor SPEC --frames {bank}' for other forms of its pictures, before it is driven."
 )

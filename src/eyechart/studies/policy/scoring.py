@@ -133,7 +133,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
     supplied, lacking = conditions_of(found.bank, reading=False)
-    asked = Asked(frozenset(supplied) - frozenset(found.manifest.conditions), lacking)
+    asked = Asked(frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path)
     return {
         spec: judge_policy(
             spec,

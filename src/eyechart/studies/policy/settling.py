@@ -1,5 +1,6 @@
 """What would settle an axis of a policy that is undecided: more episodes, other questions, or a look at the road."""
 
+import shlex
 from collections.abc import Iterator
 
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
@@ -8,10 +9,10 @@ from eyechart.conditions.policies import conditions_of
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
-SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
+SETTLE = "ask more episodes; 'eyechart plan {bank}' says how often so many settle it."
 ASK_ROAD = (
-    "ask 'eyechart doctor SPEC --frames BANK' whether {} reaches it; a policy that is not to read it declares the "
-    "channels that it reads."
+    "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it; a policy that is not to read it declares "
+    "the channels that it reads."
 )
 """What to do about a channel that changes not one bit of any answer."""
 IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
@@ -21,9 +22,13 @@ CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
 
 def settling(score: PolicyScore, spec: str, channel: str) -> str:
     """Return what would settle the axis of a channel."""
-    return next(
-        iter((*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel), SETTLE))
-    )
+    ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
+    return next(iter(ways), named(SETTLE, score))
+
+
+def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
+    """Return advice with the bank of the run, and a channel in words, in their places."""
+    return advice.format(bank=shlex.quote(score.manifest.bank_path), what=_in_words(channel))
 
 
 def _to_ask(score: PolicyScore, channel: str) -> Iterator[str]:
@@ -42,7 +47,7 @@ def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
     statistics = Known(score.models[spec].statistics)
     swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
     if swap.same == 1.0:
-        yield ASK_ROAD.format(_in_words(channel))
+        yield named(ASK_ROAD, score, channel)
     if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
         yield "look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told."
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
