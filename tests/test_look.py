@@ -237,7 +237,7 @@ def test_what_is_typed_wrongly_is_answered_with_what_a_look_takes(here: Path) ->
     (here / "own_policy.py").write_text("def act(images, state, instruction):\n    return [[0.0]]\n")
     for spec, said in [
         ("own_policy:act", "'look --dataset FOLDER', or a bank with --frames"),
-        ("no_such:decide", "python:MODULE:FUNCTION"),
+        ("no_such:decide", "no no_such.py lies in"),
         ("openai:MODEL", "key_env in the file of --mode"),
     ]:
         assert said in str(look(spec).exception)

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
 SAID = {
-    "a-model": ("Yes. ", "\nNo. ", "scripted:presence presence_only", "scripted:depth looks: both"),
+    "a-model": ("Yes. ", "\nNo. ", "scripted:presence presence_only", "scripted:depth looks: all two"),
     "a-policy": (
         "python:to_red camera_content instruction_ignored",
         "trained:sees object_grounded instruction_followed",

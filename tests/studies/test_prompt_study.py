@@ -220,9 +220,9 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
     score = prompts.PromptsScore(tuple(cells), {})
     study = prompts.Prompts()
     said = study.answer({"run": score})
-    assert said.sentence == "one: both; two: baseline only; three: under none."
+    assert said.sentence == "one: all two; two: baseline only; three: under none."
     assert [(one.who, one.label, one.tone) for one in said.said] == [
-        ("one", "both", "sees"),
+        ("one", "all two", "sees"),
         ("two", "baseline only", "partly"),
         ("three", "under none", "blind"),
     ]
@@ -240,7 +240,7 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
     ]
     found = study.findings(score)
     assert {spec: one.label for spec, one in found.items()} == {
-        "one": "looks under both",
+        "one": "looks under all two",
         "two": "looks under baseline only",
         "three": "looks under none",
     }

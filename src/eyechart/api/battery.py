@@ -123,6 +123,7 @@ class _Asking(_Mode, total=False):
     """How a battery asks: what a request mode takes, and what `eyechart.studies.battery.plan` and ``run`` do."""
 
     prompt: str | None
+    conditions: Sequence[str] | None
     seed: int
     limit: int | None
     controls: str | None
@@ -151,18 +152,20 @@ def run_battery(
     mapping gives callables other names (``{"mine": f}`` is ``python:mine``). A model that is
     served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false.
 
-    ``prompt``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run battery`` (the rarer ones are those of
-    `eyechart.studies.battery.plan`). ``again`` asks once more what ended in a failure on the way; ``accept_loss`` goes
-    on although calls that were made are missing from the ledger; ``moved`` goes on with a run whose models have other
-    addresses, keys or headers now; ``sequential`` asks models one after another, each closed before the next is opened,
-    as by default those of one machine are (``hf:``, ``ollama:``). ``base_url``, ``max_tokens``, ``temperature`` and the
-    other fields of a `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by
-    one; a temperature of None sends none. ``progress`` gets (calls done, of how many).
+    ``prompt``, ``conditions``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run battery``. ``again``
+    asks once more what ended in a failure on the way; ``accept_loss`` goes on although calls that were made are missing
+    from the ledger; ``moved`` goes on with a run whose models have other addresses, keys or headers now; ``sequential``
+    asks models one after another, each closed before the next is opened, as by default those of one machine are
+    (``hf:``, ``ollama:``). ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
+    `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by one; a
+    temperature of None sends none. ``progress`` gets (calls done, of how many).
 
     Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report
     on calls that failed says so in its notes.
     """
     require_arguments("run_battery", asking, _Asking)
+    if asking.get("conditions") is not None:
+        require_several("conditions", asking["conditions"], '["real", "blank"]')
     named: dict[str, Any] = {**asking}
     root, place = placed(bank), Path(out).absolute()
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}

@@ -458,7 +458,7 @@ class Held:
         if not mine:
             return "under none is it shown" if self.tone == "open" else "under none"
         if len(mine) == every:
-            return _ALL.get(every, f"all {every}") if every > 1 else f"under {mine[0]}"
+            return f"all {_NUMBERS.get(every, every)}" if every > 1 else f"under {mine[0]}"
         return f"{listed(mine)} only" if len(mine) <= _MOST_NAMED else f"{len(mine)} of {every} prompts"
 
     @property
@@ -499,7 +499,7 @@ class Held:
 
 _MOST_LISTED = 4
 """Models that the sentence at the head of a page names each."""
-_ALL = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 _MOST_NAMED = 3
 _WHY = {
     "partly": "a picture is told from a blank, and no link to the gap is shown (smallest p {p} after Holm, n {n})",
