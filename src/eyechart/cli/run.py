@@ -261,7 +261,7 @@ def policy(
 
     A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and returns an array
     (horizon, dimensions). Exit 1: calls are unfinished, or of a policy none holds a motion; 3: stopped at --max-calls.
-    Example: eyechart run policy --policy trained:sees --frames bank --out run
+    Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """
     from eyechart.run import read_shard
     from eyechart.studies import policy as study

@@ -28,7 +28,8 @@ def settling(score: PolicyScore, spec: str, channel: str) -> str:
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
     """Return advice with the bank of the run, and a channel in words, in their places."""
-    return advice.format(bank=shlex.quote(score.manifest.bank_path), what=_in_words(channel))
+    told = advice.replace("{bank}", shlex.quote(score.manifest.bank_path))
+    return told.replace("{what}", _in_words(channel))
 
 
 def _to_ask(score: PolicyScore, channel: str) -> Iterator[str]:
