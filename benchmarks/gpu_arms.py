@@ -4,7 +4,7 @@
     python benchmarks/gpu_arms.py --only medium --only squeezed
 
 Every part runs in processes of its own, and a part that raises leaves the others to go on. Needs a GPU that torch
-reaches, and the model organisms, which come with eyechart-organisms; every other checkpoint is made here, of random weights.
+reaches, and the model organisms (eyechart-organisms); every other checkpoint is made here, of random weights.
 ``--rehearse`` does the same on a CPU with small checkpoints and writes nothing. Writes ``benchmarks/results/gpu.json``;
 ``--only`` replaces those parts of it. Exit 1 where something is not as it should be, 2 where no GPU is there.
 """
