@@ -87,11 +87,11 @@ LEAVING = """
 import os, threading, time
 
 def thread(prompt, image):
-    threading.Thread(target=time.sleep, args=(3600,), name="left here").start()
+    threading.Thread(target=time.sleep, args=(3600,), name="left here", daemon=False).start()
     return "SLOW"
 
 def brief(prompt, image):
-    threading.Thread(target=time.sleep, args=(0.1,)).start()
+    threading.Thread(target=time.sleep, args=(0.1,), daemon=False).start()
     return "SLOW"
 
 def files(prompt, image):

@@ -164,7 +164,7 @@ def test_limits_count_the_cells_that_are_no_part_of_todays_plan(
     prompts.run(prompts.plan(bank.root, [SPEC], out, prompts=["minimal"], limit=6))
     with Ledger(out / "minimal" / LEDGER, create=True) as ledger:
         first, *_ = ledger.replies(SPEC)
-        ledger.close(ledger.begin(first[0], "d"), Reply(error="not_called"))
+        ledger.close(ledger.begin(first[0], "d", again=True), Reply(error="not_called"))
     today = prompts.plan(bank.root, [SPEC], out, prompts=["baseline"], limit=6)
     stopped = prompts.run(today, **limits).stopped  # type: ignore[arg-type]
     assert stopped is not None
