@@ -160,7 +160,6 @@ CUT = {"count", "endswith", "find", "get", "index", "partition", "removeprefix",
 
 BY_WORDS = {
     "studies/policy/tables.py",
-    "verdicts/channels.py",
 }
 """The modules that still read what is told of statistics of policies."""
 
