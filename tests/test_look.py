@@ -21,7 +21,7 @@ from banks import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.looking import Look, Pictured, Pictures, Step, Wanted
+from eyechart.looking import Look, Pictured, Pictures, Wanted
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.modes import RequestMode, read_mode
 from eyechart.simulators import open_bank_simulator
@@ -212,16 +212,6 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     assert "TypeError" in said
     gate = CliRunner().invoke(app, ["gate", "looks/python-needs_one-decide/run", "--require", "looks"])
     assert gate.exit_code == 2
-
-
-def test_what_would_settle_more_is_a_whole_sentence() -> None:
-    """The first of several ways; what stands in brackets is no end of it."""
-    settle = "counterfactual pictures (of each moment again, near: a; far: b); or more frames."
-    assert (
-        Step.settling("more", settle, "x").why
-        == "more: counterfactual pictures (of each moment again, near: a; far: b)"
-    )
-    assert Step.settling("more", "80 frames more.", "x").why == "more: 80 frames more"
 
 
 @pytest.mark.parametrize(

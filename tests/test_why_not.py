@@ -134,6 +134,9 @@ def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
     assert why.settle.startswith("pictures that the bank lacks: 'eyechart frames build --add-to BANK' draws them")
     assert "exchange_beside: the one beside the path there, the obstacle ahead far" in why.settle
     assert "not asked" not in why.settle
+    odd = judge_one(replace(lacks, bank="a; b")).why_not
+    way = "pictures that the bank lacks: 'eyechart frames build --add-to 'a; b'' draws them of a simulator's world"
+    assert odd.first == f"{way}, then resume the run"
     check = hold(Run(lacks), ["depth"])
     assert check.exit_code == 2
     assert "not tested beyond 7 m" in check.checks[0].because

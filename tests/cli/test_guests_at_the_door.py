@@ -83,6 +83,43 @@ def test_a_callable_that_closes_the_streams_ends_no_run(folder: Path) -> None:
     assert "done: 'eyechart verdict run' judges" in ended.stderr
 
 
+LEAVING = """
+import os, threading, time
+
+def thread(prompt, image):
+    threading.Thread(target=time.sleep, args=(3600,), name="left here", daemon=False).start()
+    return "SLOW"
+
+def brief(prompt, image):
+    threading.Thread(target=time.sleep, args=(0.1,), daemon=False).start()
+    return "SLOW"
+
+def files(prompt, image):
+    os.closerange(3, 4096)
+    return "SLOW"
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "says"),
+    [
+        ("thread", 0, "threads that called code left behind ended with the command (first 'left here')"),
+        ("brief", 0, "'eyechart verdict run' judges, 'eyechart score run' prints every statistic"),
+        ("files", 2, "eyechart: code that was called closed files that are not its own: mend it"),
+    ],
+)
+def test_what_a_callable_leaves_or_closes_ends_the_command_with_one_line(
+    folder: Path, name: str, code: int, says: str
+) -> None:
+    """A thread that goes on for an hour keeps no command, and closed files are named, without the loop's complaints."""
+    (folder / "leaving.py").write_text(LEAVING, encoding="utf-8")
+    asked = ("--model", f"python:leaving:{name}", "--frames", "bank", "--out", "run", "--conditions", "real,blank")
+    ended = eyechart(folder, "run", "battery", *asked)
+    assert ended.returncode == code, ended.stderr
+    assert says in ended.stderr.splitlines()[-1]
+    assert "Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize("way", ["closed", "full", "nobody reads"])
 def test_a_stream_that_takes_nothing_is_met_as_before(folder: Path, way: str) -> None:
     """What is closed or full is said, and a reader who went away ends the command."""

@@ -223,6 +223,29 @@ def test_a_stopped_run_asks_no_more_when_it_is_run_again(bank: FrameBank, stoppe
     assert [one.left for one in planned.progress().values()] == [0, 0]
 
 
+def test_a_settled_label_stays_whatever_is_asked_of_the_run_later(tmp_path: Path) -> None:
+    """More models come and the command is given again; more controls, which might unsettle it, are refused."""
+    moved = banks.build_bank(tmp_path / "bank", episodes=4, steps=6, controls=True)
+    out, extent = tmp_path / "run", study.Extent(stop_early=True, controls="none")
+    study.run(study.plan(moved.root, [STEADY], out, extent=extent), concurrency=1)
+    before = study.score(out, resamples=99)
+    settled = before.models[STEADY].stopped
+    assert settled is not None
+    assert settled.label == "image_invariant"
+    assert study.plan(moved.root, [STEADY], tmp_path / "more", extent=EARLY).more_by_model()[STEADY] > 0
+    with pytest.raises(LedgerError, match="begun with --controls none, now --controls auto was asked for"):
+        study.plan(moved.root, [STEADY], out, extent=replace(extent, controls="auto"))
+    for models in ([LOSING], [STEADY, LOSING], [STEADY]):
+        study.run(study.plan(moved.root, models, out, extent=extent), concurrency=4)
+        after = study.score(out, resamples=99)
+        assert after.models[STEADY].stopped == settled
+        assert after.models[STEADY].controls == before.models[STEADY].controls
+        assert after.models[STEADY].statistics == before.models[STEADY].statistics
+        assert judge(after)[STEADY].calibrated == judge(before)[STEADY].calibrated
+    judged = json.loads(CliRunner().invoke(app, ["verdict", str(out), "--json"]).stdout)["models"][STEADY]
+    assert judged["stopped_early"] == settled.as_dict()
+
+
 PROGRAM = """
 import sys
 from pathlib import Path

@@ -284,6 +284,21 @@ def test_with_older_controls_braking_by_distance_is_settled_as_associated() -> N
     assert stopped.label == "depth_associated"
 
 
+@pytest.mark.parametrize("label", EARLY)
+def test_what_is_settled_stays_whatever_is_answered_later(label: str) -> None:
+    """Calls that were under way come back after the stop, and say the opposite: nothing of it changes."""
+    asked = layout(FIRST if label == "depth_associated" else ALL)
+    calls = given(simulated.answers(CLEAR[label], FRAMES))
+    course = Course(asked)
+    course.advance(calls)
+    settled, statistics = course.stopped(len(course.counted)), course.statistics()
+    assert settled is not None
+    late = {key: Decision("LEFT") if key[1] == "real" else Decision(None, "refused") for key in calls}
+    course.advance(late | {key: calls[key] for key in course.counted})
+    assert course.stopped(len(course.counted)) == settled
+    assert course.statistics() == statistics
+
+
 def test_errors_settle_nothing() -> None:
     """A model whose every call fails is not called unscorable early: its frames are evidence for nothing."""
     asked = layout()

@@ -316,6 +316,21 @@ def test_a_limit_bounds_the_whole_study(
         assert sum(calls) == 10
 
 
+@pytest.mark.parametrize("limits", [{"calls": 10}, {"cost_usd": 0.095}])
+def test_a_limit_counts_the_arms_that_are_no_part_of_todays_choice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
+) -> None:
+    """What an arm took on another day is spent, whichever is chosen today."""
+    monkeypatch.setattr(planning, "PARTS", SHORT)
+    dear_one = [RequestMode(own("dear"))]
+    hierarchy.run(hierarchy.plan(tmp_path, dear_one, choice=planning.Choice(arms=("unaware",))), FREE, bounds=ONE)
+    before = spent_on([tmp_path / "unaware-models"], FREE).calls
+    assert before < 10
+    today = hierarchy.plan(tmp_path, dear_one, choice=planning.Choice(arms=("lateral",)))
+    assert hierarchy.run(today, FREE, bounds=ONE, **limits).stopped is not None  # type: ignore[arg-type]
+    assert spent_on([tmp_path / name for name in SHORT], FREE).calls == 10
+
+
 def test_a_model_that_is_set_aside_in_one_part_is_asked_in_no_later_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,7 +16,8 @@ from eyechart.cli.app import app
 from eyechart.costs import Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.manifest import read_run
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, read_run
 from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
@@ -145,6 +146,30 @@ def test_limits_bound_all_cells_together(bank: FrameBank, tmp_path: Path) -> Non
     assert study.counts()[:2] == (36, 18)
     assert prompts.run(study, calls=36).stopped is None
     assert study.counts()[:2] == (36, 36)
+
+
+def dear(query: Query) -> Reply:
+    """Answer STOP, for a cent."""
+    del query
+    return Reply("STOP", "stop", cost_usd=0.01)
+
+
+@pytest.mark.parametrize("limits", [{"calls": 18}, {"cost_usd": 0.175}])
+def test_limits_count_the_cells_that_are_no_part_of_todays_plan(
+    bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
+) -> None:
+    """What another prompt took on another day is spent, whoever is asked today; what was never sent is not."""
+    monkeypatch.setitem(globals(), "respond", dear)
+    out = tmp_path / "study"
+    prompts.run(prompts.plan(bank.root, [SPEC], out, prompts=["minimal"], limit=6))
+    with Ledger(out / "minimal" / LEDGER, create=True) as ledger:
+        first, *_ = ledger.replies(SPEC)
+        ledger.close(ledger.begin(first[0], "d", again=True), Reply(error="not_called"))
+    today = prompts.plan(bank.root, [SPEC], out, prompts=["baseline"], limit=6)
+    stopped = prompts.run(today, **limits).stopped  # type: ignore[arg-type]
+    assert stopped is not None
+    assert stopped.startswith("in cell baseline, within --max-")
+    assert today.counts()[:2] == (12, 6)
 
 
 def test_what_cannot_be_a_study_is_refused(bank: FrameBank, tmp_path: Path) -> None:

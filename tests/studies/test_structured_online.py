@@ -13,13 +13,16 @@ import short_worlds
 from drives import always, drive, make_run
 from eyechart import cli, simulators
 from eyechart.cli.app import app
-from eyechart.episodes import Setup, read_episodes
+from eyechart.episodes import Bounds, Setup, read_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits
 from eyechart.manifest import LEDGER
+from eyechart.models.prices import Prices
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
 from eyechart.studies import Reading, open_study, study_of
+from eyechart.studies.probed import spent_on
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import Vetted, vet
 from eyechart.studies.structured.seen import SEEN, check
@@ -192,6 +195,17 @@ def test_every_frame_that_an_estimator_saw_is_checked_in_the_world_again(driven:
 
 
 @pytest.mark.slow
+def test_a_limit_counts_the_estimators_that_do_not_drive_today(driven: Path, tmp_path: Path) -> None:
+    """What another one took in the same run is spent."""
+    vetted, out = online.read_vetting(driven), tmp_path / "run"
+    online.run(online.plan("short", [CONTROL], out, episodes=1, vetted=vetted))
+    before = spent_on([out], Prices(())).calls
+    most = before + 4
+    today, bounds = online.plan("short", [BLIND], out, episodes=1), Bounds(limits=Limits(calls=most))
+    assert online.run(today, bounds=bounds).stopped == f"{most} calls were sent, and --max-calls is {most}"
+    assert spent_on([out], Prices(())).calls == most
+
+
 def test_reflections_may_be_left_out_and_a_run_goes_on_as_it_was_begun(tmp_path: Path) -> None:
     """Then equivariance cannot be said, and half of the calls are made; what is resumed asks as before."""
     out = tmp_path / "run"

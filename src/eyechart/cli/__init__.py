@@ -1,14 +1,26 @@
 """The command line: one short function a command; nothing heavy is imported before its command runs."""
 
+import errno
 import gc
 import os
 import sqlite3
 import sys
+import threading
 from contextlib import suppress
+from functools import partial
 from typing import NoReturn
 
 from eyechart.cli.terminal import as_typed, end_as_interrupted, how_it_ends, was_told_to_end
-from eyechart.errors import EyechartError, MissingCallsWarning, OutputError, is_full, is_too_long, printable, why
+from eyechart.errors import (
+    EyechartError,
+    MissingCallsWarning,
+    OutputError,
+    counted,
+    is_full,
+    is_too_long,
+    printable,
+    why,
+)
 
 _ASCII = str.maketrans(
     {
@@ -39,6 +51,12 @@ _READING = frozenset(
 _MADE = 100_000
 """So many new objects let the collector of cycles look again: at 700, what modules and rows make has it look often."""
 
+_CLOSED = (
+    "eyechart: code that was called closed files that are not its own: mend it, and give the same command again; what "
+    "it was asked may stand in no ledger"
+)
+_LEFT_S = 5.0
+"""So long a thread may go on that called code left, once the command is done."""
 _NO_MEMORY = "there is not enough memory: end other programs or raise this one's limit, and give the same command again"
 
 
@@ -47,12 +65,16 @@ def main() -> None:
 
     A Ctrl-C, also while modules are imported, prints one line and exits 130; SIGTERM and SIGHUP exit 143 and 129.
     """
-    before = _calls()
+    before, others = _calls(), frozenset(threading.enumerate())
     try:
         _command()
     except SystemExit as ended:
         if _calls() - before:
             _leave_calls(ended.code)
+        if _waited_for() - others:
+            late = threading.Timer(_LEFT_S, partial(_leave_threads, others, ended.code))
+            late.daemon = True
+            late.start()
         raise
 
 
@@ -82,12 +104,7 @@ def _command() -> None:
             _end(*how_it_ends())
         if debug:
             raise
-        where = (error.filename2 or error.filename) if isinstance(error, OSError) else None
-        said = str(error)
-        if isinstance(error, OSError) and (is_full(error) or is_too_long(error)):
-            what = "the disk is full" if is_full(error) else why(error)
-            said = f"{what}{f' ({where})' if where else ''}: make room and try again"
-        _end(2, "eyechart: " + "\n".join(map(printable, as_typed(said).split("\n"))))
+        _end_by(error)
     except (MemoryError, sqlite3.Error) as error:
         if debug:
             raise
@@ -95,10 +112,41 @@ def _command() -> None:
         _end(2, f"eyechart: {said}")
 
 
+def _end_by(error: EyechartError | OSError) -> None:
+    """End the command by what is wrong, in one line."""
+    said = str(error)
+    if isinstance(error, OSError):
+        if error.errno == errno.EBADF:
+            _say_and_leave(2, _CLOSED)  # the loop of its calls would complain in many lines
+        if is_full(error) or is_too_long(error):
+            where, what = error.filename2 or error.filename, "the disk is full" if is_full(error) else why(error)
+            said = f"{what}{f' ({where})' if where else ''}: make room and try again"
+    _end(2, "eyechart: " + "\n".join(map(printable, as_typed(said).split("\n"))))
+
+
 def _calls() -> frozenset[object]:
     """Return the calls of callables that are under way in this process, also where nobody waits for them any more."""
     called = sys.modules.get("eyechart.models.python_callable")
     return frozenset() if called is None else called.under_way()
+
+
+def _waited_for() -> frozenset[threading.Thread]:
+    """Return the threads that Python would wait for before the process ends."""
+    return frozenset(one for one in threading.enumerate() if not one.daemon)
+
+
+def _leave_threads(others: frozenset[threading.Thread], status: object) -> None:
+    """End the process beside threads that still go on, but for ``others``, and say so."""
+    if left := _waited_for() - others:
+        first = min(one.name for one in left)
+        what = f"{counted(len(left), 'thread')} that called code left behind ended with the command (first '{first}')"
+        _say_and_leave(status, f"eyechart: {printable(what)}")
+
+
+def _say_and_leave(status: object, line: str) -> NoReturn:
+    with suppress(OSError):
+        print(line, file=sys.stderr)  # noqa: T201
+    _leave_calls(status)
 
 
 def _leave_calls(status: object) -> NoReturn:

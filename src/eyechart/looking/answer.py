@@ -1,6 +1,5 @@
 """The answer of a look: one screen of 80 columns, or the same as plain values."""
 
-import re
 import shlex
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +9,6 @@ from pathlib import Path
 from eyechart.records import Written
 
 COLUMNS = 80
-_ANOTHER_WAY = re.compile(r"; (?![^(]*\))")
 EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 
@@ -43,11 +41,6 @@ class Step:
 
     why: str
     command: str
-
-    @classmethod
-    def settling(cls, why: str, settle: str, command: str) -> "Step":
-        """Return a step that settles more, by the first of the ways in ``settle``; a ``;`` in brackets ends none."""
-        return cls(f"{why}: {_ANOTHER_WAY.split(settle)[0].rstrip('.')}", command)
 
 
 @dataclass(frozen=True)

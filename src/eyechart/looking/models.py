@@ -168,9 +168,7 @@ def _asked_before(mode: RequestMode) -> int:
 
 def _because(verdict: Verdict) -> str:
     """Return the ruling's sentence: what it may be trusted with and why; what puts it in doubt comes first."""
-    reason = str(verdict.calibrated.reason)
-    if verdict.stopped is not None:
-        reason = reason.removeprefix(f"{verdict.stopped.words()}: ")
+    reason = str(verdict.calibrated.found or verdict.calibrated.reason)
     said = f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
     untested = [note for note in verdict.notes if note.startswith(UNTESTED) and verdict.answer != "Yes"]
     distance = [f"{note[0].upper()}{note[1:]}." for note in untested[:1]]
@@ -224,9 +222,9 @@ def _steps(wanted: Wanted, verdict: Verdict, *, whole: bool) -> Iterator[Step]:
     if verdict.answer == "Yes":
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks")
     elif verdict.why_not is not None:
-        settle = verdict.why_not.settle
+        settle = verdict.why_not.first or verdict.why_not.settle
         if not settle.startswith("nothing"):
-            yield Step.settling("what would settle more", settle, f"eyechart plan {shlex.quote(_bank(wanted))}")
+            yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
         yield Step("try other words", wanted.command(prompt="FILE.toml", out=again))

@@ -198,7 +198,7 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif answer == "Inconclusive":
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
-        yield Step.settling("what would settle it", settle, plan)
+        yield Step(f"what would settle it: {settle.do}", plan)
     else:
         doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
         yield Step("see whether its pictures reach it", doctor)

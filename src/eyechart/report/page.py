@@ -116,17 +116,17 @@ class Opening:
         return len(self.said) - len(self.first)
 
 
-def parted(said: Sequence[Said], answers: Mapping[str, str], what: str) -> str:
+def parted(said: Sequence[Said], answers: Mapping[str, Sequence[str]], what: str) -> str:
     """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
 
-    ``answers`` are by what the verdicts come to, in the order in which they are told, and may end with the preposition
-    that a count needs: ``yes for``.
+    ``answers`` are by what the verdicts come to, in the order in which they are told; behind one may stand the
+    preposition that a count needs: ``("yes", "for")``.
     """
     if len(said) == 1:
-        return f"{said[0].who}: {answers[said[0].comes_to].removesuffix(' for').removesuffix(' in')}."
+        return f"{said[0].who}: {answers[said[0].comes_to][0]}."
     many = {answer: [one.who for one in said if answers[one.comes_to] == answer] for answer in answers.values()}
     told = [
-        f"{answer} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
+        f"{' '.join(answer)} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
         for answer, names in many.items()
         if names
     ]

@@ -167,8 +167,9 @@ def in_words(one: Statistic) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it.
+    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it, and ``title`` above.
 
+    ``about`` is how its title begins, where tables of one label share that; the caption is the rest.
     One with a ``label`` is set in LaTeX as the paper's tables are: small, and no wider than a column of text.
     """
 
@@ -178,6 +179,12 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
     label: str = ""
+    about: str = ""
+
+    @property
+    def title(self) -> str:
+        """Return what stands above the table: its caption, behind what it is about."""
+        return ": ".join(filter(None, (self.about, self.caption)))
 
     def labelled(self, label: str, caption: str = "") -> "Table":
         """Return the table as the paper's of that label, under which its files are written, captioned anew if told."""
@@ -198,7 +205,7 @@ class Table:
     def joined(self, other: "Table") -> "Table":
         """Return the table with the columns of another, row by row after the first column; a row may be in one only.
 
-        A caption that begins like the other's up to a colon says what follows in both.
+        Where both are about the same, the caption says what both say of it.
         """
         mine, theirs = ({self.head(row): row[1:] for row in one.rows} for one in (self, other))
         none = [(None,) * (len(one.columns) - 1) for one in (self, other)]
@@ -206,8 +213,8 @@ class Table:
         order = dict.fromkeys((*mine, *theirs))
         rows = tuple((heads[name], *mine.get(name, none[0]), *theirs.get(name, none[1])) for name in order)
         note = " ".join(filter(None, (self.note, other.note)))
-        (about, _, says), (also, _, more) = (one.caption.partition(": ") for one in (self, other))
-        caption = f"{about}: {says}; {more}" if about == also and says != more else self.caption
+        alike = self.about == other.about != "" and self.caption != other.caption
+        caption = f"{self.caption}; {other.caption}" if alike else self.caption
         return replace(self, caption=caption, columns=(*self.columns, *other.columns[1:]), rows=rows, note=note)
 
     @staticmethod
@@ -271,7 +278,7 @@ class Table:
             if short.width(stacked=stacked) <= options.max_width:
                 yield short.rich(stacked=stacked)
                 return
-        yield Text(self.caption, style="italic")
+        yield Text(self.title, style="italic")
         for row in short.texts():
             yield Text(row[0], style="bold")
             for column, text in zip(short.columns[1:], row[1:], strict=True):
@@ -286,7 +293,7 @@ class Table:
         from rich.text import Text  # noqa: PLC0415 - as above
 
         made = RichTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0) if stacked else (0, 1))
-        made.title, made.title_justify = (Text(self.caption) if self.caption else None), "left"
+        made.title, made.title_justify = (Text(self.title) if self.title else None), "left"
         made.caption, made.caption_justify = (Text(self.note) if self.note else None), "left"
         for column in self.columns:
             text, head = column.kind == "text", Text(column.head(stacked=stacked))
@@ -325,7 +332,7 @@ class Table:
         ruler = "|" + "|".join(" --- " if one.kind in _WORDS else " ---: " for one in self.columns) + "|"
         lines = [f"| {' | '.join(map(_markdown, row))} |" for row in (self.names, *self.texts())]
         below = ["", _markdown(self.note)] if self.note else []
-        return "\n".join([_markdown(self.caption), "", lines[0], ruler, *lines[1:], *below, ""])
+        return "\n".join([_markdown(self.title), "", lines[0], ruler, *lines[1:], *below, ""])
 
     def latex(self) -> str:
         """Return a LaTeX table that needs the package booktabs; one too wide for a text column spans both."""
@@ -338,7 +345,7 @@ class Table:
         top = [
             f"% needs \\usepackage{{booktabs{',graphicx' if self.label else ''}}}",
             rf"\begin{{{kind}}}{'[t]' if self.label else ''}",
-            rf"\caption{{{_latex('. '.join(filter(None, (self.caption, self.note))))}}}",
+            rf"\caption{{{_latex('. '.join(filter(None, (self.title, self.note))))}}}",
             *([rf"\label{{{self.label}}}"] if self.label else []),
             r"\centering",
         ]
@@ -356,7 +363,7 @@ class Table:
         for row, texts in zip(short.rows, short.texts(), strict=True):
             cells = [_html(*one) for one in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
             lines.append(f'<tr><th scope="row"><bdi>{escape(texts[0])}</bdi></th>{"".join(cells)}</tr>')
-        label, below = escape(self.caption), f'<p class="note">{coded(self.note)}</p>\n' if self.note else ""
+        label, below = escape(self.title), f'<p class="note">{coded(self.note)}</p>\n' if self.note else ""
         return (
             f'<div class="scroll" tabindex="0" role="group" aria-label="{label}, table">\n'
             f'<table class="{self.name}"><caption>{label}</caption>\n<thead><tr>{heads}</tr></thead>\n'

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from eyechart import episodes
-from eyechart.calls import Reply
+from eyechart.calls import UNASKED, Reply
 from eyechart.episodes import EpisodesManifest
 from eyechart.ledger import Ledger, accept_loss
 from eyechart.ledger.counter import Written
@@ -180,8 +180,9 @@ def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -
     with Ledger(run / LEDGER, absent=True) as ledger:
         for spec in manifest.models:
             for one in ledger.attempts(spec):
-                cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
-                made = made.plus(one.reply or Reply(), cost)
+                if one.reply is None or one.reply.error not in UNASKED:  # which never went out
+                    cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
+                    made = made.plus(one.reply or Reply(), cost)
     return made
 
 

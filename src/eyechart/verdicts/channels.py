@@ -94,7 +94,7 @@ class PolicyVerdict:
     def because(self) -> str:
         """Return why, in one paragraph."""
         if self.guards:
-            return " ".join(f"{name}: {why.rstrip('.')}." for name, why in self.guards.items())
+            return " ".join(f"{name}: {why}." for name, why in self.guards.items())
         parts = (self.camera, *self.cameras.values(), self.state, self.instruction)
         return " ".join(dict.fromkeys(one.because for one in parts))
 

@@ -126,7 +126,7 @@ def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool
     if stopped.whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
         says = Reason("{how}: {why}", {"how": stopped.words(), "why": ruling.reason})
-        return replace(ruling, reason=says), evidence
+        return replace(ruling, reason=says, found=ruling.reason), evidence
     evidence = "interventional" if stopped.interventional else "none"
     ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
     return replace(ruling, with_it=stopped.with_it), evidence
@@ -145,4 +145,5 @@ def early_paper(stopped: Stopped) -> Ruling:
 
 
 def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
-    return Ruling(label, name, Reason(f"{how}: {_SAYS}", {"claim": found[name]}), found[name])
+    claim = {"claim": found[name]}
+    return Ruling(label, name, Reason(f"{how}: {_SAYS}", claim), found[name], found=Reason(_SAYS, claim))

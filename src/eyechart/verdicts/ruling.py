@@ -39,7 +39,8 @@ class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
     ``statistic`` is that statistic, None where there was nothing to measure; ``with_it`` names e-values that settled
-    the label besides. ``why_not``, ``may_be`` and ``bound`` are those of its rule.
+    the label besides. ``why_not``, ``may_be`` and ``bound`` are those of its rule. ``found`` is the reason alone, where
+    ``reason`` says before it how the run ended.
     """
 
     label: str
@@ -50,6 +51,7 @@ class Ruling:
     why_not: Reason = Reason("")
     may_be: str = ""
     bound: Statistic | None = None
+    found: Reason | None = None
 
     @property
     def because(self) -> str:

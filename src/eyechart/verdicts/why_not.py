@@ -39,7 +39,8 @@ class WhyNot(Written):
     """The nearest stronger label, the statistic that kept a model from it, what it needs, and what would settle it.
 
     ``frames``, ``episodes`` and ``conditions`` are what would settle it where that is what is missing; more frames are
-    never named where a condition is. ``p`` is that of the rule, corrected where the rule corrects it.
+    never named where a condition is. ``p`` is that of the rule, corrected where the rule corrects it. ``first`` is the
+    first way of several that ``settle`` names.
     """
 
     written = (
@@ -54,6 +55,7 @@ class WhyNot(Written):
     frames: int | None = None
     episodes: int | None = None
     conditions: tuple[str, ...] = ()
+    first: str = ""
 
     def __str__(self) -> str:
         return f"not {self.label}: {measured(self.decided_by, self.statistic)}; it needs {self.needs}"
@@ -140,8 +142,9 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
     stronger, claim = _EARLY[ruling.label]
     found, name = evidence.statistics, PREFIX + claim
     if ruling.label == "depth_associated":
-        settle = _pictures(STAGE, evidence)
-        return WhyNot(stronger, name, found.get(name), "pictures along the range", settle, conditions=STAGE)
+        settle, first = _pictures(STAGE, evidence)
+        needs = "pictures along the range"
+        return WhyNot(stronger, name, found.get(name), needs, settle, conditions=STAGE, first=first)
     settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
     return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
 
@@ -219,25 +222,29 @@ def _missing(label: str, name: str, evidence: Evidence, missing: tuple[str, ...]
     """Say what would answer a test that was not made: conditions, where any was not asked, else decisions."""
     one = evidence.statistics[name]
     if missing:
-        return WhyNot(label, name, one, "an answer", _pictures(missing, evidence), conditions=missing)
+        settle, first = _pictures(missing, evidence)
+        return WhyNot(label, name, one, "an answer", settle, conditions=missing, first=first)
     return WhyNot(label, name, one, "an answer", f"decisions on more of its pictures: {one.note}")
 
 
-def _pictures(missing: tuple[str, ...], evidence: Evidence) -> str:
-    """Say which pictures were not asked, and which the bank lacks, with what these are to show and what draws them."""
+def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
+    """Say which pictures were not asked, and which the bank lacks, with what these are to show and what draws them.
+
+    All of that, and the first of these ways.
+    """
     lacks = [name for name in missing if name in evidence.absent]
     asked = [name for name in missing if name not in evidence.absent and not (lacks and name in NUDGES)]
-    said = []
+    ways = []
     if lacks:
         shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
         command = f"eyechart frames build --add-to {shlex.quote(evidence.bank)}"
-        drawn = (
-            "" if set(MOVED) & set(lacks) else f"'{command}' draws them of a simulator's world, then resume the run; "
-        )
-        said.append(f"pictures that the bank lacks: {drawn}of photographs, each moment again ({shown})")
+        if not set(MOVED) & set(lacks):
+            ways.append(f"'{command}' draws them of a simulator's world, then resume the run")
+        ways.append(f"of photographs, each moment again ({shown})")
+        ways[0] = f"pictures that the bank lacks: {ways[0]}"
     if asked:
-        said.append(f"pictures that were not asked: {', '.join(asked)}")
-    return "; and ".join(said)
+        ways.append(f"{'and ' if ways else ''}pictures that were not asked: {', '.join(asked)}")
+    return "; ".join(ways), ways[0]
 
 
 def _not_associated(evidence: Evidence) -> WhyNot:

@@ -27,7 +27,7 @@ NOTHING = {"blank": "a blank picture", "noise": "noise", "text_only": "no pictur
 """What the second and the third picture of the example show, by condition: of each the first that a run asked."""
 
 _SHOWS = {"real": "the real frame", **NOTHING, **OTHERS}
-_ANSWERS = {"Yes": "yes for", "In part": "in part for", "No": "no for", "Inconclusive": "inconclusive for"}
+_ANSWERS = {answer: (answer.lower(), "for") for answer in ("Yes", "In part", "No", "Inconclusive")}
 
 
 def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Opening:

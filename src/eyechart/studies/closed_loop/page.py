@@ -105,7 +105,12 @@ def information(rows: Sequence[Degeneracy]) -> list[Drawing]:
     return [Drawing("drives-information", title, says, figure, wide=True)]
 
 
-_ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by sight", "open": "cannot say for"}
+_ANSWERS = {
+    "sees": ("by sight",),
+    "partly": ("in part by sight",),
+    "blind": ("not by sight",),
+    "open": ("cannot say", "for"),
+}
 
 
 def opening(score: ClosedLoopScore) -> Opening:

@@ -28,9 +28,9 @@ from eyechart.studies.hierarchy.tables import (
 )
 
 _ANSWERS = {
-    "sees": "it completes by its pictures in",
-    "blind": "completion shows no sight in",
-    "open": "cannot say for",
+    "sees": ("it completes by its pictures", "in"),
+    "blind": ("completion shows no sight", "in"),
+    "open": ("cannot say", "for"),
 }
 _ARMS = {
     "rover-mpc": "the controller knows the obstacles",

@@ -200,7 +200,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     found = [GUARDS[name].advice for name in one.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
     still_open = [name for name, each in axes.items() if each.label == "undecided"]
-    found += dict.fromkeys(settling(score, one.model, CHANNEL_OF[name]) for name in still_open)
+    found += dict.fromkeys(str(settling(score, one.model, CHANNEL_OF[name])) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
     if len(spare) == 1 and not one.guards:
         found.append(f"leave out the {spare[0]} camera, or find out why: a crop, a dark picture, another key.")
@@ -216,7 +216,7 @@ def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
     """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
     label = USES[one.label]
     unconnected = one.may_be_unconnected and label.is_absence
-    return named(ASK_ROAD if unconnected else label.advice, score, CHANNEL_OF[axis])
+    return named(str(ASK_ROAD) if unconnected else label.advice, score, CHANNEL_OF[axis])
 
 
 FINE = (

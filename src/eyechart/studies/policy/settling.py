@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER
@@ -9,10 +10,21 @@ from eyechart.conditions.policies import conditions_of
 from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
-SETTLE = "ask more episodes; 'eyechart plan {bank}' says how often so many settle it."
-ASK_ROAD = (
-    "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it; a policy that is not to read it declares "
-    "the channels that it reads."
+
+class Advice(NamedTuple):
+    """What to ``do``, and what may be said ``besides``; as text it is one sentence."""
+
+    do: str
+    besides: str = ""
+
+    def __str__(self) -> str:
+        return f"{'; '.join(filter(None, self))}."
+
+
+SETTLE = Advice("ask more episodes", "'eyechart plan {bank}' says how often so many settle it")
+ASK_ROAD = Advice(
+    "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it",
+    "a policy that is not to read it declares the channels that it reads",
 )
 """What to do about a channel that changes not one bit of any answer."""
 IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
@@ -20,10 +32,14 @@ CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
 """The channel of each axis of its own."""
 
 
-def settling(score: PolicyScore, spec: str, channel: str) -> str:
+def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
     """Return what would settle the axis of a channel."""
     ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
-    return next(iter(ways), named(SETTLE, score))
+    return next(iter(ways), _of(SETTLE, score, channel))
+
+
+def _of(advice: Advice, score: PolicyScore, channel: str) -> Advice:
+    return Advice(*(named(one, score, channel) for one in advice))
 
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
@@ -32,43 +48,43 @@ def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
     return told.replace("{what}", _in_words(channel))
 
 
-def _to_ask(score: PolicyScore, channel: str) -> Iterator[str]:
+def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
     """Yield what the bank or the run lacks."""
     what = _in_words(channel)
     if channel not in channels_of(score.bank):
-        yield f"ask about a bank with {what.replace('its', 'an', 1)}: this one has none."
+        yield Advice(f"ask about a bank with {what.replace('its', 'an', 1)}: this one has none")
     elif missing := ", ".join(_not_asked(score, channel)):
-        yield f"ask what this run left out ({missing}): 'eyechart run policy' without --conditions asks all."
+        yield Advice(f"ask what this run left out ({missing}): 'eyechart run policy' without --conditions asks all")
     elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
-        yield f"take a bank in which every frame finds {what.replace('its', 'another', 1)} in another episode."
+        yield Advice(f"take a bank in which every frame finds {what.replace('its', 'another', 1)} in another episode")
 
 
-def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
+def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
     """Yield what speaks for a fault before the policy, or against its words."""
     statistics = Known(score.models[spec].statistics)
     swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
     if swap.same == 1.0:
-        yield named(ASK_ROAD, score, channel)
+        yield _of(ASK_ROAD, score, channel)
     if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
-        yield "look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told."
+        yield Advice("look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told")
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
-        yield "ask each moment more often (--answers): its answers are drawn, and the difference may be chance."
+        yield Advice("ask each moment more often (--answers): its answers are drawn, and the difference may be chance")
 
 
-def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[str]:
+def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
     """Yield what would tell content from pose, of pictures that are used."""
     statistics, lacking = score.models[spec].statistics, conditions_of(score.bank)[1]
     if channel in {STATE, INSTRUCTION} or not used(statistics.get(f"T.swapped{OVER}{channel}")):
         return
     if any(f"{name}{OVER}{channel}" in lacking for name in BY_STATE):
-        yield (
+        yield Advice(
             "ask about frames at which the robot stands alike in several episodes: without them no picture is told "
-            "from its pose."
+            "from its pose"
         )
     if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
-        yield (
+        yield Advice(
             "ask about frames in which objects stand elsewhere while the robot stands alike, or a world that moves "
-            "them: more frames like these may never tell what it sees from where it stands."
+            "them: more frames like these may never tell what it sees from where it stands"
         )
 
 

@@ -10,8 +10,7 @@ from eyechart.studies.closed_loop.page import First
 from eyechart.studies.structured.online import CONTROL, OnlineScore
 from eyechart.studies.structured.tables import clauses_words, met_table, online_table
 
-_ANSWERS = {"sees": "admitted", "blind": "not admitted", "open": "cannot say for"}
-_WORDS = {**_ANSWERS, "open": "cannot say"}
+_ANSWERS = {"sees": ("admitted",), "blind": ("not admitted",), "open": ("cannot say", "for")}
 _INTRO = (
     "An estimator may steer only if it meets every clause on the frames that it met while it drove, and each of these "
     "frames passes the checks of the renderer and of the positive control. Crashes measure caution too: who brakes "
@@ -46,7 +45,7 @@ def _said(of: str, score: OnlineScore) -> Iterator[Said]:
         held = [one.holds for one in mine]
         tone = "sees" if held and all(held) else "blind" if False in held else "open"
         why = clauses_words((one.requirement, one.holds, one.because) for one in mine)
-        yield Said(f"{of}{spec}", _WORDS[tone], tone, why, place="first")
+        yield Said(f"{of}{spec}", _ANSWERS[tone][0], tone, why, place="first")
 
 
 def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Drawing:

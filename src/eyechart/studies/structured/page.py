@@ -45,7 +45,7 @@ _LONGEST = 600
 _LEADS = {"no lead told", "a lead that is not there"}
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
 _OF = {"real": "picture", "mirrored": "reflection"}
-_ANSWERS = {"sees": "admitted", "blind": "not admitted", "open": "not admitted"}
+_ANSWERS = {"sees": ("admitted",), "blind": ("not admitted",), "open": ("not admitted",)}
 
 
 def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _: None) -> Page:

@@ -16,7 +16,7 @@ PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
 0.167 of its 12 online episodes."""
 CONTROLLERS = "Task-calibrated estimators"
-"""How the caption of Table t:controller-local begins, whose columns are of two kinds of run."""
+"""How the title of Table t:controller-local begins, whose columns are of two kinds of run."""
 POSITIVE = "scripted:scene_positive_control"
 """The image-only positive control as an estimator: who drives where worlds are vetted."""
 _ROW = {
@@ -85,7 +85,7 @@ def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
     named = (Column("estimator"), *form)
     models = {name: one.models for name, one in scores.items()}
     found = {
-        name: Table("", f"{CONTROLLERS}: static", named, tuple(_figures(*each) for each in held.items()))
+        name: Table("", "static", named, tuple(_figures(*each) for each in held.items()), about=CONTROLLERS)
         for name, held in models.items()
     }
     counts = [one.statistics["scene_equivariance"].n for held in models.values() for one in held.values()]
@@ -210,7 +210,7 @@ def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
                 vettings.append(score.vetted)
                 rows.append((POSITIVE, one.crash_rate))
         named = (Column("estimator"), Column("crash", "estimate", beside=""))
-        found[name] = Table("", f"{CONTROLLERS}: online", named, tuple(rows))
+        found[name] = Table("", "online", named, tuple(rows), about=CONTROLLERS)
     table = stacked(found)
     counts = [row[1].n if isinstance(row[1], Statistic) else None for row in table.rows]
     return table.counted(counts, "episodes", "per estimator").labelled("t:controller-local")
