@@ -49,9 +49,9 @@ def test_every_format_is_recognised(name: str, tmp_path: Path) -> None:
 
 def test_a_format_that_is_named_is_taken_at_its_word(tmp_path: Path) -> None:
     """A folder that looks like another's is not taken for that one."""
-    for one in FORMATS.values():
-        (tmp_path / (one.sign or "photo.png")).parent.mkdir(exist_ok=True)
-        (tmp_path / (one.sign or "photo.png")).touch()
+    for one in ("photo.png", FORMATS["lerobot"].sign):
+        (tmp_path / one).parent.mkdir(exist_ok=True)
+        (tmp_path / one).touch()
     with pytest.raises(SpecError, match="give --table FILE of the pictures"):
         find_format("table", tmp_path, [])
     given = ["frames", "import", str(tmp_path), "--out", str(tmp_path / "bank")]
