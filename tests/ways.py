@@ -57,6 +57,8 @@ class OnTheWay(Endpoint):
             high, wide, _ = decode(sent, "the picture").shape
             lost = {"drops": high * wide > 384 * 384, "knows PNG": media_type(sent) != "image/png"}
             return None if lost.get(self.way, self.turn) else sent  # one of two servers in turn has no eyes
+        if self.way == "blinks":
+            return None if self.dice.random() < 0.1 else sent
         if self.way == "mixes":
             self.under_way.append(sent)
             place = len(self.under_way)
@@ -119,7 +121,7 @@ class Rig(Endpoint):
         first = "in the first picture" in read(asked)[0]
         said["choices"][0]["message"]["content"] = ", ".join(named[:1] if first else self.lists(named))
         count = len(urls) if self.counts_all else len(shown)
-        said["usage"]["prompt_tokens"] = 50 + 85 * count
+        said["usage"]["prompt_tokens"] = 50 + 85 * count * self.counts_pictures
         return web.json_response(said)
 
 

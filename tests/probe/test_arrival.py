@@ -1,11 +1,16 @@
 """A probe shows that a run's pictures arrive: at their size, several at once, each with its own call."""
 
+import itertools
+import math
+import random
+from collections import Counter
 from dataclasses import replace
 
 import pytest
 
 from eyechart.modes import RequestMode
 from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
+from eyechart.probe.arrival import AT_ONCE, FLICKERS, MISSED
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
 from eyechart.probe.pinning import MOST_CALLS
 from eyechart.probe.sample import Sample
@@ -72,6 +77,32 @@ def test_pictures_that_arrive_in_some_calls_only_are_found_before_the_run_is_pai
         assert server.requests <= MOST_CALLS
 
 
+def test_a_model_that_says_now_and_then_that_it_sees_nothing_is_probed_as_ever() -> None:
+    """In one of ten calls at random: some pictures are named in one call and missed in another then."""
+    for seed in range(4):
+        endpoint = OnTheWay(way="blinks", dice=random.Random(seed))  # noqa: S311
+        assert pinned(endpoint).measured.sees_image is True
+
+
+@pytest.mark.parametrize(("right", "missed"), [(0.9, 0.05), (0.9, 0.1), (0.85, 0.15), (0.6, 0.15), (0.4, 0.1)])
+def test_pictures_seldom_seem_to_come_in_some_calls_only(right: float, missed: float) -> None:
+    """By chance in less than 3 of 10,000 probes, at each rate of right answers and of those that there is none."""
+    rates = {"right": right, "missed": missed, "wrong": 1 - right - missed}
+    chance = Counter({(0, 0, 0): 1.0})
+    for _ in range(AT_ONCE):
+        before, chance = chance, Counter()
+        for (gone, back, every), has in before.items():
+            for three in itertools.product(rates, repeat=3):
+                key = (
+                    gone + (three[:2] == ("right", "missed")),
+                    back + (three[:2] == ("missed", "right")),
+                    every + three.count("missed"),
+                )
+                chance[key] += has * math.prod(rates[one] for one in three)
+    found = (has for (gone, back, every), has in chance.items() if min(gone, back) >= FLICKERS and every >= MISSED)
+    assert sum(found) < 3e-4
+
+
 def test_the_largest_picture_of_a_run_is_the_one_that_is_drawn() -> None:
     """Also where the first frame's is small, and the server drops the others by their size."""
     small, large = default_sample().asked, large_sample().asked
@@ -135,6 +166,17 @@ def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
             found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
             assert server.requests <= MOST_CALLS
         assert any("it names 1 of 2 pictures" in note for note in found.notes) is noted
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_a_model_that_names_one_of_two_pictures_once_is_probed_as_ever(*, counts: bool) -> None:
+    """Also where the server counts the tokens of words alone, which do not fall where a picture is left out."""
+    calls = itertools.count()
+    endpoint = Rig(lists=lambda named: named if next(calls) else named[:1], counts_pictures=counts)
+    with FaultServer([endpoint]) as server:
+        found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
+    said = "all of which the server counts" if counts else "one of two answers names 1 of 2 pictures"
+    assert any(said in note for note in found.notes)
 
 
 @pytest.mark.parametrize("hands_on", [1, 2, 3])

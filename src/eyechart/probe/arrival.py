@@ -29,8 +29,11 @@ MOST_CALLS = 2 * AT_ONCE
 REPEATS = 3
 LOST = 5
 """So many more answers lost than won are no accident: below 3 in 10,000 where each is right in 9 of 10 calls."""
-FLICKERS = 3
-"""So many pictures that one call names and another one lacks, some in either order, came in some of the calls only."""
+FLICKERS = 2
+"""So many pictures have to be named by one call and missed by another in either order, and `MISSED` in all three."""
+MISSED = 11
+"""So many of three times `AT_ONCE` answers that there is no picture are no accident: below 2 in 10,000 with `FLICKERS`
+where a model says so in 15 of 100 calls at random."""
 _GREY = (190, 190, 190)
 _LEAST_SIDE = 256
 """Pixels of a side below which a drawn picture would be too small to be named rightly by a weak model."""
@@ -97,9 +100,17 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
     order = sorted(range(AT_ONCE), key=lambda at: at ^ (at >= AT_ONCE // 2))  # half in pairs turned: servers take turns
     came = await asker.together([queries[at] for at in order], sample.at_once)
     together = _shots(alone, [came[at] for at in order])
-    if (fault := _flickers(alone, together)) is not None or _lost(alone, together) < LOST:
-        return fault
+    flickers = _flickers(alone, together)
+    if not flickers and _lost(alone, together) < LOST:
+        return None
     again = _shots(alone, [await asker.ask(query) for query in queries])
+    missed = sum(one.said == NONE for one in (*alone, *together, *again))
+    if flickers and missed >= MISSED:
+        what = f"of {3 * AT_ONCE} drawn pictures {missed} are missed, some of which another call names rightly"
+        hint = "behind this address one server of several may have no eyes: ask one that has, or mend the server"
+        return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
+    if _lost(alone, together) < LOST:
+        return None
     before, one_by_one = (f"{sum(one.right for one in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
         what = f"pictures of this run's size ({form.words}) do not arrive as they are"
@@ -111,19 +122,15 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
     return Fault("picture", f"{what}: {named}; ask with --concurrency 1, or mend the server")
 
 
-def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> Fault | None:
-    """Return that pictures come in some calls only: one call names a picture, and another one says that there is none.
+def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
+    """Return whether one call names a picture and another says that there is none, `FLICKERS` times in either order.
 
-    As from several servers behind one address, of which one has no eyes. None where it is so of few, or one way only.
+    As from several servers behind one address, of which one has no eyes.
     """
     both = list(zip(before, after, strict=True))
     gone = sum(one.right and other.said == NONE for one, other in both)
     back = sum(one.said == NONE and other.right for one, other in both)
-    if not gone or not back or gone + back < FLICKERS:
-        return None
-    words = f"of {len(both)} drawn pictures {gone + back} are named rightly in one of two calls and missed in the other"
-    hint = "behind this address one server of several may have no eyes: ask one that has, or mend the server"
-    return Fault("picture", f"pictures arrive in some calls only: {words}; {hint}")
+    return min(gone, back) >= FLICKERS
 
 
 async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
@@ -152,15 +159,15 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
     )
 
 
-async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, str]:
+async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[Fault | None, str]:
     """Return whether pictures of one query are told apart, for a run that has several: a fault, or a note in words.
 
     Each camera's picture has the form that it has in the run. Three calls. Of two colours one is the first picture's,
     or else the last one's, and the other all others'. Tokens that do not fall where a picture is left out whose colour
-    is not named show that it did not arrive; where they fall, the model may look at the others alone, and where nobody
-    counts, both answers have to lack a colour. Answers that name the pictures in another order than they were sent in,
-    once as the choices stand and once not, and the first one by the colour of the last, are noted: the server may have
-    exchanged them.
+    is not named show that it did not arrive; where they fall, the model may look at the others alone, and where the
+    server counts no pictures, both answers have to lack a colour. Answers that name the pictures in another order than
+    they were sent in, once as the choices stand and once not, and the first one by the colour of the last, are noted:
+    the server may have exchanged them.
     """
     forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
     if len(forms) < 2:
@@ -184,7 +191,8 @@ async def apart(asker: Asker, sample: Sample, seed: int) -> tuple[Fault | None, 
         return None, ""
     rest = {name: forms[name] for name in named[some[0]]}
     fewer = await asker.ask(_of_several(rest, shown[some[0]], key_seed("arrival", seed, 202)))
-    tokens = replies[some[0]].prompt_tokens, fewer.prompt_tokens
+    counts = (sight.image_tokens or 0) >= FEWEST_TOKENS  # else only the words' tokens are counted
+    tokens = (replies[some[0]].prompt_tokens, fewer.prompt_tokens) if counts else (None, None)
     return _left_out(forms, len(rest), tokens, every=len(some) == len(shown))
 
 
@@ -207,7 +215,7 @@ def _left_out(
 ) -> tuple[Fault | None, str]:
     """Return what it means that answers name so many pictures of a query, by the tokens of all and of these alone.
 
-    ``every`` says whether all answers lacked some.
+    They are None where the server counts no pictures. ``every`` says whether all answers lacked some.
     """
     whole, fewer = tokens
     counted = bool(whole and fewer)

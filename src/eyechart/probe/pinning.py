@@ -160,7 +160,7 @@ class _Probe:
         elif sight.outcome == "sees":
             fault = dropped(sight, came, bare, form) or await arrives(self.asker, sight, self.sample, self.seed)
             if fault is None:
-                fault, note = await apart(self.asker, self.sample, self.seed)
+                fault, note = await apart(self.asker, sight, self.sample, self.seed)
                 self.notes += [note] if note else []
         if fault is not None:
             words = f"guard '{fault.guard}' fails: {fault.because}, and probe again; --no-probe asks all the same"

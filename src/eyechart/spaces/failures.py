@@ -18,8 +18,11 @@ _NAMES = frozenset(_FAILURES.split())
 _NOTHING = frozenset(["", "0", "false", "n/a", "na", "nil", "no", "none", "null", "ok"])
 """Texts of such a field that say that nothing failed."""
 
-_PICTURE = (
+_KINDS = (
     r"(?:(?:actual|attached|camera|dashcam|driving|front|input|provided|usable|valid|video|visible|visual)\s+){0,2}"
+)
+_PICTURE = (
+    rf"{_KINDS}"
     r"(?:images?|pictures?|photos?|photographs?|frames?|feed|visual (?:input|information|content))"
 )
 _ENDS = (
@@ -42,6 +45,8 @@ _NO_PICTURE = pattern(
     re.IGNORECASE,
 )
 
+_BESIDES = pattern(rf"\b(?:previous|prior|earlier|last|next|rear|side|second)(?:[ -]view)?\s+{_KINDS}\Z", re.IGNORECASE)
+"""What stands before a picture that is not the one asked about."""
 _HAS_PICTURE = pattern(
     r"(?:(?:is|was|has|have|had|got|can|could|received?|sees?|saw|view|access|the|an?|any)\s)*"
     rf"{_PICTURE}(?:\s(?:is|was|has been))?(?:\s(?:{_CAME}|visible|present|seen|shown|readable|valid|found|exists))?",
@@ -49,13 +54,14 @@ _HAS_PICTURE = pattern(
 )
 """A name that says that there is a picture."""
 _OF_PICTURE = pattern(rf"{_PICTURE}(?:\s(?:status|state|input|data))?", re.IGNORECASE)
-_NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|empty|not (?:been )?{_CAME}|not (?:found|visible)")
+_NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|not (?:been )?{_CAME}|not found")
 """What may be said of a picture in its own field where there was none."""
 
 
 def says_no_picture(text: str) -> bool:
-    """Return whether a text says that there was no picture, or asks for one."""
-    return _NO_PICTURE.search(text.replace("’", "'").replace("_", " ")) is not None
+    """Return whether a text says that there was no picture, or asks for one; one of before or behind is another."""
+    plain = text.replace("’", "'").replace("_", " ")
+    return any(not _BESIDES.search(plain, max(0, one.start() - 80), one.start()) for one in _NO_PICTURE.finditer(plain))
 
 
 def says_failed(fields: Iterable[tuple[str, object]], known: Iterable[str]) -> bool:

@@ -410,18 +410,30 @@ _ASKED_FOR_BAD = re.compile(
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
     r"\b(?:where (?:is|are)|(?:which|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b"
+    r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room|space)\b"
+    r"|(?:the |my |our )?(?:robot|rover|car|vehicle|ego)\s+(?:\w+ )?(?:take|go|@)(?!\w)))"
     r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
     r"\s*(?:a[.:)]\s*)?$"
 )
 """A question of what is seen: "Which side is the car on?"."""
 _STATE = re.compile(
-    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+|no\s+|\d+\s+|two\s+|three\s+|several\s+|many\s+)?(?:free|clear|empty|open|available|safe"
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
     r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
     r"|libre)\b[^.;,@]{0,14}"
     r"(?:[.;,)|\n]|$)"
     r"|\)?\s*[:=]\s*(?:0|[01]?\.\d+|\d+\s?%)(?=[\s.;,)|]*(?:$|\n|[;,|]))|(?<=\w\(@)\)\s*[:=]"
 )
 """What stands on a side: "LEFT: free", or how likely it is: "LEFT: 0.1"."""
+_FREE_OR_NOT = re.compile(
+    r"\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|cars?|vehicles?|trucks?)\b"
+)
+_PLACE = re.compile(r"left|right|straight|ahead|forward|back|lane|middle|cent|road", re.IGNORECASE)
+"""An action named by a place, of which such words may say how it is there; of another they are its reason."""
+_COUNTED = re.compile(
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open|available|safe"
+    r"|cars?|vehicles?|trucks?)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)"
+)
+"""How many are on a side: "LEFT: two cars"."""
 
 _SPOKEN_OF = re.compile(
     r"\b(?:signs?|arrows?|signals?|traffic light|markings?|display|symbol|instructions?|prompt|text|writing"
@@ -625,7 +637,7 @@ def read_prose(text: str, names: Names) -> Decision[str]:
     """
     marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
     judged = [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
-    judged = _without_interjection(marked, _without_lists(marked, judged))
+    judged = _without_interjection(marked, _without_pedals(marked, _without_lists(marked, judged), names))
     chosen = [one for one in judged if one.status in {"chosen", "half"}]
     if all(one.status == "half" for one in chosen):
         alone = _alone(text, judged)
@@ -789,7 +801,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
         status = "denied"
     elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
         status = "said"
-    elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right):
+    elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right, group[0].mention):
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
     return [replace(one, status=status) for one in group]
 
@@ -819,10 +831,21 @@ def _scope(left: str) -> str:
     return left[start:]
 
 
-def _only_said(left: str, right: str) -> bool:
+def _is_state(left: str, right: str, one: Mention) -> bool:
+    """Return whether words behind a mention say how a side is, not why the action is chosen."""
+    if _STATE.match(right):
+        reasoned = not is_mark(one.action) and not _PLACE.search(one.action) and not _PLACE.search(one.written)
+        return not (reasoned and _FREE_OR_NOT.match(right))
+    if one.written.strip().lower() not in {"left", "right"} or not _COUNTED.match(right):
+        return False
+    label = _LABELLED.search(left)
+    return not _CHOSEN_BEFORE.search(left) and (label is None or not _names_a_choice(label.group(1)))
+
+
+def _only_said(left: str, right: str, one: Mention) -> bool:
     """Return whether a mention is what others say or do, conditional, an example, for later, or the state of a side."""
     if (
-        _STATE.match(right)
+        _is_state(left, right, one)
         or _SPOKEN_OF.search(left)
         or _QUOTED.search(left)
         or _EXAMPLE.search(left)
@@ -842,9 +865,7 @@ def _only_said(left: str, right: str) -> bool:
 
 def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
-    if (label := _LABELLED.search(left)) is not None and (
-        not _names_a_choice(label.group(1)) or (is_mark(one.action) and _PEDAL.fullmatch(label.group(1)))
-    ):
+    if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
     several = _SEVERAL.search(one.written) is not None
     if _is_measured(left, one):
@@ -885,8 +906,13 @@ def _names_a_choice(label: str) -> bool:
 
 
 _ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?$")
-_PEDAL = re.compile(r"(?:.*\s)?(?:brak(?:e|es|ing)|throttle|gas|pedal)")
+_PEDAL = re.compile(r"\b(?:brak(?:e|es|ing)|throttle|gas|pedal)[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}$")
 """A label of another control than the one whose numbers are the actions: "brake: 0"."""
+_CONTROL = re.compile(
+    r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch|gear)"
+    r"[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}[@\d.+-]"
+)
+_BOTH = 2
 _SEVERAL = re.compile(r"[^\W\d_][\s_-]+[^\W\d_]")
 
 
@@ -929,6 +955,18 @@ def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
         for at in labels:
             found[at] = replace(found[at], status="denied" if found[at].status == "denied" else "said")
     return found
+
+
+def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_Placed]:
+    """Return the mentions; a number of a pedal beside another control's, or where numbers have signs, is no choice."""
+    if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
+        return judged
+    return [
+        replace(one, status="said")
+        if is_mark(one.mention.action) and _PEDAL.search(marked, max(0, one.place - _LEFT), one.place)
+        else one
+        for one in judged
+    ]
 
 
 def _without_interjection(marked: str, judged: list[_Placed]) -> list[_Placed]:

@@ -86,8 +86,9 @@ _OTHERS = pattern(
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
     r"|wrong|expert"
     r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
-    r"|motorcycles?|animals?|actors|agents|obstacles?|objects?|detect\w+|hazards?|traffic|lights?|signs?|signals?|arrows?"
-    r"|neighbou?rs?|oncoming|adjacent|surround\w+|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
+    r"|motorcycles?|animals?|actors|agents|neighbou?rs?|oncoming|adjacent|surround\w+)(?:$|[\W_\d])"
+    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?|detect\w+|hazards?|traffic"
+    r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
 """Keys whose objects are about somebody else, or are no choice."""
@@ -199,10 +200,16 @@ def _phrase(value: str, names: Names) -> Decision[str]:
     folded = fold(value)
     if (bare := names.whole(folded)) is not None:
         return Decision(bare)
-    found = _in_brackets(folded, names) or _prose(_TEX.sub(" ", folded), names)
+    found = _in_brackets(folded, names) or _prose(_chosen_side(_TEX.sub(" ", folded)), names)
     return found if found.action or found.why != "no_action" else unparsed("unknown_action")
 
 
+def _chosen_side(value: str) -> str:
+    """Return the value of an answer; a side with how many cars there are is chosen here, no state."""
+    return f"I choose {value}" if _SIDE_WITH_COUNT.match(value) else value
+
+
+_SIDE_WITH_COUNT = pattern(r"(?:left|right)[\s\"'*]*[:(=]\s*(?:no|\d+|two|three|several|many)\s+[a-z]", re.IGNORECASE)
 _BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 
@@ -278,14 +285,19 @@ def _objects(text: str, names: Names) -> Iterator[_Stated]:
         yield _Stated(match.start(), match.end(), found_here.action, found_here.why)
 
 
+_ANSWER, _OWN_THING, _OTHER_THING = range(3)
+"""What an object stands within: an answer; the own motion or an envelope, where a side is set and a speed is measured;
+or another thing, of which both are said."""
+
+
 class _Pairs(list[tuple[str, object]]):
     """An object's keys and values in order, so that none that is given twice is lost."""
 
 
-def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator[tuple[str | None, str | None]]:
+def _stated_in(value: object, names: Names, *, within: int = _ANSWER) -> Iterator[tuple[str | None, str | None]]:
     """Yield the actions that a JSON value states, None and why where what it states is no name.
 
-    A speed or an angle ``within`` an object of another thing is that thing's.
+    ``within`` what it stands decides whether a side, a speed or an angle is the answer.
     """
     if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
@@ -303,14 +315,24 @@ def _stated_in(value: object, names: Names, *, within: bool = False) -> Iterator
                 yield from _values(None if _is_count(name, inner) else inner, names)
     else:
         for name, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
-            yield from _stated_under(name, inner, names, within=within)
+            within_it = max(within, _thing(name, alone=len(value) == 1))
+            yield from _stated_under(name, inner, names, within=within, inside=within_it)
 
 
-def _stated_under(key: str, value: object, names: Names, *, within: bool) -> Iterator[tuple[str | None, str | None]]:
+def _stated_under(
+    key: str, value: object, names: Names, *, within: int, inside: int
+) -> Iterator[tuple[str | None, str | None]]:
     """Yield the actions that the value of a key states which is no answer's, or holds the answer further in."""
     if (_KEY.fullmatch(key) or (names.quantity.is_key(key) and not within)) and _is_listed(value, names):
         return _named_in(value, names)
-    return _stated_in(value, names, within=within or not _HOLDS.fullmatch(key))
+    return _stated_in(value, names, within=inside)
+
+
+def _thing(key: str, *, alone: bool) -> int:
+    """Return what an object under a key is of; under a key that stands ``alone`` it is the own, if not what is seen."""
+    if _HOLDS.fullmatch(key):
+        return _ANSWER
+    return _OWN_THING if _MOVES.fullmatch(key) or (alone and not _SEEN.search(key)) else _OTHER_THING
 
 
 _HOLDS = pattern(
@@ -319,6 +341,17 @@ _HOLDS = pattern(
     re.IGNORECASE,
 )
 """Keys whose objects are of what is done."""
+_MOVES = pattern(
+    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning|steer|heading"
+    r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
+    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content|message)",
+    re.IGNORECASE,
+)
+"""Keys whose objects are of the own motion or the own self, or that only envelop another object."""
+_SEEN = pattern(
+    r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
+)
+"""Keys whose objects are of what is seen."""
 _LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
 
 
@@ -399,12 +432,12 @@ def _is_another(key: str, value: object, names: Names) -> bool:
     return names.whole(fold(value)) is not None if isinstance(value, str) else _counted(value, names).action is not None
 
 
-def _answer_key(value: _Pairs, names: Names, *, within: bool = False) -> str | None:
+def _answer_key(value: _Pairs, names: Names, *, within: int = _ANSWER) -> str | None:
     """Return the key that holds the answer, the plainest of several; None where an object holds it further in.
 
     A side or a direction ``within`` an object of another thing is that thing's.
     """
-    known = [key for key, _ in value if _KEY.fullmatch(key) and not (within and _SIDE.fullmatch(key))]
+    known = [key for key, _ in value if _KEY.fullmatch(key) and not (within == _OTHER_THING and _SIDE.fullmatch(key))]
     if not within and all(_SIDE.fullmatch(key) for key in known):
         known = [key for key, _ in value if names.quantity.is_key(key)] or known
     if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
@@ -569,6 +602,6 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
         return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
         return found.end(), Decision(bare)
-    read = _in_brackets(value, names) or _prose(value, names)
+    read = _in_brackets(value, names) or _prose(_chosen_side(value), names)
     short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
     return found.end(), unparsed("unknown_action") if short else read
