@@ -39,7 +39,8 @@ def depth() -> Iterator[str]:
     yield "| number | asks | depth needs | refuted where |"
     yield "|---|---|---|---|"
     every = {**ASKS, **BESIDE}
-    for _, names in groupby(every, key=lambda name: refuted_by(name) if every[name].startswith("the same") else name):
+    alike = {name: (needs_of(name), refuted_by(name)) for name in every if every[name].startswith("the same")}
+    for _, names in groupby(every, key=lambda name: alike.get(name, name)):
         first, *others = names
         asks = EACH[first.partition("_")[0]] if others else every[first]
         named = ", ".join(f"`{name}`" for name in (first, *others))

@@ -16,6 +16,7 @@ from eyechart.conditions import (
     CONTROLS,
     COUNTERFACTUALS,
     FEWEST,
+    FURTHER,
     MID_GREY,
     OF_BANKS,
     OLDER,
@@ -87,7 +88,8 @@ def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
     expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
     assert expected == BATTERY == tuple(CONDITIONS)[:8]
     assert COUNTERFACTUALS == ("lead_near", "lead_far", "recoloured")
-    assert (*OLDER, "lead_absent", "real_again", "nudged", *(name for name in CONTROLS if name in RANGED)) == CONTROLS
+    along = (name for name in CONTROLS if name in RANGED)
+    assert (*OLDER, *FURTHER, "lead_absent", "real_again", "nudged", *along) == CONTROLS
     assert len(RANGED) == 7
     start = OF_BANKS.index("recoloured") + 1
     assert OF_BANKS[start : start + len(CONTROLS)] == CONTROLS

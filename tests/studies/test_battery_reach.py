@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,7 @@ import banks
 import known
 from eyechart.conditions import RANGED
 from eyechart.frames import FrameBank, open_bank
+from eyechart.studies.battery import reach
 from eyechart.studies.battery.power import power_of
 from eyechart.studies.battery.reach import Reach, _longer, reach_of
 from eyechart.verdicts import LABELS
@@ -88,3 +90,17 @@ def test_a_table_says_it_with_the_power(half: FrameBank) -> None:
     assert rows["depth"][3] == found.odds.depth["1"]
     assert [one["label"] for one in found.as_dict()["labels"]] == list(LABELS)
     assert set(RANGED) <= found.controls.keys()
+
+
+def test_a_label_that_no_controller_deserves_is_told_by_what_its_rule_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A label is one row: whether a bank can give it follows from the statistics of its clauses."""
+    monkeypatch.setattr(reach, "_CONTROLLERS", {})
+    monkeypatch.setattr(reach, "_NEEDS", {})
+    two = banks.build_bank(tmp_path / "two")
+    one = replace(two, frames=tuple(frame for frame in two if frame.scenario == two.frames[0].scenario))
+    assert reached(two)["scene_cue"].reached
+    told = reached(one)["scene_cue"]
+    assert (told.reached, told.more) == (False, None)
+    assert told.lacks.startswith("its rule reads scene_cue: ")

@@ -302,6 +302,9 @@ RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_besi
 OLDER: tuple[str, ...] = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
 """Controls with a few distances: what is asked of a bank that has none over all of them."""
 
+FURTHER: tuple[str, ...] = tuple(name for name in CONTROLS if name not in {*RANGED, *OLDER, ABSENT, AGAIN, "nudged"})
+"""Any other control: it is asked along with `RANGED`, of a bank that has it, and no bank needs it."""
+
 COUNTERFACTUALS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
 )

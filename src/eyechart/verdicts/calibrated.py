@@ -7,7 +7,7 @@ import math
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 
-from eyechart.conditions import ABSENT, AGAIN
+from eyechart.conditions import ABSENT, AGAIN, FURTHER
 from eyechart.stats.agreement import SwapRate, trials_needed
 from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
@@ -80,7 +80,7 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
         wanted = (ABSENT, AGAIN)
     if set(STAGE) <= {*supplied, *asked}:
         if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
-            wanted = STAGE
+            wanted = (*STAGE, *FURTHER)
     elif label == "depth_associated" and MOVED.holds(found) and LARGE.holds(found):
         if EXCHANGED.holds(found):
             wanted = (*DOSE, NUDGED)

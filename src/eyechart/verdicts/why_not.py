@@ -15,7 +15,7 @@ from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_t
 from eyechart.verdicts.depth import NO_OPEN_PLACE, REFUTING, STAGE, UNSHOWN, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
-from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, UNPARSED_CUT
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, UNPARSED_CUT
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
@@ -75,9 +75,9 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     """Return why a model's label is no stronger one; None where none is."""
     if evidence.stopped is not None:
         return _stopped(evidence, ruling, lateral)
-    if ruling.label in _STRONGER:
-        return _by_one_test(evidence.statistics, ruling)
     found = evidence.statistics
+    if nearest := LABELS[ruling.label].nearest:
+        return _by_one_test(*nearest, found, ruling)
     made: dict[str, Callable[[], WhyNot]] = {
         "depth": lambda: _not_lateral(found, lateral),
         "partial_depth": lambda: _in_part(found, ruling),
@@ -94,9 +94,9 @@ def _not_scorable(ruling: Ruling) -> WhyNot:
     return WhyNot(ANY, ruling.decided_by, ruling.statistic, f"at most {UNPARSED_CUT}", settle)
 
 
-def _by_one_test(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
+def _by_one_test(label: str, name: str, found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
     """Say that the test of the next stronger label does not hold; nothing settles what is bounded."""
-    why = _untold(*_STRONGER[ruling.label], found)
+    why = _untold(label, name, found)
     if ruling.label == "presence_only":
         bounded = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
         return replace(why, settle=bounded, frames=None)
@@ -115,15 +115,6 @@ def _by_file(label: str, found: Mapping[str, Statistic]) -> WhyNot:
     return WhyNot(label, "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
 
 
-_STRONGER = {
-    "self_inconsistent": ("content", "content_shuffled"),
-    "scene_cue": ("content", "content_shuffled"),
-    "presence_only": ("content", "content_shuffled"),
-    "refusal_effect": ("presence_only", "presence"),
-    "image_invariant": ("presence_only", "presence"),
-}
-"""The nearest stronger label of those that are decided by one test, and that test."""
-
 _EARLY = {
     "depth_associated": ("depth", "near_far"),
     "presence_only": ("depth_associated", "near_far"),
@@ -131,7 +122,7 @@ _EARLY = {
     "image_invariant": ("presence_only", "presence"),
     "not_scorable": (ANY, "scorable"),
 }
-"""Likewise of those that a run may have settled early."""
+"""Of labels that a run may have settled early: the nearest stronger one, and the claim that is not settled."""
 
 
 def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import OLDER
+from eyechart.conditions import FURTHER, OLDER
 from eyechart.stats.agreement import rate
 from eyechart.stats.jackknife import half_exceeded
 from eyechart.stats.order import lost_beyond_noise
@@ -26,7 +26,7 @@ FEWEST_PAIRS = 7
 
 NO_BRAKE = "this space has no axis 'brake'"
 
-EDITED = (*NEAR_FAR, *OLDER, NUDGED, *STAGE)
+EDITED = (*NEAR_FAR, *OLDER, NUDGED, *STAGE, *FURTHER)
 """The pictures that depth compares with others."""
 
 ALONG_LANE = (

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.conditions import OLDER
 from eyechart.seeds import key_seed
 from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
@@ -34,15 +35,19 @@ TWICE: dict[str, tuple[str, str]] = {
 """The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
 
 ONCE: dict[str, tuple[str]] = {"mid_near": ("lead_mid_near",), "mid_far": ("lead_mid_far",)}
-"""The pictures of older banks between near and far, which order does not compare."""
+"""The pictures between near and far that order does not compare; the first two are of older banks."""
+
+PICTURE_OF: Mapping[str, str] = {
+    name: picture for picture, names in {**TWICE, **ONCE}.items() for name in names if name not in OLDER
+}
+"""Which picture a condition asks for, of those of today's banks."""
 
 AT: Mapping[str, tuple[str, ...]] = {
     "near": ("lead_near_m", "lane_near_m"),
     "drawn": ("lead_drawn_m",),
     "own": ("exchange_m",),
     "far": ("lead_far_m", "lane_far_m"),
-    "mid_near": ("lead_mid_near_m",),
-    "mid_far": ("lead_mid_far_m",),
+    **{picture: (f"{name}_m",) for picture, (name,) in ONCE.items()},
 }
 """The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
-from eyechart.conditions import OVER, RANGED
+from eyechart.conditions import AGAIN, CONTROLS, OVER
 from eyechart.report.charts import (
     BLUE,
     GREEN,
@@ -45,10 +45,7 @@ _STAYS = LinearSegmentedColormap.from_list("stays", ["#ef8a62", "#fddbc7", "#fff
 _MOVED = LinearSegmentedColormap.from_list("moved", ["#ffffff", "#c3c8cf"])
 STAYS = ("real_repeat", "recoloured", "nudged", "text_swapped")
 """Conditions under which the answer of a model that follows distance stays; other pictures take what it follows."""
-MOVED = (
-    *("lead_near", "lead_far", "lead_mid_near", "lead_mid_far", "lead_absent", "lane_own", "lane_beside"),
-    *RANGED,
-)
+MOVED = ("lead_near", "lead_far", *(name for name in CONTROLS if name not in {"nudged", AGAIN}))
 """Conditions under which the frame decides whether the answer stays: they are grey."""
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""

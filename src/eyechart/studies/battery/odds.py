@@ -22,7 +22,7 @@ from eyechart.stats.paired import bounded_below, sign_test
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.controls import FEWEST_PAIRS
-from eyechart.studies.battery.depth import BESIDE, TWICE, Moved, moved_of
+from eyechart.studies.battery.depth import BESIDE, PICTURE_OF, Moved, moved_of
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import earns_depth
 
@@ -252,7 +252,7 @@ class _Drawn:
 
 def _distances(shown: Moved) -> dict[str, Levels]:
     """Return how far away the lead is under each condition that depth compares, NaN where a frame does not show it."""
-    found = {name: shown.distance(picture) for picture, names in TWICE.items() for name in names}
+    found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
     there = ~np.isnan(shown.distance("own"))
     return found | {name: np.where(there, shown.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
 

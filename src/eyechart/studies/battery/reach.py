@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eyechart.conditions import BATTERY, RANGED, available
+from eyechart.conditions import BATTERY, FURTHER, RANGED, available
 from eyechart.frames import Frame, FrameBank
 from eyechart.run import spread
 from eyechart.seeds import key_seed
@@ -21,17 +21,17 @@ from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.controls import SIDES
-from eyechart.studies.battery.depth import AT, BESIDE, TWICE, moved_of
+from eyechart.studies.battery.depth import AT, BESIDE, PICTURE_OF, moved_of
 from eyechart.studies.battery.odds import calls_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.verdicts import LABELS, calibrated_rules, lateral_rules
-from eyechart.verdicts.calibrated import earns_lateral
+from eyechart.verdicts.calibrated import DISTANCE, earns_lateral
 from eyechart.verdicts.ruling import Ruling
 
 MOST_TIMES, MOST_FRAMES = 8, 4000
 """A bank is thought longer up to so many times, and up to so many frames."""
 
-RESAMPLES = 999
+_HOW = Resampling(resamples=999)
 
 NO_ROAD = ("blank", "noise", "text_only")
 _DEPTH = ("lead_near", "lead_far", *RANGED)
@@ -84,11 +84,11 @@ def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]
     return [
         label
         for label in LABELS
-        if label in _CONTROLLERS
+        if LABELS[label].answer != "Inconclusive"
         and (
             left & {*_NEEDS.get(label, ())}
             or _lacks(label, some)
-            or not any(_ruled(label, some, part).label == label for part in parts)
+            or all(_kept_from(label, some, part) for part in parts)
         )
     ]
 
@@ -99,15 +99,30 @@ _ENOUGH = 288
 
 def _reach(label: str, bank: FrameBank) -> Reach:
     answer = LABELS[label].answer
-    if label not in _CONTROLLERS:  # which any frames give, or of which nothing is known
+    if answer == "Inconclusive":  # which any frames give
         return Reach(label, answer, reached=True)
     if lacks := _lacks(label, bank):
         return Reach(label, answer, reached=False, lacks=lacks)
-    ruling = _ruled(label, bank, bank.frames)
-    if ruling.label == label:
-        return Reach(label, answer, reached=True)
-    more = _more(label, bank)
-    return Reach(label, answer, reached=False, more=more, lacks=f"who deserves it gets {ruling.label}: {ruling.reason}")
+    if lacks := _kept_from(label, bank, bank.frames):
+        return Reach(label, answer, reached=False, more=_more(label, bank), lacks=lacks)
+    return Reach(label, answer, reached=True)
+
+
+def _kept_from(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> str:
+    """Return why a label is not given on these frames, empty where it is: to the controller that deserves it.
+
+    Of a label that none here deserves, it is what of its rules who reads the distance leaves untested.
+    """
+    if label in _CONTROLLERS:
+        ruling = _ruled(label, bank, frames)
+        return "" if ruling.label == label else f"who deserves it gets {ruling.label}: {ruling.reason}"
+    found = _found(_depth, bank, frames)[0]
+    untested = [
+        next((one.statistic for one in rule.needs if one.outcome(found) is None and not one.untested), "")
+        for rule in DISTANCE.rules
+        if rule.label == label
+    ]
+    return "" if "" in untested else f"its rule reads {untested[0]}: {found[untested[0]].note}"
 
 
 def _lacks(label: str, bank: FrameBank) -> str:
@@ -134,7 +149,7 @@ def _more(label: str, bank: FrameBank) -> int | None:
     count = len(bank)
 
     def holds(frames: int) -> bool:
-        return _ruled(label, bank, tuple(_longer(bank.frames, frames))).label == label
+        return not _kept_from(label, bank, tuple(_longer(bank.frames, frames)))
 
     times = [many for many in (2, 4, MOST_TIMES) if many * count <= MOST_FRAMES]
     enough = next((many * count for many in times if holds(many * count)), None)
@@ -177,15 +192,21 @@ def _range_of(frames: Sequence[Frame], column: str) -> tuple[float, float]:
 
 def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
     """Return the ruling of the controller that deserves a label, were the bank's frames these."""
-    ideal = _Ideal(bank, frames)
-    answers = ideal.answers(_CONTROLLERS[label], without=_DEPTH[2:] if label == "depth_associated" else ())
-    how = Resampling(resamples=RESAMPLES)
-    found = Found(Calibrated(answers, how))
+    without = (*RANGED, *FURTHER) if label == "depth_associated" else ()
+    found, answers = _found(_CONTROLLERS[label], bank, frames, without)
     turns = False
     if label == "depth_lateral":
-        known = ChainMap({"mirror_swap_rate": Published(answers, how).swaps()}, found)  # type: ignore[arg-type]
+        known = ChainMap({"mirror_swap_rate": Published(answers, _HOW).swaps()}, found)  # type: ignore[arg-type]
         turns = earns_lateral(known, lateral_rules(known, answers.directions()).label)
     return calibrated_rules(found, turns=turns)[0]
+
+
+def _found(
+    choose: "Choose", bank: FrameBank, frames: tuple[Frame, ...], without: Sequence[str] = ()
+) -> tuple[Found, Answers]:
+    """Return the statistics of a controller, were the bank's frames these, and what it answers."""
+    answers = _Ideal(bank, frames).answers(choose, without=without)
+    return Found(Calibrated(answers, _HOW)), answers
 
 
 @dataclass(frozen=True)
@@ -199,7 +220,7 @@ class _Ideal:
         """Return what a controller answers to all that a run would ask; an empty word is a refusal."""
         space, gap = self.bank.manifest.action_space, self.bank.manifest.gap
         asked = [name for name, count in calls_of(self.bank).items() if count]
-        asked += [name for name in (*RANGED, "nudged", "lead_absent") if name not in without]
+        asked += [name for name in (*RANGED, *FURTHER, "nudged", "lead_absent") if name not in without]
         decisions = {
             name: tuple(
                 _decided(choose(self, name, place)) if available(name, frame) else None
@@ -225,7 +246,7 @@ class _Ideal:
     def distances(self) -> Mapping[str, np.ndarray]:
         """Return how far away the lead is under each condition, NaN where nobody says."""
         shown = moved_of(Answers("", self.frames, self.space, self.bank.manifest.gap, {}))
-        found = {name: shown.distance(picture) for picture, names in TWICE.items() for name in names}
+        found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
         found |= {name: shown.distance("far") for name in (BESIDE, "exchange_apart")}
         return {name: np.where(np.isnan(one), _STANDS.get(name, np.inf), one) for name, one in found.items()}
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS, RANGED, shuffled_order
+from eyechart.conditions import CONTROLS, FURTHER, RANGED, shuffled_order
 from eyechart.frames import Frame
 from eyechart.ledger import Ledger
 from eyechart.run import Plan, Stages
@@ -94,8 +94,13 @@ class Layout:
         return frozenset(name for one in (self.asked, self.controls) for names in one.values() for name in names)
 
     def walks(self, label: str | None) -> tuple[Walk, ...]:
-        """Return the walks that a label needs of those that can be made: of a control that none is shown, none."""
-        return tuple(walk for walk in WALKS.get(label or "", ()) if walk.conditions <= self.shown)
+        """Return the walks that a label needs of those that can be made: of a control that none is shown, none.
+
+        Along the range whatever further controls are shown is asked with it.
+        """
+        made = [walk for walk in WALKS.get(label or "", ()) if walk.conditions <= self.shown]
+        more = self.shown & {*FURTHER}
+        return tuple(replace(one, conditions=one.conditions | more) if one.conditions >= ALONG else one for one in made)
 
     def most(self, label: str) -> int:
         """Return how many calls of controls a label may need."""
@@ -116,7 +121,7 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     order = shuffled_order([frame.id for frame in frames], seed)
     asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
     shown = {name for names in every.values() for name in names}
-    may = set(CONTROLS) & {ABSENT, *(ALONG if shown >= ALONG else ())}
+    may = set(CONTROLS) & {ABSENT, *((*ALONG, *FURTHER) if shown >= ALONG else ())}
     controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
     return Layout(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
 
