@@ -80,9 +80,14 @@ def test_a_recording_that_is_there_twice_counts_once_also_where_it_has_no_number
 
 
 def test_a_recording_that_is_there_twice_with_two_gaps_is_refused(table: Table, photos: Path) -> None:
-    """Which of both is right, nobody knows."""
-    with pytest.raises(SourceError, match=r"'again-.*' shows what '.*' does.*the gap 'gap' is"):
-        table([*drive("e"), *drive("f", again(photos, "copy"), tuple(reversed(GAPS)))])
+    """Which of both is right, nobody knows; where both are kept, or one is empty, nothing is lost."""
+    rows = [*drive("e"), *drive("f", again(photos, "copy"), tuple(reversed(GAPS)))]
+    with pytest.raises(SourceError, match=r"'again-.*' shows what '.*' does.*the gap 'gap' is .* import both with"):
+        table(rows)
+    bank = table(rows, keep_repeats=True)
+    assert len(bank) == 2 * FRAMES
+    shutil.rmtree(bank.root)
+    assert len(table([*rows[:FRAMES], *({**row, "gap": ""} for row in rows[FRAMES:])])) == FRAMES
 
 
 def test_single_pictures_that_stand_there_twice_are_counted_and_named(table: Table, photos: Path) -> None:
@@ -98,8 +103,6 @@ def test_single_pictures_that_stand_there_twice_are_counted_and_named(table: Tab
     "names",
     [
         ("\u00e9t\u00e9", "e\u0301te\u0301"),
-        ("Drive", "drive"),
-        ("1", "01"),
         ("1", "1.0"),
         ("+1", "1"),
         ("a\u200bb", "ab"),
@@ -115,6 +118,19 @@ def test_names_that_look_the_same_are_refused(table: Table, names: tuple[str, st
         table(cells={place: [names[number // 6] for number in range(FRAMES)]})
 
 
+@pytest.mark.parametrize("names", [("aB", "Ab"), ("1", "01")])
+@pytest.mark.parametrize("place", ["episode", "scenario"])
+def test_names_in_other_letters_or_with_zeros_are_two_and_named(
+    table: Table, names: tuple[str, str], place: str
+) -> None:
+    """As tokens may be; who reads them may have meant one."""
+    bank = table(cells={place: [names[number // 6] for number in range(FRAMES)]})
+    one, other = sorted(names)
+    assert f"the {place}s '{one}' and '{other}' differ in capital letters or leading zeros alone" in " ".join(
+        costs(bank)
+    )
+
+
 @pytest.mark.parametrize("names", [("a1", "a10"), ("10", "1"), ("1.5", "1"), ("-1", "1"), ("a-1", "a1")])
 def test_names_that_differ_are_two(table: Table, names: tuple[str, str]) -> None:
     """A number's sign, its fraction and its size are no way to write it."""
@@ -122,17 +138,20 @@ def test_names_that_differ_are_two(table: Table, names: tuple[str, str]) -> None
 
 
 @pytest.mark.parametrize("word", ["nan", "NaN", "None", "null", "<NA>", "N/A", "#N/A", "NaT"])
-@pytest.mark.parametrize("place", ["episode", "scenario"])
-def test_a_word_that_programs_write_for_nothing_is_no_name(table: Table, word: str, place: str) -> None:
-    """All rows without a name would be one drive, or one kind of place."""
-    with pytest.raises(SourceError, match=f"row 2: the {place} '{place}' is '{word}'; every row needs one"):
-        table(cells={place: ["a", word, *["a"] * 10]})
+def test_a_word_that_programs_write_for_nothing_is_no_name_of_an_episode(table: Table, word: str) -> None:
+    """All rows without a name would be one drive; a scenario may be called so, as 'none' beside 'rain'."""
+    cells: list[object] = ["a", word, *["a"] * 10]
+    with pytest.raises(SourceError, match=f"row 2: the episode 'episode' is '{word}'; every row needs one"):
+        table(cells={"episode": cells})
+    assert {frame.scenario for frame in table(cells={"scenario": cells})} == {"a", word}
 
 
 def test_a_word_that_programs_write_for_nothing_is_said_to_no_model(table: Table) -> None:
     """Nobody goes at nan."""
     with pytest.raises(SourceError, match="row 2: 'speed' is 'nan'; a prompt column needs something to say"):
         table(cells={"speed": ["3", "nan", *["4"] * 10]}, prompt_columns=("speed",))
+    bank = table(cells={"speed": ["3", "N/A", *["null"] * 10]}, prompt_columns=("speed",))
+    assert {frame.fields["speed"] for frame in bank} == {"3", "N/A", "null"}
 
 
 def placed(scenarios: str, episodes: str) -> dict[str, list[object]]:
@@ -148,20 +167,40 @@ def test_a_drive_through_several_scenarios_is_refused_where_its_steps_show_it(ta
 
 
 def test_names_of_episodes_that_recur_in_another_scenario_are_other_drives(table: Table) -> None:
-    """Where a step stands in both; without steps nobody knows, and it is said."""
-    columns, words = placed("xxxxxxyyyyyy", "aaabbbaaabbb"), "2 names of episodes stand in several scenarios"
+    """Where a step stands in both, or others lie between; without steps nobody knows, and it is said."""
+    columns, words = placed("xxxxxxyyyyyy", "aaabbbaaabbb"), "2 episode names stand in several scenarios"
     bank = table(cells=columns)
     assert words in " ".join(costs(bank))
     shutil.rmtree(bank.root)
     stepped = table(cells=columns | {"step": [0, 1, 2] * 4})
     assert len({frame.drive for frame in stepped}) == 4
     assert words not in " ".join(costs(stepped))
+    shutil.rmtree(bank.root)
+    through = table(cells=placed("xxxxxxxxyyyy", "aaaabbbbaaaa") | {"step": [*range(FRAMES)]})
+    assert len({frame.drive for frame in through}) == 3
+    assert "1 episode name stands in several scenarios" in " ".join(costs(through))
 
 
-@pytest.mark.parametrize(("one", "other"), [("gap", "Gap"), ("episode", "EPISODE"), ("distance_m", "Distance m")])
+def test_scenarios_and_steps_without_episodes_are_no_drive_through_several(table: Table) -> None:
+    """All frames are one draw, and nothing is said of drives."""
+    rows: list[Row] = [{"file": f"{n}.png", "gap": GAPS[n], "location": "AB"[n // 6]} for n in range(FRAMES)]
+    bank = table(rows)
+    assert "in several scenarios" not in " ".join(costs(bank))
+    shutil.rmtree(bank.root)
+    assert len(table(rows, {"step": [*range(FRAMES)]})) == FRAMES
+
+
+@pytest.mark.parametrize(("one", "other"), [("gap", "Gap"), ("file", "File")])
+def test_a_column_that_is_called_exactly_as_its_place_is_taken(table: Table, one: str, other: str) -> None:
+    """And the other one is named."""
+    bank = table(cells={other: [1, 2] * 6})
+    assert f"{one} is '{one}', not '{other}' beside it; " in " ".join(costs(bank))
+
+
+@pytest.mark.parametrize(("one", "other"), [("Episode", "EPISODE"), ("distance_m", "Distance m")])
 def test_a_column_is_not_chosen_among_those_of_one_name(table: Table, one: str, other: str) -> None:
     """In other letters they are two, and the first that comes is not what is meant."""
-    place = "gap" if "_" in one else one
+    place = "gap" if "_" in one else one.lower()
     rows = [{one if name == place else name: cell for name, cell in row.items()} for row in drive("e")]
     cells: dict[str, list[object]] = {other: [1, 2] * 6}
     with pytest.raises(SourceError, match=f"has the columns '{one}' and '{other}': say with .*{place}"):
@@ -175,8 +214,17 @@ PAIRS = [
     ("exchange_own", "exchange_beside"),
     ("exchange_own", "exchange_apart"),
     ("lane_own", "lane_beside"),
-    ("file", "recoloured"),
 ]
+
+
+@pytest.mark.parametrize("rows", [1, FRAMES])
+def test_a_recoloured_picture_that_repeats_the_file_was_not_taken(table: Table, photos: Path, rows: int) -> None:
+    """It is left out, and counted in one line."""
+    names = again(photos, "copy")
+    cells: list[object] = [names.format(n) if n < rows else f"{FRAMES + n}.png" for n in range(FRAMES)]
+    bank = table(cells={"recoloured": cells})
+    assert sum("recoloured" in frame.counterfactuals for frame in bank) == FRAMES - rows
+    assert f"{rows} picture{'s' * (rows > 1)} of recoloured repeat the file, and count as not taken" in taken(bank)
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

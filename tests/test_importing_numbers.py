@@ -369,7 +369,14 @@ def test_the_command_takes_marks_numbers_and_paths(
         ("cm_gap", "cm"),
         ("gapCmLeft", "cm"),
         ("gap (mm) raw", "mm"),
-        ("range_m_max", "m"),
+        ("gap_meters_left", "m"),
+        ("gap_m", "m"),
+        ("range_m_max", None),
+        ("gap_to_m_lane", None),
+        ("distance_second_car", None),
+        ("distance_foot_path", None),
+        ("gap_to_yard", "yd"),
+        ("yard_gap_left", None),
         ("gap_in_lane", None),
         ("driver_s_gap", None),
         ("gap_m2_left", None),
@@ -394,11 +401,10 @@ MOVED = ["lead_drawn_m", "exchange_m", "lead_mid_near_m"]
 @pytest.mark.parametrize(
     ("cells", "wrong"),
     [
-        (["7.5 cm"], r"row 1: '{}' is '7.5 cm', and the gap is in m"),
-        (["7.5", "n/a"], r"row 2: '{}' is 'n/a', not a number"),
+        (["7.5 px"], r"row 1: '{}' is '7.5 px', which cannot be converted to the gap's m"),
+        (["7.5", "near"], r"row 2: '{}' is 'near', not a number; leave the cell empty where there is none(?!, or)"),
         (["7.5", "7,5"], r"row 2: '{}' is '7,5', not a number"),
-        (["7.5", "8.5", "999"], r"row 3 .*'{}' is 999, far from all"),
-        (["7.5", "-1"], r"row 2 .*'{}' is -1, and no distance is below 0"),
+        (["7.5", "-1"], r"row 2: '{}' is -1, and no distance is below 0; leave the cell empty"),
     ],
 )
 def test_distances_of_what_was_moved_are_read_as_the_gap_is(
@@ -409,14 +415,25 @@ def test_distances_of_what_was_moved_are_read_as_the_gap_is(
         table(extra={column: [cells[number % len(cells)] for number in range(PICTURES)]})
 
 
-def test_distances_of_what_was_moved_have_units_and_marks(table: Table) -> None:
+def test_distances_of_what_was_moved_have_units_and_no_marks(table: Table) -> None:
     """And are asked about where they may be a thousand times as large; the import says in what unit they are."""
     bank = table(
-        extra={"lead_drawn_m": ["7.5 m", "-1", ""] * 4},
-        numerals=importing.Numerals(no_lead=("-1",)),
+        extra={
+            "lead_drawn_m": ["7.5 m", "N/A", "", "250 cm"] * 3,
+            "lead_far_m": [100] * PICTURES,
+            "lead_near_m": [0, 0, 40.0] * 4,
+        },
+        numerals=importing.Numerals(no_lead=("100",)),
     )
-    assert [frame.truth.get("lead_drawn_m") for frame in bank][:3] == [7.5, None, None]
-    assert bank.manifest.settings["no_lead"] == {"-1": 0}
+    assert [frame.truth.get("lead_drawn_m") for frame in bank][:4] == [7.5, None, None, 2.5]
+    assert {frame.truth["lead_far_m"] for frame in bank} == {100}
+    assert bank.manifest.settings["no_lead"] == {"100": 0}
+    shutil.rmtree(bank.root)
+    bank = table(extra={"lead_far_m": [99] * PICTURES, "lead_near_m": [0, 0, 40.0] * 4})
+    assert len(bank) == PICTURES
+    shutil.rmtree(bank.root)
+    bank = table(unit="ft", extra={"lead_far_m": ["3.048 m"] * PICTURES})
+    assert [frame.truth["lead_far_m"] for frame in bank] == pytest.approx([10.0] * PICTURES)
     shutil.rmtree(bank.root)
     whole = tuple(int(gap) + 20 for gap in GAPS)
     with pytest.raises(SourceError, match=r"'lead_drawn_m' is '1\.110', which is 1\.11 or 1110"):

@@ -380,6 +380,7 @@ def test_a_command_that_goes_on_repeats_all_that_was_given(tmp_path: Path) -> No
     common = f"--photos {tmp_path} --table {tmp_path}/t.csv --threshold 18.0 --unit m --map 'gap=range m'"
     asked = f"{common} --base-url http://127.0.0.1:1/v1 --prompt minimal --seed 4 --budget 90 --out {tmp_path}/out"
     assert wanted.command() == f"eyechart look openai:m {asked}"
+    assert "--threshold 0.0" in replace(wanted, pictures=replace(photos, threshold=0.0)).command()
     by_file = replace(wanted, file=Path("mode.toml"), by_file=True)
     assert "--mode mode.toml" in by_file.command()
     assert "--base-url" not in by_file.command()

@@ -345,6 +345,13 @@ def test_two_cameras_that_show_one_picture_are_named(tmp_path: Path) -> None:
     assert not [line for line in costs(bank_of(tmp_path / "set", "other")) if "one and the same picture in" in line]
 
 
+def test_an_episode_that_stands_there_once_without_its_length_is_no_contradiction(tmp_path: Path) -> None:
+    """What is not said contradicts nothing."""
+    arm(tmp_path / "set", inside=True)
+    rewrite(places(tmp_path / "set"), lambda rows: [{**rows[0], "length": None}, *rows, {**rows[0], "length": None}])
+    assert len(bank_of(tmp_path / "set")) == 80
+
+
 def test_what_stands_there_twice_alike_is_no_contradiction(tmp_path: Path) -> None:
     """As in a data set that was merged with itself in part."""
     arm(tmp_path / "set", inside=False)

@@ -3,17 +3,18 @@
 A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
 """
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, repeat
+from itertools import chain, count, pairwise, repeat
 from pathlib import Path
 from typing import TypeVar
 
 from eyechart.conditions import NUDGES, is_nudged
-from eyechart.errors import SourceError, finite_number, whole_number
+from eyechart.errors import SourceError, counted, finite_number, whole_number
 from eyechart.frames import (
     DISTANCES,
     IMPORTED,
@@ -36,6 +37,8 @@ from eyechart.importing.cells import (
     Progress,
     Row,
     alike,
+    is_nothing,
+    read_key,
     read_label,
     read_number,
     read_part,
@@ -46,7 +49,7 @@ from eyechart.importing.cells import (
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
 from eyechart.importing.logged import Log, tell
-from eyechart.importing.numerals import Numerals, odd_gaps, unclear, unit_named, unit_of
+from eyechart.importing.numerals import Numerals, distance, odd_gaps, unclear, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.repeats import REPEATS, repeats
@@ -190,14 +193,22 @@ def import_rows(
                 photographs.read(file, where)
         kept.faults.require_none(table.name)
 
+    said: list[str] = []
+
     def pictures(frames: Sequence[Frame]) -> Iterator[Shown]:
+        same = 0
         for frame, (_, where) in zip(frames, kept.named(), strict=True):
             with kept.faults.noted():
-                yield _shown(frame, where, photographs, choices)
+                shown = _shown(frame, where, photographs, choices)
+                same += len(frame.counterfactuals) - len(shown[0].counterfactuals)
+                yield shown
         kept.faults.require_none(table.name)
+        said.extend(
+            [f"{counted(same, 'picture')} of {_RECOLOURED} repeat the file, and count as not taken"][: bool(same)]
+        )
 
     frames = frames_of(kept, choices, cells)
-    source = Source(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done)
+    source = Source(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done, said=said)
     return write(out, source, frames, kept=kept, choices=choices, progress=progress)
 
 
@@ -236,9 +247,11 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     images, files = read(frame.pictures, lambda name: _under(choices, name))
     drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
+    if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # no other picture was taken
+        changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
     shown = {kind: one for kind, (one, _) in drawn.items()}
     _require_nudged(shown, where)
-    _require_moved({"file": images, **shown}, where)
+    _require_moved(shown, where)
     return (
         replace(frame, pictures=files, counterfactuals=changed),
         images,
@@ -257,8 +270,8 @@ def _require_nudged(drawn: Mapping[str, Mapping[str, bytes]], where: str) -> Non
                 )
 
 
+_RECOLOURED = "recoloured"
 _UNLIKE = (
-    ("file", "recoloured"),
     ("lead_near", "lead_far"),
     ("lead_near", "lead_absent"),
     ("exchange_own", "exchange_beside"),
@@ -332,9 +345,9 @@ def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
 
 
 def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str], faults: Faults) -> Row:
-    """Return a row whose distances are numbers without their unit, or empty where a mark says so.
+    """Return a row whose distances are numbers without their unit; the gap is empty where a mark says so.
 
-    Another unit is a fault.
+    Another unit is a fault of the gap; the distances of what was moved are converted to the gap's.
     """
     column, cells = places.get("gap"), dict(row)
     if column is None:
@@ -344,7 +357,7 @@ def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str],
         cells[column] = choices.numerals.gap(row.get(column), unit, f"{where}: the gap '{column}'")
     for name in _MOVED & row.keys() - {*places.values()}:
         with faults.noted():
-            cells[name] = choices.numerals.distance(row[name], unit, f"{where}: '{name}'")
+            cells[name] = distance(row[name], unit, f"{where}: '{name}'")
     return cells
 
 
@@ -489,7 +502,7 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
         kept.faults.add(said)
     for name in names:
         if gap and name in moved:
-            truth[name] = [*kept.read(name, read_number, f"'{name}'")]
+            truth[name] = [*kept.read(name, _read_moved, f"'{name}'")]
             continue
         cells, named = [row.get(name) for row in kept.rows], (f"{where}: '{name}'" for _, where in kept.named())
         truth[name] = read_truth(cells, named, typed=kept.table.typed, faults=kept.faults)
@@ -504,10 +517,18 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
 def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
     """Note as faults the distances that no world has, of the gap and of pictures at a distance of their own."""
     named, marks = [where for _, where in kept.named()], not kept.faults
-    for name in (gap, *sorted(_MOVED & truth.keys())):
-        if len(truth[name]) == len(named):  # else some of its cells are faults
-            numbers = [one if isinstance(one, int | float) else None for one in truth[name]]
-            kept.faults.take(odd_gaps(numbers, named, choices.numerals, name, marks=marks))
+    if len(truth[gap]) == len(named):  # else some of its cells are faults
+        numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
+        kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=marks))
+    for name in sorted(_MOVED & truth.keys()):
+        for where, one in zip(named, truth[name], strict=False):
+            if isinstance(one, int | float) and one < 0:
+                kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
+
+
+def _read_moved(cell: Cell, what: str) -> float | None:
+    """Return a distance of what was moved, None where there is nothing; no mark is declared of it."""
+    return None if is_nothing(cell, "none") else read_number(cell, what, marks=False)
 
 
 def _read_axis(cell: Cell, what: str) -> MirrorAxis:
@@ -591,7 +612,7 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
         file = ""
         if not (may_lack and (cell is None or not str(cell).strip())):
             with kept.faults.noted():
-                file = locate(read_label(cell, what), what)
+                file = locate(read_key(cell, what), what)
         if file and file in first:
             kept.faults.add(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
             file = ""
@@ -613,7 +634,7 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
     made_up = [ALL] * len(kept.rows)
     scenarios = read("scenario", read_label) or made_up
     alike = [f"frame {number}" for number in kept.numbers] if independent else made_up
-    episodes = read("episode", read_label) or alike
+    episodes = read("episode", read_key) or alike
     steps = read("step", read_step)
     _check_steps(kept)
     for place, labels in (("scenario", scenarios), ("episode", episodes)):
@@ -621,7 +642,9 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
             _check_alike(kept, place, labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells are faults
-    if "scenario" in kept.places and len(set(zip(scenarios, episodes, strict=True))) > len(set(episodes)):
+    if {"scenario", "episode"} <= kept.places.keys() and len(set(zip(scenarios, episodes, strict=True))) > len(
+        set(episodes)
+    ):
         _check_apart(kept, scenarios, episodes, steps)
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
@@ -632,12 +655,17 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
 def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
     """Note as a fault where an episode goes through several scenarios: its parts would count as so many drives.
 
-    Where a step of one name stands in two scenarios, its names recur, and are other drives; without steps nobody knows.
+    Where a step of one name stands in two scenarios, or other episodes lie between its parts, as where frames are
+    counted through, its names recur, and are other drives; without steps nobody knows.
     """
     where: dict[tuple[str, int], str] = {}
     rows = [*zip(episodes, steps, scenarios, strict=False)]
     if not rows or any(where.setdefault((one, step), scenario) != scenario for one, step, scenario in rows):
         return
+    ordered, every = sorted(rows, key=lambda row: row[:2]), sorted({*steps})
+    for (one, step, scenario), (other, later, elsewhere) in pairwise(ordered):
+        if one == other and scenario != elsewhere and bisect_left(every, later) > bisect_right(every, step):
+            return
     within = {one: scenario for one, _, scenario in reversed(rows)}
     one, scenario = next((one, scenario) for one, _, scenario in rows if within[one] != scenario)
     kept.faults.add(
@@ -648,7 +676,7 @@ def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], 
 
 
 def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:
-    """Note as faults the names of a place that look the same, and would be two."""
+    """Note as faults the names of a place that look the same, and would be two; see `costs` for other letters."""
     first: dict[str, str] = {}
     for label in dict.fromkeys(labels):
         if (other := first.setdefault(alike(label), label)) != label:
@@ -667,7 +695,7 @@ def _check_steps(kept: Kept) -> None:
         with suppress(SourceError):
             key = (
                 ALL if scenario is None else read_label(row.get(scenario), ""),
-                read_label(row.get(kept.places["episode"]), ""),
+                read_key(row.get(kept.places["episode"]), ""),
                 read_step(row.get(kept.places["step"]), ""),
             )
             if key in seen:
@@ -730,15 +758,20 @@ def write(
 def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:
     """Note the episodes that are others again, and leave them out, but where they are to be kept.
 
-    Raises SourceError where two frames of one recording have two gaps: nobody knows which of both is right.
+    Raises SourceError where one would be left out whose gap is another: nobody knows which of both is right.
     """
     found = repeats(added, writer.read, writer.digest)
     column = "" if gap is None else gap.column
-    for one, other in chain.from_iterable(again.pairs for again in found):
-        if (told := one.truth.get(column)) != (before := other.truth.get(column)):
+    for one, other in chain.from_iterable(again.pairs for again in found if not keep):
+        told, before = one.truth.get(column), other.truth.get(column)
+        if None in (told, before) or told == before:
+            continue
+        same = [[*map(writer.digest, frame.pictures.values())] for frame in (one, other)]
+        if same[0] == same[1]:  # moments of a standstill have one state, and may be others
             raise SourceError(
                 f"'{one.id}' shows what '{other.id}' does, in a recording that is there twice, and the gap '{column}' "
-                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other"
+                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other: correct it, leave one "
+                "recording out of the table, or import both with --keep-repeats"
             )
     if found:
         writer.note(REPEATS, [one.as_dict() for one in found])
@@ -747,7 +780,7 @@ def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, k
 
 
 def _said_gap(cell: Scalar) -> str:
-    return "empty" if cell is None else f"{cell:g}" if isinstance(cell, int | float) else str(cell)
+    return f"{cell:g}" if isinstance(cell, int | float) else str(cell)
 
 
 def _declared(kept: Kept, choices: Choices) -> dict[str, object]:

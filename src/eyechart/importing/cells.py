@@ -42,11 +42,17 @@ def is_nothing(cell: Cell, *words: str) -> bool:
 
 
 def alike(label: str) -> str:
-    """Return what names that look the same have in common: letters in small, no invisible sign, no zeros to pad."""
-    seen = (one for one in unicodedata.normalize("NFKC", label).casefold() if unicodedata.category(one) != "Cf")
+    """Return what names that look the same have in common: no invisible sign, no blank to pad, no point at the end."""
+    seen = (one for one in unicodedata.normalize("NFKC", label) if unicodedata.category(one) != "Cf")
     text = " ".join("".join(seen).split())
-    number = re.fullmatch(r"[+]?0*(\d+)(?:\.0*)?", text)
+    number = re.fullmatch(r"[+]?(\d+)(?:\.0*)?", text)
     return number[1] if number else text
+
+
+def loosely_alike(label: str) -> str:
+    """Return what names have in common that differ in small letters and leading zeros alone."""
+    text = alike(label).casefold()
+    return text.lstrip("0") or "0" if text.isdigit() else text
 
 
 def plain_name(column: str) -> str:
@@ -54,19 +60,18 @@ def plain_name(column: str) -> str:
     return re.sub(r"[\s-]+", "_", column.strip().lower())
 
 
-def read_number(cell: Cell, what: str) -> float | None:
+def read_number(cell: Cell, what: str, *, marks: bool = True) -> float | None:
     """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
 
-    Zeros at its head are no part of a number.
+    Zeros at its head are no part of a number. With ``marks`` the message says how a mark is declared.
     """
+    advice = _marked(cell) if marks else ""
     if cell is None:
         return None
     number = _number(cell)
     if number is None:
-        raise SourceError(
-            f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none{_marked(cell)}"
-        )
-    return _held(number, what, _marked(cell))
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none{advice}")
+    return _held(number, what, advice)
 
 
 def _marked(cell: Cell) -> str:
@@ -119,15 +124,27 @@ def read_label(cell: Cell, what: str) -> str:
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )
-    if is_nothing(cell, "none"):
-        said = "empty" if cell is None or not text else repr(text)
-        raise SourceError(f"{what} is {said}; every row needs one, or none: leave the column out with an empty --map")
+    if cell is None or not text or (isinstance(cell, float) and math.isnan(cell)):
+        raise SourceError(_lacking(what, "empty"))
     return text
+
+
+def read_key(cell: Cell, what: str) -> str:
+    """Return a cell as the name of a file or an episode, which is none that programs write for nothing."""
+    text = read_label(cell, what)
+    if is_nothing(text, "none"):
+        raise SourceError(_lacking(what, repr(text)))
+    return text
+
+
+def _lacking(what: str, said: str) -> str:
+    return f"{what} is {said}; every row needs one, or none: leave the column out with an empty --map"
 
 
 def read_said(cell: Cell, what: str) -> Scalar:
     """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
-    if (cell != "" and is_nothing(cell)) or (isinstance(cell, float) and not math.isfinite(cell)):
+    blank = isinstance(cell, str) and cell != "" and cell.strip().lower() in {"", "nan"}
+    if cell is None or blank or (isinstance(cell, float) and not math.isfinite(cell)):
         raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
     return cell
 

@@ -179,7 +179,8 @@ def places(
     for place in (one for one in roles if one not in of_rig and one not in asked):
         usual = () if place in own else (*roles[place], *USUAL.get(place, ()))
         found[place] = _called(roles[place], usual, table.columns, {*found.values(), *kept})
-        _require_one(place, found[place], table, faults)
+        if found[place] not in roles[place]:
+            _require_one(place, found[place], table, faults)
     if not (found.get("file") or of_rig or asked.get("file")):
         lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"
         faults.add(f"{lacking}; {_has(table.columns)}")

@@ -9,9 +9,11 @@ from typing import cast
 from eyechart.channels import INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER, by_reason, undrawn_controls
 from eyechart.conditions.policies import conditions_of
+from eyechart.errors import counted
 from eyechart.frames import EXCHANGE, LEAD, Frame, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
+from eyechart.importing.cells import loosely_alike, plain_name
 from eyechart.importing.notes import notes
 from eyechart.importing.numerals import unit_named, unit_of
 from eyechart.importing.repeats import REPEATS, in_words
@@ -108,7 +110,7 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
-    lines += _counted_twice(bank)
+    lines += [*_counted_twice(bank), *_nearly_one(bank)]
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
@@ -142,11 +144,14 @@ def _moved_in(bank: FrameBank) -> Iterator[str]:
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:
     """Yield which names of episodes recur in other scenarios, and which moments stand there in two drives."""
-    drives = {(frame.episode, frame.scenario) for frame in bank}
-    if "step" in bank.manifest.absent and (again := len(drives) - len({episode for episode, _ in drives})):
+    absent = bank.manifest.absent
+    drives = Counter(episode for episode, _ in {(frame.episode, frame.scenario) for frame in bank})
+    again = 0 if "episode" in absent else sum(count > 1 for count in drives.values())
+    recur = len({(frame.episode, frame.step) for frame in bank}) < len(bank)  # a step of one name, twice
+    if again and ("step" in absent or not recur):
         yield (
-            f"{again} names of episodes stand in several scenarios, and count as another drive in each; where one "
-            "drive went through several, --map scenario= leaves them out"
+            f"{counted(again, 'episode name', 'stand')} in several scenarios: another drive in each; where one drive "
+            "went through several, --map scenario= leaves them out"
         )
     images, first, twice = bank.manifest.images, dict[object, Frame](), list[tuple[Frame, Frame]]()
     for frame in bank:
@@ -158,6 +163,24 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
             f"{len(twice)} of {len(bank)} frames show the very picture of another drive's, such as '{twice[0][0].id}' "
             f"that of '{twice[0][1].id}': each counts as a moment of its own"
         )
+
+
+def _nearly_one(bank: FrameBank) -> Iterator[str]:
+    """Yield which names, and which columns beside those taken, differ in small letters or leading zeros alone."""
+    for place, names in (("episode", {one.episode for one in bank}), ("scenario", {one.scenario for one in bank})):
+        first: dict[str, str] = {}
+        pairs = [(other, one) for one in sorted(names) if (other := first.setdefault(loosely_alike(one), one)) != one]
+        if pairs and place not in bank.manifest.absent:
+            more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
+            yield (
+                f"the {place}s {pairs[0][0]!a} and {pairs[0][1]!a} differ in capital letters or leading zeros alone, "
+                f"and count as two{more}"
+            )
+    columns = bank.manifest.settings.get("columns")
+    for place, column in columns.items() if isinstance(columns, dict) else ():
+        beside = [one for one in bank.frames[0].truth if one != column and plain_name(one) == plain_name(str(column))]
+        if beside and column in reading.ROLES.get(place, ()):
+            yield f"{place} is '{column}', not '{beside[0]}' beside it; --map {place}={beside[0]} takes that"
 
 
 def _guessed(bank: FrameBank) -> Mapping[str, object]:
@@ -228,6 +251,7 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     return [
         *lines,
         *(f"{names}: {why}" for names, why in by_reason(unshown).items()),
+        *_nearly_one(bank),
         *_costs_of_reflection(bank, motion),
         *notes(bank),
     ]

@@ -176,7 +176,10 @@ class Layout:
         for row in chain.from_iterable(open_parquet(path, extra="lerobot").rows() for path in files):
             episode = _number(row, "episode_index", where)
             length = None if row.get("length") is None else _number(row, "length", where)
-            _once(lengths, episode, length, f"{where}: the length of episode {episode}")
+            if lengths.setdefault(episode, length) is None:
+                lengths[episode] = length
+            elif length is not None:
+                _once(lengths, episode, length, f"{where}: the length of episode {episode}")
             for camera, found in clips.items():
                 clip = _clip(row, camera, template, where)
                 if clip is not None:

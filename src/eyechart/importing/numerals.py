@@ -44,8 +44,24 @@ _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
 """A number whose point may stand before a fraction or between thousands."""
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
-_NO_UNITS = frozenset({"in", "s"})
-"""What stands within a name as often for something else, as in ``gap_in_lane`` and ``driver_s_gap``."""
+_WITHIN = frozenset(
+    {"mm", "cm", "km", "ft", "feet"}
+    | {f"{many}{unit}" for many in ("", "milli", "centi", "deci", "kilo") for unit in ("meters", "metres")}
+)
+"""What is a unit also within a name; other words stand there for something else, as in ``gap_second_car_in_lane``."""
+_LENGTHS = {
+    "mm": 0.001,
+    "cm": 0.01,
+    "dm": 0.1,
+    "m": 1.0,
+    "km": 1000.0,
+    "in": 0.0254,
+    "ft": 0.3048,
+    "yd": 0.9144,
+    "mi": 1609.344,
+    "nmi": 1852.0,
+}
+"""Units of length in meters."""
 _LEAST_MARK = 90.0
 """A mark such as 99 or 999 is at least so large; below it, the same digits are ordinary numbers."""
 _LARGE = 1e6
@@ -64,14 +80,14 @@ def unit_named(words: str) -> str | None:
 def unit_of(column: str) -> str | None:
     """Return the unit in a column's name, as ``distance_cm``, ``rangeFeet``, ``gap_cm_left``; None without any.
 
-    That at its end comes first.
+    That at its end comes first; within a name only what is hardly anything else is one.
     """
     parts = [part for part in re.split(r"[^A-Za-z0-9]+", column) if part]
     last = _WORDS.findall(parts[-1]) if parts else []
     if len(parts) + len(last) < 3:  # a name of one word is no unit of anything
         return None
     inner = [word for one in parts for word in (_WORDS.findall(one) if one.isalpha() else [one])]
-    within = (unit_named(word) for word in reversed(inner) if word.lower() not in _NO_UNITS)
+    within = (unit_named(word) for word in reversed(inner) if word.lower() in _WITHIN)
     return unit_named(last[-1] if len(last) > 1 else parts[-1]) or next(filter(None, within), None)
 
 
@@ -123,41 +139,47 @@ class Numerals:
         return cell
 
     def gap(self, cell: Cell, unit: str, what: str) -> Cell:
-        """Return a cell of the gap without its unit, None where it is a mark, which is counted; see `distance`."""
-        found = self.distance(cell, unit, what)
-        if cell is not None and found is None:
-            self.counted.update([str(self._mark(cell) or self._mark(self._parted(cell)[0]))])
-        return found
-
-    def distance(self, cell: Cell, unit: str, what: str) -> Cell:
-        """Return a cell of distances without its unit, None where it is a mark; ``what`` names row and column.
+        """Return a cell of the gap without its unit, None where it is a mark; ``what`` names row and column.
 
         Raises SourceError for a unit that is another than the declared one.
         """
-        if cell is None or self._mark(cell) is not None:
+        number, said = _parted(cell)
+        if cell is None or (mark := self._mark(cell) or self._mark(number)) is not None:
+            self.counted.update([] if cell is None else [str(mark)])
             return None
-        number, said = self._parted(cell)
         if not said:
             return cell
-        if self._mark(number) is not None:
-            return None
         if not unit:
             raise SourceError(f"{what} is '{str(cell)[:60]}'; say the unit: --unit {said}")
         if said != unit and (unit_named(said) or said) != (unit_named(unit) or unit):
             raise SourceError(f"{what} is '{str(cell)[:60]}', and the gap is in {unit}; a gap has one unit")
         return number
 
-    @staticmethod
-    def _parted(cell: Cell) -> tuple[Cell, str]:
-        """Return a number and the unit behind it; the cell as it is, and no unit, where it is no such."""
-        united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
-        if united is None or not _PLAIN.fullmatch(number := united["number"].strip()):
-            return cell, ""
-        return number, united["unit"]
-
     def _mark(self, cell: Cell) -> str | None:
         """Return which mark for "nothing ahead" a cell is, None where it is none."""
         return next((mark for mark in self.no_lead or () if _is_same(cell, mark)), None)
+
+
+def distance(cell: Cell, unit: str, what: str) -> Cell:
+    """Return a cell of distances as a number in a ``unit``; one without its own is in that.
+
+    Raises SourceError, which begins with ``what``, for a unit that cannot be converted.
+    """
+    number, said = _parted(cell)
+    own, to = unit_named(said) or said, unit_named(unit) or unit
+    if not said or not unit or own == to:
+        return number
+    if not {own, to} <= _LENGTHS.keys():
+        raise SourceError(f"{what} is '{str(cell)[:60]}', which cannot be converted to the gap's {unit}")
+    return float(str(number)) * _LENGTHS[own] / _LENGTHS[to]
+
+
+def _parted(cell: Cell) -> tuple[Cell, str]:
+    """Return a number and the unit behind it; the cell as it is, and no unit, where it is no such."""
+    united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
+    if united is None or not _PLAIN.fullmatch(number := united["number"].strip()):
+        return cell, ""
+    return number, united["unit"]
 
 
 def unclear(rows: Iterable[tuple[Row, str]], columns: Iterable[str]) -> str | None:

@@ -86,7 +86,9 @@ class Wanted:
             "seed": self.seed,
             "budget": self.budget,
         }
-        return {name: value for name, value in given.items() if value}
+        return {
+            name: value for name, value in given.items() if value not in (None, "", {}) and (name, value) != ("seed", 0)
+        }
 
     def begun(self, frames: int, usual: int) -> list[str]:
         """Return in words that a run that is there keeps its frames, where they are fewer than a look asks about."""
