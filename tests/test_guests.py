@@ -233,7 +233,7 @@ def test_a_call_that_was_never_made_is_made_later(
 ) -> None:
     """No failure of it is kept, and no limit of calls counts it."""
     monkeypatch.setattr("eyechart.attempts.pause_s", lambda *_: 0.0)
-    mode, extent = RequestMode(hanging, timeout_s=0.05), battery.Extent(limit=6)
+    mode, extent = RequestMode(hanging, timeout_s=1.0), battery.Extent(limit=6)
     planned = battery.plan(bank.root, [mode], tmp_path / "run", extent=extent)
     battery.run(planned, concurrency=LEFT_AT_MOST)
     assert planned.left() == planned.counts()[0]
