@@ -139,7 +139,7 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
     for name, (value, words) in wrong.items():
         kept = getattr(act, name, None)
         setattr(act, name, value)
-        with pytest.raises(SpecError, match=re.escape(f"declares {name} = {value!r}, and that is {words}")):
+        with pytest.raises(SpecError, match=re.escape(f"declares {name} = {value!r}; it must be {words}")):
             opened(act, monkeypatch)
         setattr(act, name, DECLARED[name] if kept is None else kept)
     with pytest.raises(SpecError, match="no callable 'act'"):
