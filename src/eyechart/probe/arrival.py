@@ -1,4 +1,4 @@
-"""Checks that a run's pictures arrive at the model: in their own size and format, in parallel calls.
+"""Checks that a run's pictures arrive at the model, in their own form and in parallel calls.
 
 The drawn pictures were shown one call at a time. They are shown again in the run's form, in
 parallel. If `LOST` fewer answers are right, they are shown once more, one at a time. If those
@@ -74,7 +74,7 @@ class Form(NamedTuple):
 
 
 def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
-    """Return a fault if the server's token counts prove that it drops the run's pictures, else None.
+    """Return a fault if the server's token counts prove that it drops the run's pictures.
 
     The proof: drawn pictures add tokens, but a prompt with a picture of the run has exactly the
     tokens of its text alone.
@@ -114,7 +114,7 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
     again = _shots(alone, [await asker.ask(query) for query in queries])
     missed = sum(one.said == NONE for one in (*alone, *together, *again))
     if flickers and missed >= MISSED:
-        what = f"{missed} of {3 * AT_ONCE} drawn pictures are missed, and another call names some of them rightly"
+        what = f"of {3 * AT_ONCE} drawn pictures {missed} are missed, but another call names some of them rightly"
         hint = "one of several servers at this address may drop pictures: use another one, or repair the server"
         return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
     if _lost(alone, together) < LOST:
@@ -131,7 +131,7 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
 
 
 def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
-    """Return whether one call names a picture and another misses it, `FLICKERS` times in each order.
+    """Return whether one call names a picture that another misses, `FLICKERS` times in each order.
 
     Several servers at one address answer so, if one of them drops pictures.
     """
@@ -162,8 +162,8 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
         return None
     return Fault(
         "cache",
-        "every answer fits the first picture of its size: a prefix cache gives the kept state of one picture to "
-        "others; switch prefix caching off for pictures, or repair the server",
+        "every answer fits the first picture of its size: a prefix cache gives its kept state to other pictures; "
+        "switch prefix caching off for pictures, or repair the server",
     )
 
 
@@ -171,12 +171,12 @@ async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[
     """Check whether several pictures in one query arrive in order; return a fault, or a note.
 
     Makes three calls, with each camera's picture in the run's form. One colour is that of the
-    first picture (in the second call, of the last), the other that of all others. If an answer lacks
-    a colour, the third call leaves that picture out. Equal token counts prove that it never arrived;
-    a smaller count does not, as the model may ignore it. If the server counts no pictures, both
-    answers must lack a colour. A reversed order of the colours is a note: the server may have
-    exchanged the pictures. It must be reversed in both calls (whose colours have opposite orders in
-    the question), and the first picture must get the last one's colour.
+    first picture (in the second call, of the last), the other that of all others. If an answer
+    lacks a colour, the third call leaves that picture out. Equal token counts prove that it never
+    arrived; a smaller count does not, as the model may ignore it. If the server counts no pictures,
+    both answers must lack a colour. A reversed order of the colours is a note: the server may have
+    exchanged the pictures. Both calls must reverse it, although their colours have opposite orders
+    in the question, and the first picture must get the last one's colour.
     """
     forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
     if len(forms) < 2:
@@ -235,7 +235,7 @@ def _left_out(
         return None, f"one of two answers names {named} of {len(forms)} pictures of a query by their colours"
     several = sorted({form.words for form in forms.values()}, reverse=True)
     of = "one size" if len(several) == 1 else f"sizes {' and '.join(several)}"
-    what = f"{named} of {len(forms)} pictures of {of} in one query arrive: no answer names the colour of another one"
+    what = f"of {len(forms)} pictures of {of} in one query {named} arrive: no answer names the colour of another"
     return Fault("picture", f"{what}; repair the server, or run on fewer cameras"), ""
 
 
@@ -262,7 +262,7 @@ _ALL = "Each picture shows a shape of one colour. Which colours are there? Answe
 
 
 def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, asked: str = _ALL) -> Query:
-    """Return a query whose picture of each camera shows a shape of that camera's colour."""
+    """Return a query with a picture for each camera: a shape of that camera's colour."""
     asked = f"{asked}{', '.join(CHOICES['colour'])}."
     query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
     images = {name: in_form(draw("colour", shown[name], dice), form) for name, form in forms.items()}

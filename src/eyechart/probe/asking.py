@@ -47,8 +47,8 @@ class Asker:
     """Calls models of one SPEC at most ``most`` times and for ``max_cost`` dollars.
 
     A call with a transient error is repeated once. If the model refuses a field that is not
-    ``fixed``, this and later calls leave it out; ``notes`` say so. Raises LimitReachedError where no
-    further call is allowed.
+    ``fixed``, this and later calls leave it out; ``notes`` say so. Raises LimitReachedError where
+    no further call is allowed.
     """
 
     mode: RequestMode
@@ -67,7 +67,7 @@ class Asker:
     _under_way: int = 0
 
     async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
-        """Return the reply to a query, in this asker's mode or another; a failure is a reply too."""
+        """Return the reply to a query, in this asker's mode or another; a failure is one too."""
         asked = mode or self.mode
         reply = await self._once(query, asked)
         while mode is None and (change := amended(self.mode, reply, self.fixed)) is not None:
@@ -84,7 +84,7 @@ class Asker:
         if reply.error in TRANSIENT:
             await asyncio.sleep(pause_s(1, reply))
             reply = await self._once(query, asked)
-            if folds and reply.error == "server_error":  # some servers report a template's exception so
+            if folds and reply.error == "server_error":  # some report a template's exception so
                 reply = await self._folded(query, reply)
         return reply
 
@@ -104,7 +104,7 @@ class Asker:
         return list(await asyncio.gather(*map(one, queries)))
 
     async def _folded(self, query: Query, refused: Reply) -> Reply:
-        """Return the reply with the system text in the user's turn, or the refusal if that fails."""
+        """Return the reply with the system text in the user's turn; the refusal if that fails."""
         changed = replace(self.mode, system="user")
         reply = await self._once(query, changed)
         if reply.error is not None:
@@ -149,14 +149,14 @@ class Asker:
             self.spend(replace(self.spent, calls=calls, unknown=unknown))
 
     def _require_room(self, of: int = 1) -> None:
-        """Raise LimitReachedError where ``of`` parallel calls, each at the mean cost, pass a limit."""
+        """Raise LimitReachedError if ``of`` parallel calls, each at the mean cost, pass a limit."""
         mean = self.spent.cost_usd / max(1, self.spent.calls)
         if of > 1 and self.max_cost is not None and self.spent.cost_usd + of * mean > self.max_cost:
-            self.stopped = f"${self.spent.cost_usd:.4f} are spent, and {of} parallel calls may pass --max-cost"
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and {of} parallel calls may pass --max-cost"
         if self.stopped is None and self.spent.calls + of > self.most:
             self.stopped = f"{counted(self.spent.calls, 'call', 'were')} sent, and no more are allowed"
         if self.stopped is None and self.max_cost is not None and self.spent.cost_usd >= self.max_cost:
-            self.stopped = f"${self.spent.cost_usd:.4f} are spent, and --max-cost is {self.max_cost:g}"
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self.max_cost:g}"
         if self.stopped is not None:
             raise LimitReachedError(self.stopped)
 
@@ -168,7 +168,7 @@ class Asker:
 
 
 def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tuple[RequestMode, str] | None:
-    """Return a mode without the field that a failed reply refuses, and the change in words, or None.
+    """Return a mode without the field that a failed reply refuses, and the change in words.
 
     Fields in ``fixed`` are not changed. Hosted reasoning models refuse ``max_tokens`` and a
     temperature.
@@ -191,7 +191,7 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
 
 
 def _streaming(mode: RequestMode, detail: str) -> tuple[RequestMode, str] | None:
-    """Return a mode with a stream, or with a stream without token counts, as the refusal asks."""
+    """Return a mode with a stream, or one without its token counts, as the refusal asks."""
     if mode.stream == "none" and re.search(r"\bstream", detail, re.IGNORECASE):
         return replace(mode, stream="usage"), "a reply without a stream is refused: --stream usage is used"
     if mode.stream == "usage" and "stream_options" in detail:
