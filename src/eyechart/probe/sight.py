@@ -98,7 +98,7 @@ class Sight:
 
     @property
     def p(self) -> float | None:
-        """Return the least p against guessing, of all questions and each kind, times their count."""
+        """Return the least p against guessing, of all questions and each kind, times the number."""
         found = [p for kind in (None, *CHOICES) if (p := self.score(kind).p) is not None]
         return min(1.0, len(found) * min(found)) if found else None
 
@@ -123,7 +123,7 @@ class Sight:
 
     @property
     def sudden_by_words(self) -> bool:
-        """Return whether different pictures with the same words got one reply each kind, at once."""
+        """Return whether different pictures with the same words got one reply a kind, at once."""
         return self._at_once(self._alike)
 
     @property
