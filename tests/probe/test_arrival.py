@@ -43,7 +43,10 @@ def pinned(endpoint: Endpoint) -> Found:
         (OnTheWay(way="drops", honest=True), r"'picture' fails: the server drops this run's pictures of 640×400"),
         (OnTheWay(way="drops"), r"'picture' fails: pictures of this run's size \(640×400\) do not arrive"),
         (OnTheWay(way="drops", tokens=0), r"'picture' fails: pictures of this run's size \(640×400\)"),
-        (OnTheWay(way="mixes"), r"'picture' fails: pictures of calls that are made together.*--concurrency 1"),
+        (
+            OnTheWay(way="mixes"),
+            r"'picture' fails: the server mixes up the pictures of parallel calls.*--concurrency 1",
+        ),
     ],
 )
 def test_a_server_that_drops_or_mixes_pictures_is_found_before_the_run_is_paid(endpoint: Endpoint, said: str) -> None:

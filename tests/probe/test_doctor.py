@@ -110,7 +110,7 @@ def test_a_model_of_one_answer_is_not_called_blind() -> None:
     found = examined(dumb='{"action": "STOP"}')
     assert (found.outcome, found.exit_code) == ("cannot_say", 2)
     assert "14 of 14 replies name none of the choices" in found.causes[0]
-    assert "the server counts the picture (85 tokens)" in found.causes[0]
+    assert "The server counts the picture (85 tokens)" in found.causes[0]
 
 
 @pytest.mark.parametrize(
