@@ -98,10 +98,7 @@ class Caller:
         return made
 
     def _settled(self, spec: str, reply: Reply, *, last: bool) -> Reply:
-        """Return a reply; a filter's last reply without an answer counts as the model's refusal.
-
-        That holds only for a model that has answered before.
-        """
+        """Return a reply; a filter's last one is a refusal by a model that has answered before."""
         if last and reply.error == "unreadable" and reply.finish_reason == BLOCKED and spec in self._heard:
             return replace(reply, error=None)
         return reply

@@ -33,11 +33,9 @@ ErrorKind = Literal[
 """The kinds of failures without a reply. Empty, refused and truncated replies are no errors."""
 
 Then = Literal["again", "aside", "over"]
-"""The reaction to a failure.
+"""The reaction to a failure: repeat the call, set its model aside, or finish it as a failure.
 
-``again`` repeats the call, which stays unfinished after its last attempt. ``aside`` sets the model
-aside and leaves the call unfinished. ``over`` finishes the call as a failure.
-"""
+After the last repeat, or if its model is set aside, the call stays unfinished."""
 
 KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
     {
@@ -77,9 +75,7 @@ UNASKED: frozenset[str] = frozenset({"not_called"})
 
 SILENT: frozenset[str] = TRANSIENT - UNASKED - {"rate_limited"}
 """The kinds that count as a model's silence, in a run that counts it (docs/decisions/drives.md).
-
-A 429 is none: it says that the run sends too fast.
-"""
+A 429 is none: it says that the run sends too fast."""
 
 BLOCKED = "blocked"
 """The finish reason of a well-formed reply without an answer, which may come from a filter."""

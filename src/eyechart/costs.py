@@ -29,11 +29,10 @@ class Account(Plain):
     """The account of one model's calls under one condition, or under all.
 
     ``calls`` began, and ``finished`` of them ended. ``attempts`` are requests: ``retries`` counts
-    the repeated ones by reason, ``errors`` the failed ones by kind, and ``unknown`` those without
-    an outcome. ``missing`` counts, by reason, the calls without a decision in their last reply.
-    Token sums are None where no reply reports any. ``cost_usd`` is the sum of known costs;
-    ``cost_from`` counts the attempts with a reported, priced or unknown cost. Times are in seconds,
-    of attempts with a reply. ``energy_j`` is None where it was not measured.
+    the repeated ones by reason, ``errors`` the failed ones by kind, ``unknown`` those without an
+    outcome. ``missing`` counts, by reason, calls without a decision. Unreported token sums and
+    unmeasured energy are None. ``cost_usd`` is the sum of known costs; ``cost_from`` counts
+    attempts with a reported, priced or unknown cost. Times are seconds of attempts with a reply.
     """
 
     calls: int
@@ -203,8 +202,7 @@ class _Page:
 class Unread(Plain):
     """A reply without a decision: its count, the reason, and its first characters, made printable.
 
-    For policies ``text`` says what is wrong with the array, and errors are listed too, by their
-    text.
+    For policies ``text`` is the fault of the array, and errors are listed too, by their text.
     """
 
     count: int
@@ -218,8 +216,7 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
 
     The last reply of a call counts, as in its Account. Beyond a thousand distinct ones, the rest is
     added up. A policy's answers are numbers, so those with the same fault count as one. Its most
-    frequent errors are listed too: they are texts of its own program, and a run shows only the
-    last.
+    frequent errors are listed too: they are texts of its own program.
     """
     of_policy = space.who == "policy"
     found: Counter[tuple[Missing, str | None, str]] = Counter()

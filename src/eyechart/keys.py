@@ -20,7 +20,7 @@ _ANYWHERE = (
     r"|(?:access|auth|api|bearer|id|refresh|session|user|private|security).?token$|^(?:x[-_])?token$"
 )
 _FIELD = pattern(_ANYWHERE, re.IGNORECASE)
-"""Names of fields that hold a key; the word "token" alone is none, since models count tokens too."""
+"""Names of fields that hold a key; the word "token" alone is none: models count tokens too."""
 _HEADER = pattern(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
 """Names of headers that hold a key; there "token" counts."""
 _SCHEME = pattern(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
@@ -115,8 +115,7 @@ def without_keys(text: str, keys: Mapping[str, str]) -> str:
     """Return a text with each key replaced by its mark, in any encoding.
 
     Keys are found plain, in any case, escaped, as entities, in percent, hex, base64 or base32, with
-    line breaks, as a list of codes, and in nested encodings. A value that is too short to be a key
-    stays.
+    line breaks, as a list of codes, and in nested encodings. Too short values stay.
     """
     for key, mark in sorted(keys.items(), key=lambda one: -len(one[0])):
         if len(key) < SHORTEST or len(text) < len(key):

@@ -105,9 +105,8 @@ class Outcome:
 
     ``uncounted`` is the number of failed attempts of unknown cost, in a run with a limit of cost.
     ``failed`` gives the number of failed calls of a model, and the last failure. ``lasting`` are
-    the models with failures that need a repair first. ``whole`` says that every call of every stage
-    so far is finished, so the ledger need not be read for the rest; False where that was not
-    counted.
+    the models with failures that need a repair first. ``whole`` says that every call so far is
+    finished, so the ledger need not be read for the rest; False where that was not counted.
     """
 
     set_aside: Mapping[str, str]
@@ -230,10 +229,7 @@ class Budget:
         return {model: "; ".join(words) for model, words in said.items()}
 
     def lasting(self) -> frozenset[str]:
-        """Return the models whose failures need a repair first.
-
-        For a model that is set aside, its last failure decides.
-        """
+        """Return the models that need a repair; once set aside, their last failure decides."""
         return frozenset(
             model
             for model, passes in self._passes.items()

@@ -1,7 +1,6 @@
 """Request modes: the address, token budget and format of a model's calls, in one small TOML file.
 
-A mode never holds a secret: a header names an environment variable as ``$NAME``, and is stored
-unexpanded.
+A mode never holds a secret: a header names an environment variable as ``$NAME``.
 """
 
 import math
@@ -95,11 +94,10 @@ class RequestMode:
     own where empty. ``max_tokens`` is the budget of a reply, sent as ``token_field``.
     ``temperature`` None sends none. ``seed`` says whether the call's seed is sent. ``system`` is
     the role of the prompt's system text: ``user`` puts it before the user's own, for servers that
-    refuse the role.
-    ``answer`` is where the answer stands: ``reasoning`` reads it from the end of the reasoning, if
-    the text is empty. ``stream`` requests the reply in pieces; ``usage`` also requests its tokens.
-    ``body`` is merged into the request, and ``options`` are the adapter's own. ``about`` describes
-    the origin of the mode, and changes nothing.
+    refuse the role. ``answer`` is the place of the answer: ``reasoning`` reads the end of the
+    reasoning, if the text is empty. ``stream`` requests the reply in pieces; ``usage`` also its
+    tokens. ``body`` is merged into the request, and ``options`` are the adapter's own. ``about``
+    describes the origin of the mode, and changes nothing.
     """
 
     spec: str

@@ -21,9 +21,8 @@ from eyechart.modes import RequestMode, each_without_secrets, read_mode, without
 class Model(Protocol):
     """The door to a model.
 
-    ``version`` identifies the model: a verdict holds for one version, and a run is not resumed
-    with another. ``facts`` is what else is known without a call (digest, quantisation, template,
-    revision). The run's manifest keeps both.
+    ``version`` identifies it: a verdict holds for one version, and a run is not resumed with
+    another. ``facts`` are known without a call (digest, quantisation, template, revision).
     """
 
     version: str
@@ -81,8 +80,7 @@ POLICIES: dict[str, str] = {
 def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "model") -> Model:
     """Open the model of a SPEC (``adapter:name``) in a request mode, or in the default mode.
 
-    ``answering`` is ``model``, or ``policy`` where the answer is a motion. Raises SpecError, which
-    lists the known adapters.
+    ``answering`` is ``model``, or ``policy`` if it answers with a motion. Raises SpecError.
     """
     adapter, colon, name = spec.partition(":")
     adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")

@@ -129,10 +129,7 @@ _ALLOWANCE = _any(
     r"\b(?:daily|weekly|monthly|free)\b[^.]{0,40}\b(?:limit|quota|allowance)",
     r"\bquota\b",
 )
-"""How servers say that no money or quota is left.
-
-An allowance in a 429 does not count: it may be that of a minute.
-"""
+"""How servers say that no money or quota is left; in a 429 an allowance may be that of a minute."""
 _NO_MODEL = _any(
     r"(?:invalid|unknown|no such) model(?: name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
     r"|\bmodel (?:identifier|id|name)\b[^.]{0,80}\bis (?:invalid|not valid|unknown)"
@@ -232,10 +229,7 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
 
 
 def _default(status: int, entries: list[tuple[str, object]], words: str) -> ErrorKind:
-    """Return the kind of a status by itself.
-
-    A 403 with words of a rate limit is `rate_limited`. A 404 may come from a gateway.
-    """
+    """Return a status's own kind; a 403 may be a rate limit, and a 404 a gateway's."""
     if status == 403 and _RATE.search(words):
         return "rate_limited"
     if status == 404 and _passes(entries, words) and not _NO_MODEL.search(words):
@@ -305,8 +299,7 @@ def with_proof(detail: str, status: int, said: object) -> str:
 def is_of_the_road(reply: Reply) -> bool:
     """Return whether a call's final failure says nothing about its request, so it may be repeated.
 
-    A `bad_request` of an older run counts too, unless its text proves the request wrong: it may be
-    a gateway's own.
+    So does a `bad_request` of an older run, unless its text proves the request wrong.
     """
     if reply.error != "bad_request":
         return reply.error in TRANSIENT or reply.error in {"wrong_json", "too_large", "exception"}

@@ -99,8 +99,7 @@ class Response:
 class _Connector(aiohttp.TCPConnector):
     """Connections that are not reused after unexpected data.
 
-    Extra data (a body longer than announced, a reply without a request) would be read as the next
-    reply.
+    A body longer than announced, or a reply without a request, would be read as the next reply.
     """
 
     async def connect(
@@ -334,8 +333,7 @@ def is_loopback(base_url: str) -> bool:
 def proxy_for(base_url: str) -> str | None:
     """Return the environment's proxy for an address; None for this machine's own addresses.
 
-    Raises SpecError where the proxy's address is malformed. The error does not quote the address,
-    which may hold a password.
+    Raises SpecError for a malformed address, without the address: it may hold a password.
     """
     parts = urlsplit(base_url)
     if is_loopback(base_url) or proxy_bypass(parts.hostname or ""):
@@ -383,10 +381,7 @@ _SPAN = re.compile(r"(?:(\d+)h)?(?:(\d+)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)
 
 
 def _reset(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds until every exhausted limit is reset, or else until the first reset.
-
-    None without a reset, or if it is later than a minute.
-    """
+    """Return the seconds until all exhausted limits, or else the first, are reset; at most 60."""
     waits, spent = [], []
     for name, value in headers.items():
         if name.lower().startswith(_RESET) and (wait := _until(value.strip())) is not None:

@@ -1,7 +1,6 @@
 """``openai:MODEL``: chat completions of OpenAI and of servers with its API, pictures included.
 
-A message holds its pictures before its text. The runner retries; the key comes from the
-environment only.
+Pictures come before the text. The runner retries; the key comes from the environment only.
 """
 
 import base64

@@ -3,14 +3,10 @@
 The callable takes ``(images, state, instruction)``. ``images`` is a dict of uint8 arrays (h, w, 3)
 by camera, ``state`` a float array of all its numbers, and ``instruction`` a text or None. It
 returns an array (horizon, dimensions). Calls are independent: each answers as at the beginning of
-an episode, without memory of earlier frames. It may declare these attributes (in brackets the
-default):
-
-- ``seedable`` (False): it also takes ``seed=``, and the same seed gives the same answer.
-- ``version`` (the start of a digest of its files).
-- ``channels`` (all): the names of the inputs that it reads.
-- ``reset`` (none): a function to call before every call.
-- ``step`` (none): its training step, by which checkpoints are ordered.
+an episode. Attributes, with their defaults: ``seedable`` (False): it also takes ``seed=``, and
+equal seeds give equal answers. ``version`` (the start of a digest of its files). ``channels``
+(all): the inputs that it reads. ``reset`` (none): called before every call. ``step`` (none): its
+training step, which orders checkpoints.
 """
 
 import asyncio

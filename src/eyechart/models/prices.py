@@ -56,10 +56,9 @@ class Prices:
         return next((one for one in known if not one.base_url or plain_address(one.base_url) == at), None)
 
     def cost(self, mode: RequestMode, reply: Reply) -> tuple[float | None, str]:
-        """Return the cost of an attempt and its source.
+        """Return an attempt's cost, and ``reported``, ``priced``, ``own machine`` or ``unknown``.
 
-        The source is ``reported``, ``priced``, ``own machine`` or ``unknown``. The cost of a
-        failure without tokens is unknown, not 0.
+        The cost of a failure without tokens is unknown, not 0.
         """
         if reply.cost_usd is not None:
             return reply.cost_usd, "reported"
@@ -75,10 +74,7 @@ _MOST = 1e6
 
 
 def read_prices(path: Path | None = None) -> Prices:
-    """Read the table of prices, after those of the user's own file.
-
-    Raises SpecError, which names the wrong entry of that file.
-    """
+    """Read the user's file of prices, then the table; raises SpecError for a wrong entry."""
     own = () if path is None else _entries(path)
     return Prices((*own, *_entries(_TABLE)))
 

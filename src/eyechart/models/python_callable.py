@@ -2,9 +2,8 @@
 
 The callable takes ``(prompt: str, image: bytes | None)``, with the picture as PNG or JPEG bytes, or
 ``(prompt, images, state)``, with pictures by camera and numbers by name. It returns the answer as
-text, or a Reply with more (tokens, finish reason). It may be asynchronous. A synchronous one runs
-in threads, as many at once as the run's concurrency. No call begins while 16 calls that passed
-their time limit still run.
+text, or a Reply with more (tokens, finish reason). It may be asynchronous; else it runs in threads,
+in parallel. No call begins while 16 calls past their time limit still run.
 """
 
 import asyncio
@@ -159,10 +158,9 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
-    """Return a callable object as a model: ``mode`` names it (`name_of`).
+    """Return a callable object as a model; ``mode`` names it, `identity_of` gives its version.
 
-    Its version is that of `identity_of`. Raises SpecError unless it takes (prompt, image) or
-    (prompt, images, state).
+    Raises SpecError unless it takes (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
     whole = _takes_all(ask, mode.spec.partition(":")[2])
@@ -294,8 +292,7 @@ def _code(written: object) -> Iterator[str]:
 def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
     """Import ``MODULE:FUNCTION``, also from the current folder.
 
-    Returns it with its version and the digests of its files. Raises SpecError, which says what is
-    missing.
+    Returns it with its version and its files' digests. Raises SpecError where it is missing.
     """
     module_name, colon, function = name.rpartition(":")
     if not colon or not module_name or not function:

@@ -19,10 +19,8 @@ from eyechart.errors import printable
 from eyechart.records import parse_json
 
 OWN, FILES, FORMERLY = "file_sha256", "files", "formerly"
-"""Facts of a callable: the digest of its own file; those of all its files by name, as JSON.
-
-The third is its version in older runs, which covered only its own file.
-"""
+"""Facts of a callable: the digest of its own file, and those of all its files by name (JSON). The
+third is its version in older runs, which covered only its own file."""
 _INSTALLED = {"site-packages", "dist-packages"}
 _SHOWN = 3
 

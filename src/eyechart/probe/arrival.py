@@ -28,18 +28,12 @@ AT_ONCE = 8
 MOST_CALLS = 2 * AT_ONCE
 REPEATS = 3
 LOST = 5
-"""A net loss of this many right answers is no accident.
-
-Its probability is below 3 in 10,000 where each answer is right in 9 of 10 calls.
-"""
+"""The net loss of right answers with a probability below 3 in 10,000, if 9 of 10 are right."""
 FLICKERS = 2
 """The least number of pictures that one call names and another misses, in each order."""
 MISSED = 11
-"""This many answers "no picture", of three times `AT_ONCE`, are no accident.
-
-With `FLICKERS` their probability is below 2 in 10,000 for a model that says so in 15 of 100 calls
-at random.
-"""
+"""This many answers "no picture", of three times `AT_ONCE`, are no accident. With `FLICKERS` it is
+below 2 in 10,000 for a model that says so in 15 of 100 calls at random."""
 _GREY = (190, 190, 190)
 _LEAST_SIDE = 256
 """The least side of a drawn picture in pixels: a weak model does not recognise a smaller one."""
@@ -76,8 +70,7 @@ class Form(NamedTuple):
 def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
     """Return a fault if the server's token counts prove that it drops the run's pictures.
 
-    The proof: drawn pictures add tokens, but a prompt with a picture of the run has exactly the
-    tokens of its text alone.
+    Drawn pictures add tokens, but a prompt with a picture of the run has only those of its text.
     """
     adds, counts = sight.image_tokens, [reply.prompt_tokens for reply in came]
     if adds is None or adds < FEWEST_TOKENS or not counts or bare.error is not None:
@@ -174,9 +167,8 @@ async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[
     first picture (in the second call, of the last), the other that of all others. If an answer
     lacks a colour, the third call leaves that picture out. Equal token counts prove that it never
     arrived; a smaller count does not, as the model may ignore it. If the server counts no pictures,
-    both answers must lack a colour. A reversed order of the colours is a note: the server may have
-    exchanged the pictures. Both calls must reverse it, although their colours have opposite orders
-    in the question, and the first picture must get the last one's colour.
+    both answers must lack a colour. The server may also have exchanged the pictures, which is a
+    note: then both calls reverse the colours, and the first picture gets the last one's colour.
     """
     forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
     if len(forms) < 2:
@@ -224,8 +216,8 @@ def _left_out(
 ) -> tuple[Fault | None, str]:
     """Return a fault or a note on answers that name only some pictures of a query.
 
-    ``tokens`` are those of all pictures, and of the named ones alone; None where the server counts
-    no pictures. ``every`` says whether all answers lack some picture.
+    ``tokens`` are of all pictures and of the named ones, None if the server counts none.
+    ``every``: all answers lack a picture.
     """
     whole, fewer = tokens
     counted = bool(whole and fewer)
@@ -307,10 +299,7 @@ def _form(picture: bytes, name: str) -> Form:
 
 
 def in_form(picture: bytes, form: Form) -> bytes:
-    """Return a drawn picture (PNG) in another form: in its format, on a grey ground of its size.
-
-    A picture of a small form keeps its own size.
-    """
+    """Return a drawn picture (PNG) in a form's format, on grey of its size if that is not small."""
     drawn = Image.open(io.BytesIO(picture)).convert("RGB")
     side = min(form.wide, form.high, *drawn.size)
     if side >= _LEAST_SIDE:

@@ -18,10 +18,7 @@ from eyechart.modes import RequestMode, TokenField
 Tell = Callable[[int, int], None]
 """Called with (calls made, calls at most) after each call."""
 Spend = Callable[[Spent], None]
-"""Called before and after each call with the total spent.
-
-Running calls count, at an unknown cost.
-"""
+"""Called before and after each call with the total spent; running calls have an unknown cost."""
 
 _REFUSES = re.compile(
     r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
@@ -170,8 +167,7 @@ class Asker:
 def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tuple[RequestMode, str] | None:
     """Return a mode without the field that a failed reply refuses, and the change in words.
 
-    Fields in ``fixed`` are not changed. Hosted reasoning models refuse ``max_tokens`` and a
-    temperature.
+    Fields in ``fixed`` stay. Hosted reasoning models refuse ``max_tokens`` and a temperature.
     """
     detail = reply.error_detail
     if reply.error in REFUSED and "stream" not in fixed and (change := _streaming(mode, detail)):

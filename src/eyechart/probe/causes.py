@@ -30,10 +30,7 @@ _ERRORS: dict[ErrorKind, str] = {
 
 
 def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
-    """Return why a model is blind or the result inconclusive, the most likely cause first.
-
-    Empty where it sees and nothing else is wrong.
-    """
+    """Return the causes of faults, of blindness or of no result, the most likely one first."""
     if sight.takes_no_pictures:
         refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
         return (_why_refused(refused),)

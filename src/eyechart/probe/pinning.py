@@ -149,8 +149,7 @@ class _Probe:
     async def _require_arrival(self, sight: Sight, came: Sequence[Reply], bare: Reply) -> dict[str, str]:
         """Return the count of equal single repeats as a fact, for a model that sees.
 
-        Raises ProbeError if the run's pictures do not arrive at a model that sees, or if a cache
-        answers for another picture.
+        Raises ProbeError if its pictures do not arrive, or if a cache answers for another picture.
         """
         form = form_of(self.sample)
         if form is None or not is_served(self.asker.mode):
@@ -237,8 +236,7 @@ class _Probe:
     async def _samples(self) -> list[Reply]:
         """Return complete replies to the run's own questions; the last one is without its picture.
 
-        The budget grows until none is cut off. A picture that a filter blocks is left out; in the
-        run it is a refusal.
+        The budget grows until none is cut off. A picture that a filter blocks is left out.
         """
         came: list[Reply] = []
         left = list(range(max(_SAMPLES, len(self.sample.asked))))

@@ -41,16 +41,11 @@ _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 _FAINT = 0.02
 """The share of another frame's change below which a channel hardly counts."""
 _CONSTANT, _NOISY = 0.02, 0.5
-"""Shares of variance.
-
-Answers that vary less than the first, of the log's, are constant. Repeats that vary more than the
-second, of the answers', hide whether they are.
-"""
+"""Shares of variance: below the first, of the log's, answers are constant. Repeats above the
+second, of the answers', hide whether they are."""
 _FITS, _BETTER = 0.25, 0.25
-"""Shares of error: below the first, of the log's variance, an answer fits the log.
-
-Below the second, of the given pictures' error, another form of the pictures fits better.
-"""
+"""Shares of error: below the first, of the log's variance, an answer fits the log. Below the
+second, of the given pictures' error, another form fits better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +96,8 @@ def examine_policy(
     """Call a policy with a few frames of a bank, and return what is amiss.
 
     ``policy`` is a SPEC or an open policy. ``tell`` gets the number of each call before it. Three
-    equal failures in a row end the calls. Raises SpecError for an unknown policy, or one that
-    declares a channel that the bank lacks. Raises BankError for a bank without motions, or with
-    only one episode.
+    equal failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel
+    that the bank lacks, and BankError for a bank without motions, or with only one episode.
     """
     opened = open_policy(policy, timeout_s)
     spec, model = opened.mode.spec, opened.model
@@ -321,8 +315,7 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
 def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
     """Check whether the same frame gets the same answer, also after another frame.
 
-    ``varies``: answers to other frames differ. All calls have the same seed, which fixes the answer
-    of a ``seeded`` policy.
+    ``varies``: answers to other frames differ. ``seeded``: the one seed of all calls fixes them.
     """
     first, second, other, third = (one.action for one in order)
     if first is None or second is None or other is None or third is None:
@@ -397,10 +390,7 @@ def _apart(one: Motion, other: Motion) -> float:
 
 
 async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
-    """Return the errors on two frames by the form of their pictures.
-
-    Other forms are tried only if the answers do not fit the log.
-    """
+    """Return the errors on two frames by form; other forms only if answers do not fit the log."""
     asked = calls.asked
     given = [(frame, further[frame.id].action) for frame in asked.pair]
     found = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
@@ -466,8 +456,7 @@ def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, 
 def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
     """Check whether the numbers have the log's size, which excludes another unit.
 
-    They are compared with the log of these frames and of the whole bank: a few frames may need
-    almost no motion.
+    The log is that of these frames and of the bank: a few frames may need almost no motion.
     """
     pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.id in asked.kept]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]

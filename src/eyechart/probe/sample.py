@@ -50,10 +50,7 @@ class Sample:
 
 
 def default_sample(prompt: str = "baseline") -> Sample:
-    """Return a prompt, built in or from a file, with sketches of a road.
-
-    Raises SpecError for an unknown one.
-    """
+    """Return a prompt with sketches of a road; raises SpecError for an unknown prompt."""
     found = find_prompt(prompt)
     space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")

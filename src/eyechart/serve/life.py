@@ -24,10 +24,7 @@ _TELLING_S = 5.0
 _LINGERING_S = 1.0
 """The time to read the rest of a refused body, in seconds: its sender then sees the refusal."""
 _ENDING_S = 0.5
-"""Requests without an answer at their deadline end within twice this time, in seconds.
-
-For example, their client does not read.
-"""
+"""Requests without an answer at their deadline end within twice this time, in seconds."""
 
 
 async def serve(

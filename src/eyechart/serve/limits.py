@@ -15,9 +15,8 @@ class ServerLimits:
     read; any more get 503. A picture has at most ``most_bytes``, and at most ``most_pixels`` by its
     header, before it is decoded. A connection without a request is closed after ``idle_s``. A new
     connection beyond ``connections`` gets 503. A request has at most ``headers`` headers. ``hosts``
-    are further names of the server. A server on this machine alone also has the machine's own
-    names. Any other server without ``hosts`` answers to any name. The deadline, from a request's
-    head to its answer, is the guardian's.
+    are names of the server: a server on this machine alone also has the machine's own names, and
+    any other one without ``hosts`` answers to any name. The deadline is the guardian's.
     """
 
     concurrency: int = 8

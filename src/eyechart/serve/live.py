@@ -1,8 +1,7 @@
 """A page that shows a run in progress, served on this machine only, from the run's own files.
 
-It calls no model and writes nothing. It shows the progress of the run, and makes no claim. The
-browser also requests the end (``over``), which is answered when the run ends. A failed reply there
-means a lost connection, not the end.
+It calls no model, writes nothing, and makes no claim. The browser also requests the end (``over``),
+which is answered when the run ends. A failed reply there means a lost connection, not the end.
 """
 
 import asyncio

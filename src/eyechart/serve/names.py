@@ -1,8 +1,7 @@
 """The names that a server answers to, and the protection from pages of other sites.
 
-A web page can send requests to a server on its reader's machine: by a name of its own that resolves
-there (DNS rebinding), or from another origin. The Host header reveals the first, and the browser's
-own headers reveal the second.
+A web page can reach a server on its reader's machine: by a name of its own that resolves there (DNS
+rebinding), or from another origin. The Host and the browser's own headers reveal that.
 """
 
 import ipaddress

@@ -132,8 +132,7 @@ def _over(task: asyncio.Task[None] | None) -> bool:
 def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
     """Open a checkpoint: ``organism:NAME``, a folder, or an id of the Hub; its weights load later.
 
-    Raises SpecError where it is missing, its chat template has no image slot, or the mode asks for
-    something that it cannot do.
+    Raises SpecError where it is missing, has no image slot, or does not fit the mode.
     """
     require_options(mode, OPTIONS)
     for field in _NOT_HERE:

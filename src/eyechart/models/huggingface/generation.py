@@ -22,7 +22,7 @@ Inputs = Any
 """A processor's output: tokens and pictures of a batch, on the CPU."""
 
 _ONE_AT_A_TIME = Lock()
-"""Loading changes torch's defaults for all threads, so only one model loads or generates at once."""
+"""Loading changes torch's defaults in all threads, so one model loads or generates at a time."""
 
 _TOP_K = 50
 """Transformers' own top k where a checkpoint sets none."""
@@ -31,8 +31,7 @@ _TOP_K = 50
 class Speaker:
     """Generates answers with a checkpoint's weights.
 
-    ``prepare`` may run in one thread while ``answer`` and ``forget`` run in another: they share no
-    tokenizer.
+    ``prepare`` may run in a thread of its own: it shares no tokenizer with the other methods.
     """
 
     def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
@@ -165,10 +164,7 @@ class Speaker:
         )
 
     def _decoding(self, seeds: Sequence[int]) -> tuple[Any, list[Any]]:
-        """Return the generation config and the steps of a draw; without steps tokens are likeliest.
-
-        The temperature is the mode's, or else the checkpoint's.
-        """
+        """Return the generation config, and the steps of a draw; none for the likeliest tokens."""
         own = self._model.generation_config
         temperature = self._mode.temperature
         if temperature is None:
@@ -206,8 +202,7 @@ class Speaker:
 class SeededDraw:
     """Draws each row's token from its own random stream, independent of the batch and its order.
 
-    The token with the largest sum of log-probability and Gumbel noise is a draw from the
-    distribution (Gumbel, 1954).
+    The token of the largest log-probability plus Gumbel noise is such a draw (Gumbel, 1954).
     """
 
     def __init__(self, seeds: Sequence[int]) -> None:

@@ -23,10 +23,7 @@ OPTIONS = {
 _BYTES = {"float32": 4, "float16": 2, "bfloat16": 2}
 _MAPS = ("auto", "balanced", "balanced_low_0", "sequential")
 _PACKED_BITS = {4: 4 + 32 / 64, 8: 8.0}
-"""Bits of a packed weight. NF4 adds a float32 scale for 64 weights (Dettmers et al. 2023).
-
-The scales of 8 bits, one a row, are not counted.
-"""
+"""Bits of a packed weight; NF4 adds a float32 scale for 64 weights (Dettmers et al. 2023)."""
 
 _INT8_DTYPE = "float16"
 """The type in which bitsandbytes multiplies weights of 8 bits, whatever the option dtype."""
@@ -46,8 +43,7 @@ class Loading:
 
     ``device`` and ``dtype`` are torch's names; ``dtype`` is ``auto`` if the checkpoint's own type
     is known only after loading. ``device_map`` is accelerate's, "" if all weights go to ``device``.
-    ``bits`` is None if weights load as stored. ``stored`` names the method of an already packed
-    checkpoint.
+    ``bits`` is None if weights load as stored; ``stored`` is the method of packed checkpoints.
     """
 
     device: str
@@ -179,10 +175,7 @@ def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> Loading:
 
 
 def memory_gb(loading: Loading) -> float | None:
-    """Return the memory that weights load into, in 10^9 bytes.
-
-    With a device_map it is that of all GPUs and the main memory.
-    """
+    """Return the memory for weights in 10^9 bytes; with a device_map, of all GPUs and the host."""
     import torch  # noqa: PLC0415  (an extra)
 
     if loading.device.startswith("cuda") and not loading.device_map:

@@ -1,8 +1,7 @@
 """Model organisms: tiny real vision-language models with a trained, known use of pictures.
 
-The instrument is tested on them: real weights, a real tokenizer, real decoding, and an answer that
-is known by training. Each is an ordinary checkpoint with its card, in the distribution
-``eyechart-organisms``.
+The instrument is tested on them: their weights and decoding are real, their answers known. Each is
+an ordinary checkpoint with its card, in the distribution ``eyechart-organisms``.
 """
 
 from dataclasses import dataclass
