@@ -278,7 +278,7 @@ def test_an_encoded_body_is_refused_and_what_is_no_http_leaves_no_traceback(
 
 def test_latency_is_described_as_it_is_measured() -> None:
     """From when the guardian was asked, views included."""
-    assert "from when the guardian was asked" in json.dumps(openapi(ServerLimits(), 1.0))
+    assert "from the guardian's call" in json.dumps(openapi(ServerLimits(), 1.0))
 
 
 class Broken(Held):

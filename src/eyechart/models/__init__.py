@@ -197,10 +197,7 @@ def cleaned(reply: Reply) -> Reply:
 
 
 def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
-    """Return every SPEC of the adapters, with a description.
-
-    Patterns with a word in capitals to fill in come first.
-    """
+    """Return every SPEC of the adapters with a description; those to fill in come first."""
     found = [(one, *said) for one, module in adapters.items() for said in import_module(module).names().items()]
     return {f"{one}:{name}": says for one, name, says in sorted(found, key=lambda named: not named[1].isupper())}
 
@@ -230,10 +227,7 @@ def find_mode(given: Path) -> RequestMode:
 
 
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
-    """Raise SpecError for an option that the adapter does not know, or a body with messages.
-
-    ``known`` describes each option.
-    """
+    """Raise SpecError for an option that the adapter does not know, or a body with messages."""
     if "messages" in mode.body:
         raise SpecError(
             f"the body of '{mode.spec}' names messages, which hold the prompt and the picture: leave them out"

@@ -381,7 +381,7 @@ _SPAN = re.compile(r"(?:(\d+)h)?(?:(\d+)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)
 
 
 def _reset(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds until all exhausted limits, or else the first, are reset; at most 60."""
+    """Return the seconds until the exhausted limits, or else the first, reset; None beyond 60."""
     waits, spent = [], []
     for name, value in headers.items():
         if name.lower().startswith(_RESET) and (wait := _until(value.strip())) is not None:

@@ -37,7 +37,7 @@ BASE_URL = "https://api.openai.com/v1"
 KEY = "OPENAI_API_KEY"
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a server that runs here"}
 
-NO_CHOICE = "the JSON has no choice with a message, as where a filter blocks what was asked"
+NO_CHOICE = "the JSON has no choice with a message, as when a filter blocks the request"
 _PATH = "/chat/completions"
 _VERSIONED = re.compile(r"/v\d+(/|$)")
 _SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)

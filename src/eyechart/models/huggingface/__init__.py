@@ -26,7 +26,7 @@ _LINGER_S = 0.01
 _NOT_HERE = ("structured", "body", "base_url", "headers", "key_env")
 """Fields of a mode that have no effect on a local checkpoint."""
 
-_HOW = ", if asked with temperature default"
+_HOW = ", with temperature default"
 
 _Waiting = tuple[Query, asyncio.Future[Reply]]
 
