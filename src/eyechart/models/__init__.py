@@ -150,7 +150,7 @@ def memory_here_gb() -> float | None:
 
 
 def turns_of(modes: Iterable[RequestMode], *, sequential: bool | None = None) -> tuple[tuple[str, ...], ...]:
-    """Return the models in groups, which run in parallel; in a group one runs and closes at a time.
+    """Return the models in groups that run in parallel; in a group each closes before the next.
 
     By default the models of one machine share a group, and every other model has its own.
     ``sequential`` True makes one group of all; False gives each model its own.

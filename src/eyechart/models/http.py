@@ -123,7 +123,7 @@ _USED: ContextVar[ResponseHandler | None] = ContextVar("used", default=None)
 
 @dataclass(slots=True)
 class Endpoint:
-    """A server for POST requests, with one session for each event loop.
+    """A server for POST requests, over one session that opens with an event loop's first request.
 
     ``secrets`` are values that must not appear in any text of a reply; ``headers`` hold them.
     ``query`` is appended to every address.
@@ -371,7 +371,7 @@ def _retry_after(headers: Mapping[str, str]) -> float | None:
         if (wait := _seconds(said)) is None:
             wait = max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
     wait = number_of(wait)
-    return None if wait is None else min(wait, MOST["retry_after_s"])  # a longer one is not kept
+    return None if wait is None else min(wait, MOST["retry_after_s"])  # more counts as unreported
 
 
 _RESET = "x-ratelimit-reset"

@@ -31,7 +31,7 @@ _WORDS = (
 
 @dataclass(frozen=True, slots=True)
 class Acuity:
-    """(gap in pixels, right answers, all answers), from the largest gap to the first unseen one."""
+    """Gap in pixels, right answers and all answers, from the largest gap to the first unseen one."""
 
     by_gap: tuple[tuple[int, int, int], ...] = ()
 

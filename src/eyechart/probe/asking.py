@@ -165,7 +165,7 @@ class Asker:
 
 
 def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tuple[RequestMode, str] | None:
-    """Return a mode without the field that a failed reply refuses, and the change in words.
+    """Return a mode without the field that a reply refuses, and the change in words, or None.
 
     Fields in ``fixed`` stay. Hosted reasoning models refuse ``max_tokens`` and a temperature.
     """

@@ -30,7 +30,7 @@ _ERRORS: dict[ErrorKind, str] = {
 
 
 def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the causes of faults, of blindness or of no result, the most likely one first."""
+    """Return the likely causes of a blind, inconclusive or doubtful result, the likeliest first."""
     if sight.takes_no_pictures:
         refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
         return (_why_refused(refused),)

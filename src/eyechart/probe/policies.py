@@ -315,7 +315,7 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
 def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
     """Check whether the same frame gets the same answer, also after another frame.
 
-    ``varies``: answers to other frames differ. ``seeded``: the one seed of all calls fixes them.
+    ``varies``: answers to other frames differ. ``seeded``: the seed, equal in all calls, fixes one.
     """
     first, second, other, third = (one.action for one in order)
     if first is None or second is None or other is None or third is None:

@@ -20,7 +20,7 @@ _FULL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\n
 
 @dataclass
 class Connections:
-    """At most ``most`` connections, closed after ``idle_s`` without a request, and ``headers``."""
+    """At most ``most`` connections, closed after ``idle_s`` idle; at most ``headers`` headers."""
 
     most: int
     idle_s: float
