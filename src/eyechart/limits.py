@@ -229,7 +229,7 @@ class Budget:
         return {model: "; ".join(words) for model, words in said.items()}
 
     def lasting(self) -> frozenset[str]:
-        """Return the models that need a repair; once set aside, their last failure decides."""
+        """Return the models with failures that need a repair; once set aside, the last decides."""
         return frozenset(
             model
             for model, passes in self._passes.items()

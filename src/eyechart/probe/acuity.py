@@ -31,7 +31,7 @@ _WORDS = (
 
 @dataclass(frozen=True, slots=True)
 class Acuity:
-    """Gap in pixels, right answers and all answers, from the largest gap to the first unseen one."""
+    """Gap in pixels, right answers and all answers, from the largest gap to the first unseen."""
 
     by_gap: tuple[tuple[int, int, int], ...] = ()
 
