@@ -171,7 +171,7 @@ def test_a_server_that_nobody_asks_ends_at_once_also_while_it_asks_its_models(tm
         process.process.send_signal(TERM)
         assert await process.ended() == 0
         assert "ending" not in process.told
-        assert json.dumps(process.told).count("asking each") == 1
+        assert json.dumps(process.told).count("calling each") == 1
 
     running(ask, tmp_path, "--deadline", "600", port=port)
 

@@ -225,17 +225,17 @@ CONTROLLERS: dict[str, Controller] = {
 
 PLANNERS: dict[str, Controller] = {
     "clear_side": Controller(
-        "goes round what is in its way on a side that is clear, and never stops on a road",
+        "passes an obstacle on a side that is clear, and never stops on a road",
         _CLEAR_SIDE,
         Declared("depth_lateral", "content", "turns_clear"),
     ),
     "left_side": Controller(
-        "goes round what is in its way on the left where that is clear, never on the right",
+        "passes an obstacle on the left where that is clear, never on the right",
         _never_right(_CLEAR_SIDE),
         Declared("depth", "depth", "one_sided"),
     ),
     "distance": Controller(
-        "slows down and stops by the distance of what is in its way, and knows no side",
+        "slows down and stops by the distance of the obstacle, and knows no side",
         _DEPTH,
         Declared("depth", "depth", "no_power"),
     ),
