@@ -58,7 +58,7 @@ ESTIMATORS: dict[str, Estimator] = {
 fail an equivariance: its report differs for one reflected scene in four."""
 
 PLANNERS: dict[str, Organism] = {
-    "rover": Organism("passes obstacles on a clear side, by the rover's forward camera", "depth_lateral", "turns_clear"),
+    "rover": Organism("passes obstacles on a clear side, by its forward camera", "depth_lateral", "turns_clear"),
 }
 """Planners for the hierarchy; their labels are those on a ``balanced`` rover bank."""
 
