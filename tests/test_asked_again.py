@@ -80,7 +80,7 @@ def test_only_failures_of_the_road_are_asked_again_and_the_last_reply_counts(
     (guard,) = (one for one in told["guards"]["standin:m"] if one["name"] == "outcomes")
     assert (account["retries"], account["missing"]["error"], account["finished"]) == ({"again": MENDED}, 1, len(after))
     assert guard["holds"]
-    assert f"{MENDED} calls asked again after a failure" in guard["because"]
+    assert f"{MENDED} calls repeated after a failure" in guard["because"]
     assert run(app, [*words, "--again"]).exit_code == 0
     assert model.asked == sent + MENDED
 

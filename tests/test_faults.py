@@ -182,7 +182,7 @@ def test_a_server_that_asks_for_a_long_rest_gets_it(bank: FrameBank, ledger: Led
         asked = [one["model"] for one in server.asked]
     assert list(outcome.set_aside) == [SPEC]
     assert outcome.set_aside[SPEC] == (
-        "rate_limited: its server asks to be left alone for 3600 s (Retry-After), and a run waits at most 120 s; "
+        "rate_limited: its server asks for a pause of 3600 s (Retry-After), and a run waits at most 120 s; "
         "the same command goes on later"
     )
     assert asked.count("m") <= 4

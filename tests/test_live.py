@@ -90,7 +90,7 @@ def test_what_is_shown_is_as_it_was_said_and_nothing_is_written(tmp_path: Path) 
 def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever looks in between gets what was read last; a folder that is no run yet is said to be none."""
     live, reads = Live(tmp_path / "none", read_prices()), list[float]()
-    assert b"No call was written yet." in live.html()
+    assert b"No call is written yet." in live.html()
 
     def busy() -> tuple[Asked, ...]:
         reads.append(time.thread_time())
@@ -227,7 +227,7 @@ def test_idle_connections_and_large_heads_are_closed_and_print_nothing(
         large = opened.enter_context(socket.create_connection(address, timeout=5))
         large.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 20_000 + b"\r\n\r\n")
         assert large.recv(100).startswith(b"HTTP/1.0 400")
-        assert "No call was written yet." in _get(told[0])
+        assert "No call is written yet." in _get(told[0])
     assert capsys.readouterr().err == ""
 
 
@@ -239,7 +239,7 @@ def test_whoever_does_not_know_the_address_sees_nothing(tmp_path: Path) -> None:
         for path in ("", "over", f"{token[:-1]}/", f"{again[0].split('/')[-2]}/", f"{token}x/over"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
                 _get(root + path)
-        assert "No call was written yet." in _get(root + token + "/")
+        assert "No call is written yet." in _get(root + token + "/")
 
 
 @pytest.mark.parametrize(

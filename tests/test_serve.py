@@ -124,9 +124,9 @@ def test_bad_input_is_refused_in_one_line() -> None:
     async def ask(session: aiohttp.ClientSession, url: str) -> None:
         for body, headers, status, why in (
             (b"", PNG, 400, "the body is empty"),
-            (b"hello", PNG, 422, "no picture that can be shown"),
-            (NEAR[:60], PNG, 422, "no picture that can be shown"),
-            (NEAR, {"Content-Type": "text/html"}, 415, "a picture is sent as"),
+            (b"hello", PNG, 422, "the body is no picture"),
+            (NEAR[:60], PNG, 422, "the picture cannot be shown"),
+            (NEAR, {"Content-Type": "text/html"}, 415, "a picture must be sent as"),
             (bytes(3000), PNG, 413, "3000 bytes; the limit is 2000"),
         ):
             found, said = await post(session, url, body, **headers)
@@ -212,7 +212,7 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
         del session
         with pytest.raises(GuardianError, match="give another --port"):
             await serve(guardian, port=int(url.rpartition(":")[2]))
-        with pytest.raises(GuardianError, match=r"256\.1\.1\.1:0 cannot be listened on: .*; give another --host"):
+        with pytest.raises(GuardianError, match=r"cannot listen on 256\.1\.1\.1:0: .*; give another --host"):
             await serve(guardian, host="256.1.1.1", port=0)
 
     guardian = guardian_of()
@@ -278,7 +278,7 @@ def test_an_encoded_body_is_refused_and_what_is_no_http_leaves_no_traceback(
 
 def test_latency_is_described_as_it_is_measured() -> None:
     """From when the guardian was asked, views included."""
-    assert "from when the guardian was asked" in json.dumps(openapi(ServerLimits(), 1.0))
+    assert "from the guardian's call" in json.dumps(openapi(ServerLimits(), 1.0))
 
 
 class Broken(Held):
@@ -369,7 +369,7 @@ def test_each_model_is_asked_once_before_the_server_says_that_it_is_started() ->
         asyncio.run(run())
     models["openai:second"].go_on.set()
     assert before == [True]
-    assert told[0] == "asking each of 2 models once, for at most 0.5 s"
+    assert told[0] == "calling each of 2 models once, for at most 0.5 s"
     assert told[1:] == [
         "warning: 'openai:second' does not answer: no reply within 0.5 s; without its votes nothing is called clear"
     ]

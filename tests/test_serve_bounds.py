@@ -181,7 +181,7 @@ def test_a_post_without_a_fitting_content_type_is_refused_before_it_is_read() ->
             "*/*",
         ):
             found, said = await post(session, url, FAR, **{"Content-Type": kind})
-            assert (found, "a picture is sent as one of" in str(said["error"])) == (415, True), kind
+            assert (found, "a picture must be sent as one of" in str(said["error"])) == (415, True), kind
         lines = ["Host: localhost", f"Content-Length: {len(FAR)}"]
         for more in ([], ["Content-Type: image/png", "Content-Type: text/plain"], ["Content-Type:"]):
             answer = await raw(url, head(*lines, *more, path="/assess", method="POST") + FAR)
@@ -268,7 +268,7 @@ def test_no_more_is_read_at_a_time_than_there_are_places() -> None:
         ]
         await asyncio.sleep(0.3)
         found, said = await post(session, url, FAR)
-        assert (found, said["error"]) == (503, "too many pictures are on their way here")
+        assert (found, said["error"]) == (503, "too many pictures are being uploaded")
         assert [status(answer) for answer in await asyncio.gather(*slow)] == [408, 408]
         assert (await post(session, url, FAR))[0] == 200
 

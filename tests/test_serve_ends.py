@@ -126,7 +126,7 @@ def test_what_is_under_way_is_answered_and_what_comes_is_refused(
     """While its models are first asked, and later: the answer comes whole, others get 503, and the exit code is 0."""
 
     async def ask(members: Members, process: Process, session: aiohttp.ClientSession, url: str) -> None:
-        await process.has_told("asking each of 2 models once" if moment == "warm-up" else f" at {url}")
+        await process.has_told("calling each of 2 models once" if moment == "warm-up" else f" at {url}")
         warm = 2 * (moment == "warm-up")
         await members.were_asked(warm)
         answer = asyncio.create_task(assess(session, url))
@@ -171,7 +171,7 @@ def test_a_server_that_nobody_asks_ends_at_once_also_while_it_asks_its_models(tm
         process.process.send_signal(TERM)
         assert await process.ended() == 0
         assert "ending" not in process.told
-        assert json.dumps(process.told).count("asking each") == 1
+        assert json.dumps(process.told).count("calling each") == 1
 
     running(ask, tmp_path, "--deadline", "600", port=port)
 

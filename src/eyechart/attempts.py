@@ -1,6 +1,6 @@
-"""A call is made in attempts: each is written down before it is sent, paced, and made again where its failure may pass.
+"""Makes calls in attempts: recorded before they go out, paced, and repeated if a failure may pass.
 
-Batteries and episodes make their calls here, so that both cost, fail and resume alike.
+Batteries and episodes make their calls here, so both cost, fail and resume in the same way.
 """
 
 import contextlib
@@ -21,10 +21,10 @@ T = TypeVar("T")
 
 
 def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> Budget:
-    """Return the budget of a run, with what its ledger holds already counted where a limit bounds it."""
+    """Return the budget of a run; with a limit, it counts the calls in the run's ledger."""
     budget = Budget(limits or Limits(), models)
-    if (budget.limits.calls, budget.limits.cost_usd) != (None, None):  # which then bounds what was sent before too
-        for spec in ledger.models():  # also those that are not asked now: a limit is the whole run's
+    if (budget.limits.calls, budget.limits.cost_usd) != (None, None):
+        for spec in ledger.models():  # also models without calls now: the limit is the whole run's
             for attempt in ledger.attempts(spec):
                 budget.made_before(spec, attempt.reply)
     return budget
@@ -32,20 +32,20 @@ def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> B
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What a call came to: its last reply, and whether that finishes the call; else a resumed run makes it again."""
+    """A call's last reply, and whether it finishes the call; if not, a resumed run repeats it."""
 
     reply: Reply
     finished: bool
 
 
 class Caller:
-    """Makes the calls of a run, several at once, in one event loop and with one writer to its ledger.
+    """Makes the calls of a run in parallel, in one event loop and with one writer to its ledger.
 
-    ``silent`` are the kinds of passing failures that finish a call, as the model's silence: a timeout at once, the
-    others when the attempts are used up. A model that has answered nothing yet in this ledger, or is set aside, is not
-    silent: nobody is there. With ``again`` it asks calls once more that are finished. ``lacks`` says of a reply that is
-    no use to the run what it lacks, nothing of any other: such replies finish their calls, and count as failures of a
-    model that keeps failing.
+    ``silent`` are kinds of transient failures that finish a call as the model's silence: a timeout
+    at once, the others after the last attempt. Only a model with an answer in this ledger can be
+    silent, and only while it is not set aside. ``again`` repeats finished calls. ``lacks`` returns
+    what an unusable reply lacks, and "" for any other reply. Unusable replies finish their calls,
+    and count as failures of the model.
     """
 
     def __init__(
@@ -67,10 +67,10 @@ class Caller:
         self._heard = set(answered)
 
     async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
-        """Make a call; return what it came to, or None where a limit kept it from being made.
+        """Make a call; return its result, or None where a limit prevents it.
 
-        A call whose error is transient is tried again, with backoff; its last reply may still be such an error, and
-        then the call is unfinished.
+        A transient error is retried with backoff. If the last reply is still such an error, the
+        call is unfinished.
         """
         made = await self._attempt(key, query, model, pace)
         if made is not None:
@@ -98,7 +98,7 @@ class Caller:
         return made
 
     def _settled(self, spec: str, reply: Reply, *, last: bool) -> Reply:
-        """Return a reply; the last one that holds no answer, as a filter has it, is the refusal of one that answers."""
+        """Return a reply; a filter's last one is a refusal by a model that has answered before."""
         if last and reply.error == "unreadable" and reply.finish_reason == BLOCKED and spec in self._heard:
             return replace(reply, error=None)
         return reply
@@ -112,16 +112,16 @@ class Caller:
 
 
 async def close(model: Model) -> None:
-    """Let a model go; one that does not let itself be closed cannot undo the run."""
+    """Close a model; a failure to close it does not affect the run."""
     with contextlib.suppress(Exception):
         async with asyncio.timeout(_CLOSING_S):
             await model.close()
 
 
 def to_the_end(run: Coroutine[Any, Any, T]) -> T:
-    """Return what a run comes to in an event loop of its own; raises the first error inside groups, which ended it.
+    """Return the result of a coroutine in an event loop of its own.
 
-    SpecError where one is running already.
+    Raises the first error inside exception groups, and SpecError where a loop is running already.
     """
     try:
         with contextlib.closing(run):
@@ -137,9 +137,9 @@ def to_the_end(run: Coroutine[Any, Any, T]) -> T:
 
 
 class _Writer:
-    """Writes to the ledger what the calls of one turn of the event loop have to write, in one commit for all.
+    """Writes the rows of one turn of the event loop to the ledger, in one commit.
 
-    A row is durable when its ``begin`` or ``close`` returns, as the ledger's own are.
+    A row is durable when its ``begin`` or ``close`` returns, as in the ledger itself.
     """
 
     def __init__(self, ledger: Ledger, *, again: bool) -> None:
@@ -167,7 +167,7 @@ class _Writer:
         try:
             with self._ledger.together():
                 done = [write() for write, _ in waiting]
-        except Exception as error:  # noqa: BLE001 - each of them must hear of it, or they wait for ever
+        except Exception as error:  # noqa: BLE001 - each waiting call must get it
             for _, written in waiting:
                 if not written.done():
                     written.set_exception(error)

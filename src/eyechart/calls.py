@@ -1,4 +1,4 @@
-"""A call is a key with its attempts: what was asked of which model about which frame, and what came back."""
+"""Calls: their keys, queries and replies, and the kinds of their failures."""
 
 import hashlib
 import json
@@ -30,11 +30,12 @@ ErrorKind = Literal[
     "missing_model",
     "not_called",
 ]
-"""What went wrong when no answer came. An empty reply, a refusal and a truncation are replies, and no errors."""
+"""The kinds of failures without a reply. Empty, refused and truncated replies are no errors."""
 
 Then = Literal["again", "aside", "over"]
-"""What is done: the call is made again, and stays unfinished when its attempts are used up; its model is set aside,
-and the call stays unfinished; or the call is over, as a failure."""
+"""The reaction to a failure: repeat the call, set its model aside, or finish it as a failure.
+
+After the last repeat, or if its model is set aside, the call stays unfinished."""
 
 KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
     {
@@ -58,29 +59,29 @@ KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
         "too_large": ("over", "a body beyond the bound, in a run of version 0.1"),
     }
 )
-"""What each kind of failure means, and what is done about it: the one table (docs/models.md shows it)."""
+"""The meaning of each kind of failure, and the reaction to it (docs/models.md shows this table)."""
 
 TRANSIENT: frozenset[str] = frozenset(kind for kind, (then, _) in KINDS.items() if then == "again")
-"""The kinds that may pass when the same call is made again."""
+"""The kinds that may pass when the call is repeated."""
 
 HOPELESS: frozenset[str] = frozenset(kind for kind, (then, _) in KINDS.items() if then == "aside")
-"""The kinds that every further call of the model would meet too, until somebody mends what is wrong."""
+"""The kinds that every further call of the model would meet too, until a repair."""
 
 UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
-"""The kinds that leave a call unfinished: a resumed run makes it again."""
+"""The kinds that leave a call unfinished: a resumed run repeats it."""
 
 UNASKED: frozenset[str] = frozenset({"not_called"})
-"""The kinds of calls that were never made: they cost nothing, and say nothing of the model."""
+"""The kinds of calls that were never made: they cost nothing, and say nothing about the model."""
 
 SILENT: frozenset[str] = TRANSIENT - UNASKED - {"rate_limited"}
-"""The kinds in which a model says nothing, for a run that counts silence (docs/decisions/drives.md).
-A 429 is none: it says that the run asks too fast."""
+"""The kinds that count as a model's silence, in a run that counts it (docs/decisions/drives.md).
+A 429 is none: it says that the run sends too fast."""
 
 BLOCKED = "blocked"
-"""The finish reason of a failure that may be a filter's: a reply in order, without an answer in it."""
+"""The finish reason of a well-formed reply without an answer, which may come from a filter."""
 
 REFUSED: frozenset[str] = frozenset({"bad_request", "gateway"})
-"""The kinds in which a server turned a request down, rightly or not."""
+"""The kinds of requests that a server refused, rightly or not."""
 
 
 ANY_ACTION: Mapping[str, object] = {
@@ -89,16 +90,16 @@ ANY_ACTION: Mapping[str, object] = {
     "required": ["action"],
     "additionalProperties": False,
 }
-"""The JSON schema of an answer that names an action, whichever."""
+"""The JSON schema of an answer with any action."""
 
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Everything that a model may see, and a seed for its sampling. There is no field for ground truth.
+    """Everything that a model may see, and a seed for its sampling. Ground truth has no field.
 
-    ``stimulus`` is what a condition shows. ``seed`` is derived from the call's key, so that a model that samples
-    answers the same call alike after a resume. ``schema`` is the JSON schema of an answer, for a model that it binds,
-    and the query's own: who changes it changes no other call.
+    ``stimulus`` comes from the condition. ``seed`` comes from the call's key, so a model that
+    samples repeats its answer after a resume. ``schema`` is the JSON schema of an answer, for
+    models that enforce one. It is a copy: a change of it affects no other call.
     """
 
     system: str
@@ -117,17 +118,17 @@ class Query:
 
     @property
     def image(self) -> bytes | None:
-        """Return the picture of the first camera, None where no picture is shown."""
+        """Return the picture of the first camera, None without a picture."""
         return next(iter(self.stimulus.images.values()), None)
 
     def said_by(self, role: str) -> "Query":
-        """Return this query with its system words in the user's turn, before the user's own, for the role ``user``."""
+        """Return this query; for the role ``user``, with its system text before the user's."""
         if role == "system" or not self.system:
             return self
         return replace(self, system="", user=f"{self.system}\n\n{self.user}")
 
     def sha256(self) -> str:
-        """Return the digest of the content (not of the seed), an audit column and never a cache key."""
+        """Return the digest of the content without the seed: an audit column, never a cache key."""
         digest, state = hashlib.sha256(), dict(self.stimulus.state)
         for part in (
             self.system.encode(),
@@ -141,7 +142,7 @@ class Query:
         return digest.hexdigest()
 
     def _pictured(self) -> bytes:
-        """Return what the digest has of the pictures: one as it is, whatever its camera, several by their cameras."""
+        """Return the digest's input for pictures: one alone, several with their cameras."""
         if len(self.stimulus.images) < 2:
             return b"-" if self.image is None else b"+" + self.image
         named = (part for name, image in self.stimulus.images.items() for part in (name.encode(), image))
@@ -149,14 +150,14 @@ class Query:
 
 
 def _own(schema: Any) -> Any:  # noqa: ANN401 - JSON of the same shape
-    """Return a copy of a JSON schema, down to its parts."""
+    """Return a deep copy of a JSON schema."""
     if isinstance(schema, Mapping):
         return {name: _own(one) for name, one in schema.items()}
     return type(schema)(map(_own, schema)) if isinstance(schema, list | tuple) else schema
 
 
 def _bound(schema: Mapping[str, object]) -> list[bytes]:
-    """Return what the digest has of a schema: the names of the actions, or the schema where it names none."""
+    """Return the digest's input for a schema: the names of its actions, or else all of it."""
     properties = schema.get("properties")
     if isinstance(properties, dict) and properties.keys() == {"action"}:
         return ["\x1f".join(properties["action"].get("enum", ())).encode()]
@@ -165,18 +166,17 @@ def _bound(schema: Mapping[str, object]) -> list[bytes]:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What came back, verbatim. A failure is a Reply with its ``error`` kind, never made-up text.
+    """A model's reply, verbatim. A failure is a Reply with its ``error`` kind, never made-up text.
 
-    ``finish_reason`` is verbatim, in the names of OpenAI's chat API where the model has none of its own
-    (``stop``, ``length``, ``content_filter``). ``reasoning`` is what the
-    model thought, where it comes apart from the answer; ``completion_tokens`` include ``reasoning_tokens``.
-    ``seconds`` and ``first_byte_s`` are wall time from sending to the last and the first byte, of a stream to its
-    first words.
-    ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
-    the model as the reply does, ``provider`` the upstream that a router chose, ``system_fingerprint`` the server's own
-    name of its configuration. ``cost_usd`` is what the endpoint itself reports, ``energy_j`` what was measured here.
-    ``payload_bytes`` and ``payload_sha256`` are of the request's body as it went out. None is "not reported" or "not
-    measured", never 0.
+    ``finish_reason`` is the model's own, or a name of OpenAI's chat API (``stop``, ``length``,
+    ``content_filter``). ``reasoning`` is the model's reasoning, if it is separate from the answer;
+    ``completion_tokens`` include ``reasoning_tokens``. ``seconds`` and ``first_byte_s`` are wall
+    time from sending to the last and to the first byte; in a stream, to its first text. ``status``
+    is that of HTTP, and ``retry_after_s`` the server's Retry-After. ``served`` is the model's name
+    in the reply, ``provider`` the upstream of a router, and ``system_fingerprint`` the server's
+    name of its configuration. ``cost_usd`` is reported by the endpoint; ``energy_j`` is measured
+    here. ``payload_bytes`` and ``payload_sha256`` are those of the request's body. None means not
+    reported or not measured, never 0.
     """
 
     text: str = ""
@@ -201,19 +201,19 @@ class Reply:
 
 
 def is_cut(reply: Reply) -> bool:
-    """Return whether a reply came, and was cut off."""
+    """Return whether a reply came but was cut off."""
     return reply.error is None and ending(reply.finish_reason) == "cut"
 
 
 def is_empty(reply: Reply) -> bool:
-    """Return whether a reply came whole and says nothing."""
+    """Return whether a reply is complete and has no text."""
     return reply.error is None and not reply.text.strip() and not is_cut(reply)
 
 
 def concluded(reply: Reply) -> Reply:
-    """Return an empty reply with the end of its reasoning as its text: a JSON object, or else the last line.
+    """Return an empty reply with the end of its reasoning as its text.
 
-    What was cut off or filtered is no end.
+    The end is a JSON object, or else the last line. A cut or filtered reply is returned unchanged.
     """
     if not is_empty(reply) or not (reply.finish_reason is None or ending(reply.finish_reason) == "normal"):
         return reply
@@ -226,9 +226,9 @@ def concluded(reply: Reply) -> Reply:
 
 @dataclass(frozen=True, slots=True)
 class Emptiness:
-    """How many replies came, how many of them say nothing, and how many of those hold words in their reasoning.
+    """Counts of replies: ``came``, ``empty`` ones, and empty ones with text in their reasoning.
 
-    ``cut`` of those that came were cut off before their first word, ``cut_thought`` of these while they reasoned.
+    ``cut`` replies were cut off before their first word, ``cut_thought`` of them during reasoning.
     """
 
     came: int = 0
@@ -243,7 +243,7 @@ class Emptiness:
         return sum((cls().plus(reply) for reply in replies), start=cls())
 
     def plus(self, reply: Reply) -> "Emptiness":
-        """Return these counts with one more reply; a failure is none."""
+        """Return the counts with one more reply; a failure does not count."""
         if reply.error is not None:
             return self
         if reply.text.strip():
@@ -256,12 +256,12 @@ class Emptiness:
 
     @property
     def whole(self) -> bool:
-        """Return whether there are replies and all say nothing, cut off or not."""
+        """Return whether there are replies, and all are without text, cut off or not."""
         return 0 < self.came == self.empty + self.cut
 
     @property
     def words(self) -> str:
-        """Return in words how many are empty, and the likely cause; nothing where none is."""
+        """Return the count of empty replies and the likely cause in words; "" without any."""
         if self.cut and self.whole:
             reasoned = f", {self.cut_thought} of them while the model reasoned" if self.cut_thought else ""
             return (
@@ -277,8 +277,8 @@ class Emptiness:
             return f"{counted}: the server's log, or a call by hand, says why"
         return (
             f"{counted}, and {self.thought} of them have their words in the reasoning (reasoning_content): the server "
-            "takes the answer for a part of the thinking; switch thinking off, start the server without its reasoning "
-            "parser, or ask with --answer reasoning, which reads the end of the reasoning"
+            "takes the answer for a part of the thinking. Switch thinking off, start the server without its reasoning "
+            "parser, or use --answer reasoning, which reads the end of the reasoning"
         )
 
 
@@ -296,7 +296,7 @@ MOST: Mapping[str, float] = MappingProxyType(
         "payload_bytes": 1e12,
     }
 )
-"""What each number of a Reply may be at most; at least, 0. One beyond was not measured: it counts as not reported."""
+"""The largest value of each number of a Reply; the smallest is 0. Others count as not reported."""
 _KINDS = {
     name: get_args(kind | int if kind == float | None else kind) or (kind,)
     for name, kind in get_type_hints(Reply).items()
@@ -306,14 +306,14 @@ _numbers, _values = attrgetter(*MOST), attrgetter(*_KINDS)
 
 
 def bounded(reply: Reply) -> Reply:
-    """Return a reply without the numbers that nobody can have measured: none, infinite, negative, or beyond `MOST`."""
+    """Return a reply without impossible numbers: NaN, infinite, negative, or beyond `MOST`."""
     numbers = zip(MOST.items(), _numbers(reply), strict=True)
     wrong = [name for (name, most), one in numbers if isinstance(one, (int, float)) and not 0 <= one <= most]
     return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 
 def misfit(reply: Reply) -> str | None:
-    """Return in words what of a reply is not of its field's type, so that no ledger can hold it, or None."""
+    """Return which field of a reply has a wrong type, so that no ledger can hold it, or None."""
     for (name, kinds), value in zip(_KINDS.items(), _values(reply), strict=True):
         if not isinstance(value, kinds):
             return f"its {name} is a {type(value).__name__}"
@@ -333,5 +333,5 @@ class CallKey(NamedTuple):
     repeat: int = 0
 
     def seed(self, run_seed: int) -> int:
-        """Return a 63-bit seed that depends on this key and the run's seed only."""
+        """Return a 63-bit seed that depends only on this key and the run's seed."""
         return key_seed(run_seed, *map(str, self))

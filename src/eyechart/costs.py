@@ -1,4 +1,4 @@
-"""What calls took: attempts and their outcomes, tokens, dollars, seconds and joules, by model and condition."""
+"""Accounts of calls by model and condition: attempts, outcomes, tokens, dollars, times, joules."""
 
 from array import array
 from collections import Counter, defaultdict
@@ -26,13 +26,13 @@ _OTHERS = "(other replies)"
 
 @dataclass(frozen=True, slots=True)
 class Account(Plain):
-    """What the calls of one model under one condition took, or under all of them.
+    """The account of one model's calls under one condition, or under all.
 
-    ``calls`` were begun and ``finished`` are over; ``attempts`` are requests, of which ``retries`` counts the repeated
-    ones by reason and ``errors`` the failed ones by kind; ``unknown`` were sent and never came back.
-    ``missing`` counts, by reason, the calls whose last reply holds no decision. Token sums are None where no reply
-    reports any. ``cost_usd`` adds up what is known, and ``cost_from`` says of how many attempts it is reported, priced
-    or unknown. Times are of the attempts that brought a reply, in seconds; ``energy_j`` is None where not measured.
+    ``calls`` began, and ``finished`` of them ended. ``attempts`` are requests: ``retries`` counts
+    the repeated ones by reason, ``errors`` the failed ones by kind, ``unknown`` those without an
+    outcome. ``missing`` counts, by reason, calls without a decision. Unreported token sums and
+    unmeasured energy are None. ``cost_usd`` is the sum of known costs; ``cost_from`` counts
+    attempts with a reported, priced or unknown cost. Times are seconds of attempts with a reply.
     """
 
     calls: int
@@ -56,15 +56,15 @@ class Account(Plain):
 
     @property
     def failed(self) -> int:
-        """Return how many attempts ended in an error."""
+        """Return the number of attempts that ended in an error."""
         return sum(self.errors.values())
 
     @property
     def words(self) -> str:
-        """Return the counts of attempts in one line, as every command says them."""
+        """Return the counts of attempts in one line, the same for every command."""
         kinds = ", ".join(f"{count} {name}" for name, count in self.errors.items())
         ended = f" ({self.failed} attempts ended in an error: {kinds})" if self.errors else ""
-        once_more = f", {asked} calls asked again after a failure" if (asked := self.retries.get(AGAIN)) else ""
+        once_more = f", {asked} calls repeated after a failure" if (asked := self.retries.get(AGAIN)) else ""
         return (
             f"{self.attempts} attempts, {self.attempts - self.calls} of them repeated, {self.unknown} of unknown "
             f"outcome, {self.missing.get('error', 0)} calls failed{once_more}{ended}"
@@ -72,13 +72,13 @@ class Account(Plain):
 
     @property
     def tokens(self) -> str:
-        """Return the tokens in and out in words; a sum that no reply reported is a dash."""
+        """Return the tokens in and out in words; an unreported sum is a dash."""
         both = (self.prompt_tokens, self.completion_tokens)
         return "—" if both == (None, None) else ", ".join("—" if one is None else str(one) for one in both)
 
 
 class Book:
-    """Adds up attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
+    """Adds up attempts one by one, in the order of sending; ``space`` reads their replies."""
 
     def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
         self._mode, self._space, self._prices = mode, space, prices
@@ -97,7 +97,7 @@ class Book:
             page.cost_from[UNKNOWN] += 1
             return
         if reply.error in UNFINISHED and not one.final:
-            if one.key not in page.ended:  # asked again, its reply before still counts
+            if one.key not in page.ended:  # for a repeated call the earlier reply still counts
                 page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
@@ -107,7 +107,7 @@ class Book:
         page.take(reply, cost)
 
     def accounts(self) -> dict[str, Account]:
-        """Return the account of all attempts, and that of each condition."""
+        """Return the account of all attempts, and one for each condition."""
         pages = dict(sorted(self._pages.items()))
         whole = _Page()
         for page in pages.values():
@@ -119,8 +119,8 @@ class Book:
 class _Page:
     """The running sums of one condition.
 
-    ``pending`` are the calls whose last reply left them unfinished, ``ended`` those that an error finished, with what
-    their reply lacks.
+    ``pending`` are calls that their last reply left unfinished. ``ended`` are calls that an error
+    finished, each with the reason of its missing decision.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -135,7 +135,7 @@ class _Page:
     first_byte: "array[float]" = field(default_factory=lambda: array("d"))
 
     def take(self, reply: Reply, cost: float | None) -> None:
-        """Add what a reply took."""
+        """Add a reply's tokens, times, energy and cost."""
         if reply.error is not None:
             self.errors[reply.error] += 1
         else:
@@ -154,7 +154,7 @@ class _Page:
                 self.sums[name] = self.sums.get(name, 0) + value
 
     def finish(self, key: CallKey, reply: Reply, missing: str) -> None:
-        """Count a final reply; of a call that ended in an error and was asked again, the last one counts."""
+        """Count a final reply; for a call that was repeated after an error, the last one counts."""
         if (before := self.ended.pop(key, None)) is None:
             self.counts["finished"] += 1
         else:
@@ -200,9 +200,9 @@ class _Page:
 
 @dataclass(frozen=True, slots=True)
 class Unread(Plain):
-    """A reply that holds no decision: how often it came, why none is read, and its first characters, made printable.
+    """A reply without a decision: its count, the reason, and its first characters, made printable.
 
-    Of policies ``text`` says what is wrong with the array, and errors are listed too, by their text.
+    For policies ``text`` is the fault of the array, and errors are listed too, by their text.
     """
 
     count: int
@@ -212,11 +212,11 @@ class Unread(Plain):
 
 
 def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
-    """Return the different replies of a model that came without an error and hold no decision, most frequent first.
+    """Return a model's distinct replies without an error or a decision, most frequent first.
 
-    The last reply of a call counts, as in its Account. Of more than a thousand different ones the others are added up.
-    Of a policy's answers, which are numbers, those that lack the same are one; and its errors are listed too, the most
-    frequent ones: they are texts of its own program, and a run shows the last one alone.
+    The last reply of a call counts, as in its Account. Beyond a thousand distinct ones, the rest is
+    added up. A policy's answers are numbers, so those with the same fault count as one. Its most
+    frequent errors are listed too: they are texts of its own program.
     """
     of_policy = space.who == "policy"
     found: Counter[tuple[Missing, str | None, str]] = Counter()
@@ -229,7 +229,7 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
             why, text = reply.error, reply.error_detail
         seen = (decision.missing, why, printable(text))
         found[seen if seen in found or len(found) < _UNREAD_AT_MOST else (decision.missing, None, _OTHERS)] += 1
-    if of_policy:  # texts of errors may hold an address or a count, each another one
+    if of_policy:  # texts of errors may differ by an address or a count
         for seen, count in found.most_common()[_ROWS_OF_POLICIES:]:
             del found[seen]
             found[seen[0], None, _OTHERS] += count
@@ -238,7 +238,7 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
 
 
 def emptiness(ledger: Ledger) -> dict[str, Emptiness]:
-    """Return of each model how many of its calls have replies, and how many of those say nothing."""
+    """Return, for each model, the counts of replies and of empty ones."""
     return {model: Emptiness.of(reply for _, reply in ledger.replies(model)) for model in ledger.models()}
 
 
@@ -252,10 +252,10 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class CostEstimate(Plain):
-    """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
+    """The expected totals of calls still to make; None where nothing was measured.
 
-    Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only,
-    ``at_most`` that there may be fewer.
+    Failures and retries are not included. ``sampled``: the number of calls is itself an estimate
+    from a sample. ``at_most``: there may be fewer calls.
     """
 
     model: str
@@ -289,9 +289,9 @@ def estimate(
     sampled: bool = False,
     at_most: bool = False,
 ) -> CostEstimate:
-    """CostEstimate what so many calls of a model take, from what a probe measured of it and the table of prices.
+    """Estimate the totals of a model's calls, from a probe's measurements and the table of prices.
 
-    ``sampled`` says that there may be more calls, or fewer; ``at_most``, that there may be fewer.
+    ``sampled``: there may be more or fewer calls. ``at_most``: there may be fewer.
     """
     found, price = mode.measured or Measured(), prices.of(mode)
     each_in, each_out = found.prompt_tokens, found.completion_tokens
@@ -316,11 +316,11 @@ def estimate(
 
 
 ASSUMED_IN, ASSUMED_OUT = 1000, 100
-"""Tokens of a call that an estimate assumes of a model that nobody has measured."""
+"""The tokens of a call that an estimate assumes where no probe measured the model."""
 
 
 def assumed(mode: RequestMode) -> tuple[RequestMode, str]:
-    """Return a mode with what a call takes, as measured or else as assumed, and which of the two in words."""
+    """Return a mode with the measured or else assumed tokens of a call, and which of the two."""
     if mode.measured is not None:
         return mode, "as measured"
     guessed = Measured(prompt_tokens=ASSUMED_IN, completion_tokens=float(ASSUMED_OUT))
@@ -328,7 +328,7 @@ def assumed(mode: RequestMode) -> tuple[RequestMode, str]:
 
 
 def duration(seconds: float) -> str:
-    """Return so many seconds in words."""
+    """Return a number of seconds in words."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

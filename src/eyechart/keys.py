@@ -1,4 +1,4 @@
-"""What a key looks like, how a field is named that holds one, and where a text holds one however it is written."""
+"""Finds keys (secrets): by their looks, by the names of their fields, and encoded in a text."""
 
 import base64
 import html
@@ -12,7 +12,7 @@ from math import gcd
 from eyechart.patterns import pattern
 
 SHORTEST = 8
-"""A shorter value is likely to stand in other text by chance, and is no key ("EMPTY", "x")."""
+"""The least length of a key: a shorter value may occur in any text by chance ("EMPTY", "x")."""
 
 _ANYWHERE = (
     r"api.?key|secret|passw|passphrase|authorization|credential|cookie|private.?key|access.?(?:key|code)|auth.?key|jwt"
@@ -20,17 +20,17 @@ _ANYWHERE = (
     r"|(?:access|auth|api|bearer|id|refresh|session|user|private|security).?token$|^(?:x[-_])?token$"
 )
 _FIELD = pattern(_ANYWHERE, re.IGNORECASE)
-"""How a field is named that holds a key; tokens are also what a model counts, and what ends its text."""
+"""Names of fields that hold a key; the word "token" alone is none: models count tokens too."""
 _HEADER = pattern(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
-"""How a header is, where nobody counts tokens."""
+"""Names of headers that hold a key; there "token" counts."""
 _SCHEME = pattern(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
-"""What may stand beside a variable in a header that holds a key."""
+"""Words that may stand next to a variable in a header that holds a key."""
 _NAMED_BY_A_HASH = pattern(
     r"(?:^|[-_.])(?:id|uuid|guid|revision|rev|commit|sha\d*|digest|hash|checksum|md5|version|etag|fingerprint|traceparent"
     r"|snapshot|build|seed)s?$|[a-z]Id$",
     re.IGNORECASE,
 )
-"""How a field is named whose value is a hash or an id, and no key."""
+"""Names of fields that hold a hash or an id, and no key."""
 _LOOKS = pattern(
     r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}|\bbearer\s+(?=\S*\d)\S{6,}|\bdigest\s+\w+="
     r"|\b(?:token|api-?key|key)\s+(?=[\w.~+/=-]*\d)[\w.~+/=-]{12,}"
@@ -41,47 +41,47 @@ _LOOKS = pattern(
     r"|(?<![A-Za-z0-9])(?:ya29|hvs)\.[\w-]{16,}|(?:AKIA|ASIA)[A-Z0-9]{12,}|AIza[\w-]{20,}|eyJ[\w-]{10,}\.[\w-]{4,}"
     r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
 )
-"""What a key looks like, wherever it stands: with a service's own beginning, or many letters and digits at random."""
+"""The looks of a key in any text: a service's own prefix, or many random letters and digits."""
 _HEX = pattern(
     r"(?<![A-Za-z0-9])(?:[0-9a-f]{32,}|[0-9A-F]{32,}|[0-9a-fA-F]{8}-(?:[0-9a-fA-F]{4}-){3}[0-9a-fA-F]{12})"
     r"(?![A-Za-z0-9])"
 )
 _WORD = pattern(r"(?<![A-Za-z0-9])(?:[a-z0-9]{20,}|[A-Z0-9]{20,})(?![A-Za-z0-9])")
 _CHANGES = 6
-"""So often letters and digits alternate in what was drawn at random, and not in a name with a number or two."""
+"""The least number of changes between letters and digits in a random text; names have fewer."""
 _BASE64 = pattern(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
 _AWS = 40
 _NESTED = 3
-"""So many encodings in one another are decoded."""
+"""The most nested encodings that are decoded."""
 _ESCAPE = pattern(
     r"(?:%|\\+x|\\+u00|\\+U000000|=(?=[0-9A-F]{2}))(?=[0-9A-Fa-f]{2})(?P<hex>[0-9A-Fa-f]{2})"
     r"|\\+[ux]\{0*(?P<braced>[0-9A-Fa-f]{1,6})\}|\\+(?P<octal>[0-3][0-7]{2})"
     r"|(?P<entity>&(?:#\d{1,7}|#[xX][0-9A-Fa-f]{1,6}|[A-Za-z]{2,8});)|\\+(?P<plain>[^\w\\]|[nr])"
 )
-"""A sign written as another thing, behind any number of backslashes."""
+"""An escaped character, after any number of backslashes."""
 _CODES = pattern(r"(?<!\d)\d{1,3}(?:[\s,;]+\d{1,3}){7,}(?!\d)")
 _BETWEEN = " \t\r\n:"
-"""What may stand between the signs of one encoded value."""
+"""Characters that may separate the digits of one encoded value."""
 _HEX_RUN = pattern(r"(?:[0-9A-Fa-f][ \t\r\n:]*){16,}")
 _BASE64_RUN = pattern(r"(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
 _BASE32_RUN = pattern(r"(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
 _BREAKS = {ord("n"): "\n", ord("r"): "\r"}
 _ZERO = {4: "0", 6: "A", 5: "A"}
-"""The sign of each alphabet whose bits are none, by the bits of a sign."""
+"""The zero digit of each alphabet, by the number of bits of a digit."""
 
 
 def names_a_key(name: str, *, header: bool = False) -> bool:
-    """Return whether a field, or a header, holds a key by its name."""
+    """Return whether the name of a field, or of a header, says that it holds a key."""
     return bool((_HEADER if header else _FIELD).search(name))
 
 
 def names_a_hash(name: str) -> bool:
-    """Return whether a field holds an id, a revision or a digest by its name."""
+    """Return whether the name of a field says that it holds an id, a revision or a digest."""
     return bool(_NAMED_BY_A_HASH.search(name))
 
 
 def looks_like_a_key(text: str, *, hashes: bool = False) -> bool:
-    """Return whether a text holds what looks like a key; with ``hashes`` an id, a revision or a digest is none."""
+    """Return whether a text seems to hold a key; with ``hashes``, ids and digests do not count."""
     if _LOOKS.search(text) or any(map(_is_base64, _BASE64.findall(text))):
         return True
     rest = _HEX.sub(" ", text)
@@ -89,7 +89,7 @@ def looks_like_a_key(text: str, *, hashes: bool = False) -> bool:
 
 
 def is_beside_a_variable(rest: str) -> bool:
-    """Return whether the rest of a header, its variables taken out, is a scheme (``Bearer``) and no text of a key."""
+    """Return whether a header without its variables is only a scheme (``Bearer``), and no key."""
     return all(_SCHEME.fullmatch(part) for part in re.split(r"[\s:;,\"'./|]+", rest) if part.strip("-_"))
 
 
@@ -100,7 +100,7 @@ def _is_random(word: str) -> bool:
 
 
 def _is_base64(word: str) -> bool:
-    """Return whether a word is base64 by its signs, where letters of both cases and digits are in it."""
+    """Return whether a word is base64: letters of both cases, digits, and signs of base64."""
     if not (re.search("[a-z]", word) and re.search("[A-Z]", word) and re.search(r"\d", word)):
         return False
     padded = word.endswith("=") and len(word) % 4 == 0
@@ -108,14 +108,14 @@ def _is_base64(word: str) -> bool:
 
 
 Places = Callable[[int], tuple[int, int]]
-"""Where a sign of a decoded text stands in the text that it was decoded from: its beginning and its end."""
+"""Maps a character of a decoded text to its start and end in the encoded text."""
 
 
 def without_keys(text: str, keys: Mapping[str, str]) -> str:
-    """Return a text with the mark of each key in its place, however the key is written there.
+    """Return a text with each key replaced by its mark, in any encoding.
 
-    Plain, in any case, escaped, as entities, in percent, hex, base64 or base32, with line breaks, as a list of codes,
-    and in one of these in another. A value that is too short to be a key is left.
+    Keys are found plain, in any case, escaped, as entities, in percent, hex, base64 or base32, with
+    line breaks, as a list of codes, and in nested encodings. Too short values stay.
     """
     for key, mark in sorted(keys.items(), key=lambda one: -len(one[0])):
         if len(key) < SHORTEST or len(text) < len(key):
@@ -133,13 +133,13 @@ def without_keys(text: str, keys: Mapping[str, str]) -> str:
 
 @lru_cache(maxsize=256)
 def _looked_for(key: str) -> re.Pattern[str]:
-    """Return what finds a key among decoded bytes too, which are read one sign a byte."""
+    """Return a pattern of a key, also for its bytes: decoded text has a character for each byte."""
     of_bytes = key.encode("utf-8", "surrogateescape").decode("latin-1")
     return re.compile("|".join(map(re.escape, dict.fromkeys((key, of_bytes)))), re.IGNORECASE)
 
 
 def _stretches(text: str, key: re.Pattern[str], deep: int) -> Iterator[tuple[int, int]]:
-    """Yield where a text holds a key, plain or in an encoding, of which ``deep`` may stand in one another."""
+    """Yield the spans of a key in a text, plain or encoded up to ``deep`` times."""
     for found in key.finditer(text):
         yield found.span()
     for decoded, place in _decoded(text) if deep else ():
@@ -148,7 +148,7 @@ def _stretches(text: str, key: re.Pattern[str], deep: int) -> Iterator[tuple[int
 
 
 def _decoded(text: str) -> Iterator[tuple[str, Places]]:
-    """Yield what a text says in each encoding of which it has enough signs."""
+    """Yield the decoded text for each encoding that the text may be in."""
     if _ESCAPE.search(text):
         yield _unescaped(text)
     if "\n" in text:
@@ -169,15 +169,15 @@ def _in_one_line(text: str) -> tuple[str, Places]:
 
 
 def _of_codes(found: re.Match[str]) -> tuple[str, Places]:
-    """Return what a list of codes says."""
+    """Return the text of a list of character codes."""
     numbers = list(re.finditer(r"\d+", found[0]))
     ends = [(found.start() + one.start(), found.start() + one.end()) for one in numbers]
     return "".join(chr(int(one[0])) for one in numbers), ends.__getitem__
 
 
 def _aligned(signs: str, at: Sequence[int], bits: int, decode: Callable[[str], bytes]) -> Iterator[tuple[str, Places]]:
-    """Yield what a run of signs says, whose first byte may begin at any of a few of them."""
-    group = 8 // gcd(8, bits)  # signs until a byte begins with a sign again
+    """Yield the decoded texts of a run of digits, for each digit that may begin the first byte."""
+    group = 8 // gcd(8, bits)  # digits until one begins a byte again
     for skipped in range(group):
         kept = signs[skipped:]
         whole = decode(kept + _ZERO[bits] * (-len(kept) % group))
@@ -199,7 +199,7 @@ def _of_base32(signs: str) -> bytes:
 
 
 def _unescaped(text: str) -> tuple[str, Places]:
-    """Return a text whose escapes are signs."""
+    """Return a text with its escapes decoded."""
     parts, ends, last = list[str](), list[tuple[int, int]](), 0
     for found in _ESCAPE.finditer(text):
         sign = _sign(found)
@@ -212,7 +212,7 @@ def _unescaped(text: str) -> tuple[str, Places]:
 
 
 def _sign(found: re.Match[str]) -> str:
-    """Return what an escape stands for."""
+    """Return the character of an escape."""
     number = int(found["octal"], 8) if found["octal"] else int(found["hex"] or found["braced"] or "0", 16)
     if number:
         return chr(number) if number <= sys.maxunicode else ""

@@ -1,4 +1,4 @@
-"""What bounds a run: how many calls and what cost, how fast a model is asked, and when it is set aside."""
+"""Limits of a run: the number and cost of calls, their pace, and when a model is set aside."""
 
 import random
 from collections import Counter, deque
@@ -11,19 +11,19 @@ from eyechart.loops import asyncio
 from eyechart.records import Amount, Count, Plain
 
 LONGEST_WAIT_S = 120.0
-"""So long a server's Retry-After is obeyed; a model whose server asks for more is set aside instead."""
+"""The longest Retry-After that a run obeys; a model with a longer one is set aside."""
 
 
 _PERHAPS_ONE = frozenset({400, 403, 404, 413, 422})
-"""Statuses that may be about one call alone: a model is set aside when the next of its calls is refused too."""
+"""Statuses that may concern one call only: two such refusals in a row set the model aside."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spent(Plain):
-    """What calls took: how many were sent, tokens in and out as reported, dollars, and seconds.
+    """The totals of calls: their count, reported tokens in and out, dollars, and seconds.
 
-    Tokens are None where no reply reports any. ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose
-    cost is not.
+    Tokens are None where no reply reports any. ``cost_usd`` is the sum of known costs; ``unknown``
+    counts the calls without one.
     """
 
     calls: Count = 0
@@ -34,7 +34,7 @@ class Spent(Plain):
     seconds: Amount = 0.0
 
     def plus(self, reply: Reply, cost: float | None) -> "Spent":
-        """Return this with one more call."""
+        """Return the totals with one more call."""
         return Spent(
             self.calls + 1,
             _sum([self.prompt_tokens, reply.prompt_tokens]),
@@ -46,7 +46,7 @@ class Spent(Plain):
 
     @classmethod
     def together(cls, parts: Iterable["Spent"]) -> "Spent":
-        """Return the sum of several."""
+        """Return the sum of several totals."""
         rows = list(parts)
         return cls(
             calls=sum(one.calls for one in rows),
@@ -59,7 +59,7 @@ class Spent(Plain):
 
     @property
     def words(self) -> str:
-        """Return it in one line."""
+        """Return the totals in one line."""
         cost = f"${self.cost_usd:.4f}"
         if self.unknown:
             cost = "cost unknown" if self.unknown == self.calls else f"{cost} and {self.unknown} calls of unknown cost"
@@ -69,7 +69,7 @@ class Spent(Plain):
 
 
 def _sum(counts: Iterable[int | None]) -> int | None:
-    """Return the sum of the counts that were reported, None where none was."""
+    """Return the sum of the reported counts, None without one."""
     told = [one for one in counts if one is not None]
     return sum(told) if told else None
 
@@ -78,18 +78,18 @@ NOTHING = Spent()
 
 
 def added(earlier: Mapping[str, Spent], now: Mapping[str, Spent]) -> dict[str, Spent]:
-    """Return what was spent now by model, with what was spent on the same models before."""
+    """Return the totals of ``now`` by model, with the earlier ones of the same models added."""
     return {spec: Spent.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What ends a run before its plan is done; nothing is lost, and the run can be resumed.
+    """Limits that end a run before its plan is done; nothing is lost, and the run can be resumed.
 
-    ``calls`` and ``cost_usd`` bound the attempts and the cost of the whole run, those of earlier days included; calls
-    under way are let finish. ``before`` is what was spent elsewhere, by a probe or in another run of a study, and
-    counts too. ``patience`` is how many calls of a model may fail in a row before it is set aside.
-    ``cost`` returns what an attempt cost in dollars, or None where that is not known.
+    ``calls`` and ``cost_usd`` limit the attempts and the cost of the whole run, earlier sessions
+    included; running calls may finish. ``before`` is the total of a probe or of another run of the
+    study, and counts too. ``patience`` is the number of failed calls in a row that sets a model
+    aside. ``cost`` returns the cost of an attempt in dollars, None where it is unknown.
     """
 
     calls: int | None = None
@@ -101,12 +101,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words.
+    """The end of a run: the models set aside with the reasons, and the limit that stopped it.
 
-    ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost. ``failed``
-    says of each model with calls that failed how many, and what the last one was; ``lasting`` are those of these whose
-    failures do not pass by themselves: what is wrong must be mended first. ``whole`` says that every call of every
-    stage that came is finished, so that nobody need read the ledger for what is left; False where that was not counted.
+    ``uncounted`` is the number of failed attempts of unknown cost, in a run with a limit of cost.
+    ``failed`` gives the number of failed calls of a model, and the last failure. ``lasting`` are
+    the models with failures that need a repair first. ``whole`` says that every call so far is
+    finished, so the ledger need not be read for the rest; False where that was not counted.
     """
 
     set_aside: Mapping[str, str]
@@ -118,7 +118,7 @@ class Outcome:
 
 
 class Budget:
-    """Counts what a run has sent and spent, and says when to stop, or to set a model aside."""
+    """Counts the calls and the cost of a run, and decides when it stops or sets a model aside."""
 
     def __init__(self, limits: Limits, models: Iterable[str]) -> None:
         self.limits = limits
@@ -141,7 +141,7 @@ class Budget:
         self._passed: set[str] = set()
 
     def made_before(self, model: str, reply: Reply | None) -> None:
-        """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
+        """Count an attempt of an earlier session; None is one of unknown outcome and cost."""
         if reply is not None and reply.error in UNASKED:
             return
         self._sent += 1
@@ -153,9 +153,9 @@ class Budget:
             self._add(model, reply)
 
     async def turn(self, model: str) -> bool:
-        """Return whether another attempt may go out, as ``may_send`` does.
+        """Return whether another attempt may be sent, as ``may_send`` does.
 
-        Where a cost is bounded, a model is asked one call at a time until one of its calls has shown what it costs.
+        With a limit of cost, a model makes one call at a time until the cost of a call is known.
         """
         while self.limits.cost_usd is not None and self._asking[model] and model not in self._priced:
             if self.stopped is not None or model in self.set_aside:
@@ -164,7 +164,7 @@ class Budget:
         return self.may_send(model)
 
     def may_send(self, model: str) -> bool:
-        """Return whether another attempt may go out, and count it as sent if so."""
+        """Return whether another attempt may be sent, and count it as sent if so."""
         limits = self.limits
         if self.stopped is None and limits.calls is not None and self._sent >= limits.calls:
             self.stopped = f"{counted(self._sent, 'call', 'were')} sent, and --max-calls is {limits.calls}"
@@ -180,7 +180,7 @@ class Budget:
         return True
 
     def came(self, model: str, reply: Reply) -> None:
-        """Count what an attempt cost."""
+        """Count the cost of an attempt that ended."""
         self._under_way -= 1
         self._asking[model] -= 1
         self._came.set()
@@ -190,7 +190,7 @@ class Budget:
         elif self.limits.cost_usd is not None:
             self._add(model, reply)
         if asks_too_much(reply):
-            asked = f"its server asks to be left alone for {reply.retry_after_s:.0f} s (Retry-After)"
+            asked = f"its server asks for a pause of {reply.retry_after_s:.0f} s (Retry-After)"
             ends = f"a run waits at most {LONGEST_WAIT_S:.0f} s; the same command goes on later"
             self.set_aside.setdefault(model, f"{reply.error}: {asked}, and {ends}")
         self._refused[model] = self._refused[model] + 1 if reply.error in HOPELESS else 0
@@ -198,9 +198,9 @@ class Budget:
             self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")
 
     def ended(self, model: str, reply: Reply, lacks: str = "") -> None:
-        """Note how a call ended; a model that keeps failing is set aside.
+        """Register the end of a call; a model that keeps failing is set aside.
 
-        ``lacks`` says of a reply that is no use to the run what it lacks: that is a failure too.
+        ``lacks`` is what a reply lacks that the run cannot use: that is a failure too.
         """
         if not reply.error and not lacks:
             self._in_a_row[model] = 0
@@ -219,7 +219,7 @@ class Budget:
             self.set_aside.setdefault(model, f"{self._in_a_row[model]} calls in a row failed, the last one with {last}")
 
     def failures(self) -> dict[str, str]:
-        """Return of each model with calls that failed how many, and what the last one was, in words."""
+        """Return, for each model with failed calls, their number and the last failure in words."""
         said: dict[str, list[str]] = {}
         for model, count in self._failed.items():
             last = f"the last one with {self._last[model]}"
@@ -229,7 +229,7 @@ class Budget:
         return {model: "; ".join(words) for model, words in said.items()}
 
     def lasting(self) -> frozenset[str]:
-        """Return the models whose failures do not pass by themselves; of one that is set aside the last one tells."""
+        """Return the models with failures that need a repair; once set aside, the last decides."""
         return frozenset(
             model
             for model, passes in self._passes.items()
@@ -239,21 +239,21 @@ class Budget:
     def _add(self, model: str, reply: Reply) -> None:
         cost = self.limits.cost(model, reply)
         if cost is None and reply.error is None:
-            self.stopped = f"what {model} costs is not known, so --max-cost cannot hold: give its price with --prices"
+            self.stopped = f"the cost of {model} is not known, so --max-cost cannot hold: give its price with --prices"
         self.uncounted += cost is None
         self._spent += cost or 0.0
         self._dearest = max(self._dearest, cost or 0.0)
         if cost is not None and reply.error is None:
             self._priced.add(model)
         if self._spent_up:
-            self._say_spent()  # calls that were under way cost too
+            self._say_spent()  # calls that were still running cost too
 
     def _say_spent(self) -> None:
         self.stopped = f"${self._spent:.4f} were spent, and --max-cost is {self.limits.cost_usd:g}"
 
 
 class Pace:
-    """How many attempts at one model may be under way: fewer after each 429, more again while none comes.
+    """Limits the parallel attempts at one model: fewer after each 429, more again without one.
 
     Additive increase, multiplicative decrease (Chiu and Jain 1989), within the run's concurrency.
     """
@@ -266,7 +266,7 @@ class Pace:
         self._slowed_at = self._hold_until = 0.0
 
     async def enter(self) -> float:
-        """Wait for a turn; return when it came, in seconds of the event loop's clock."""
+        """Wait for a turn; return its time, in seconds of the event loop's clock."""
         loop = asyncio.get_running_loop()
         while self._under_way >= max(1, int(self.limit)):
             turn = loop.create_future()
@@ -282,10 +282,10 @@ class Pace:
         return loop.time()
 
     def leave(self, entered: float, reply: Reply) -> None:
-        """Note how an attempt that entered at this time ended."""
+        """Register the end of an attempt that entered at this time."""
         now = asyncio.get_running_loop().time()
         if reply.error == "rate_limited":
-            if entered >= self._slowed_at:  # one decrease for all that were under way when the first 429 came
+            if entered >= self._slowed_at:  # one decrease for all that ran at the first 429
                 self.limit, self._slowed_at = max(1.0, self.limit / 2), now
             if reply.retry_after_s is not None and not asks_too_much(reply):
                 self._hold_until = max(self._hold_until, now + reply.retry_after_s)
@@ -304,11 +304,11 @@ class Pace:
 
 
 def pause_s(number: int, reply: Reply) -> float:
-    """Return the seconds before the next attempt: doubling, with jitter, and never less than the server asks for."""
+    """Return the seconds before the next attempt: doubling, with jitter, at least Retry-After."""
     backoff = min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2)  # noqa: S311 - no secret
     return max(backoff, min(reply.retry_after_s or 0.0, LONGEST_WAIT_S))
 
 
 def asks_too_much(reply: Reply) -> bool:
-    """Return whether a failure that may pass comes with a longer wait than a run makes."""
+    """Return whether a transient failure asks for a longer wait than a run makes."""
     return reply.error in TRANSIENT and (reply.retry_after_s or 0.0) > LONGEST_WAIT_S

@@ -1,6 +1,6 @@
-"""A request mode says how one model is asked: where, with which budget and format; it is one small TOML file.
+"""Request modes: the address, token budget and format of a model's calls, in one small TOML file.
 
-A mode never holds a secret: a header names an environment variable as ``$NAME`` and is kept unexpanded.
+A mode never holds a secret: a header names an environment variable as ``$NAME``.
 """
 
 import math
@@ -30,26 +30,26 @@ ROLES = ("system", "user")
 ANSWERS = ("text", "reasoning")
 STREAMS = ("none", "usage", "plain")
 DEFAULT = "default"
-"""How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
+"""The value of a file or option for no temperature: the endpoint's own applies."""
 
 ELSEWHERE = "elsewhere"
-"""The first word of a SPEC whose answers eyechart did not ask for: they were imported (docs/decisions/bundles.md)."""
+"""The first word of the SPEC of imported answers (docs/decisions/bundles.md)."""
 
 _LONG_HEX = 48
-"""Shorter hashes in an address name an account or a deployment."""
-_NO_KEY = "an id or a digest goes under a name that says so, as request_id or revision"
+"""Hashes shorter than this in an address name an account or a deployment."""
+_NO_KEY = "an id or a digest needs a name that says so, as request_id or revision"
 
 _ADDRESS = ("base_url", "query", "key_env", "headers", "timeout_s")
-"""What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
+"""Fields of a mode for the address and the time limit, which do not change the request itself."""
 
 LEFT_OUT = "left_out"
-"""Where ``about`` names what a record held of a mode, and is not read of it."""
+"""The entry of ``about`` that names fields of a recorded mode that were not read."""
 
 ALONE = "repeats alone"
-"""The fact of a probe that says how many repeats are equal that are asked alone at temperature 0, as ``5 of 5``."""
+"""The fact of a probe that counts equal single repeats at temperature 0, as ``5 of 5``."""
 
 FEWEST_TOKENS = 16
-"""Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
+"""The least tokens of a picture: fewer may be the placeholder of a dropped one."""
 
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
 _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)
@@ -57,12 +57,12 @@ _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORE
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a probe found of a model in its mode; None means not measured.
+    """A probe's measurements of a model in its mode; None means not measured.
 
-    ``prompt_tokens`` and ``image_tokens`` are those of one call and of its picture alone; ``completion_tokens`` and
-    ``reasoning_tokens`` are means a reply, ``completion_tokens_max`` is the longest complete reply; ``seconds`` is the
-    median of a call, and ``seconds_min`` the shortest. ``facts`` holds what names the model: digest, quantisation,
-    template, provider.
+    ``prompt_tokens`` and ``image_tokens`` are those of one call, and of its picture alone.
+    ``completion_tokens`` and ``reasoning_tokens`` are means over replies; ``completion_tokens_max``
+    is that of the longest complete reply. ``seconds`` is the median of a call, and ``seconds_min``
+    the shortest. ``facts`` identify the model: digest, quantisation, template, provider.
     """
 
     date: str = ""
@@ -87,17 +87,17 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class RequestMode:
-    """How one model is asked. Raises SpecError for a value that cannot be, or that holds a secret.
+    """The request mode of one model. Raises SpecError for a wrong value, or one with a secret.
 
-    ``query`` is sent behind the address, as Azure's ``api-version``; one in ``base_url`` is moved there. ``base_url``
-    and ``key_env`` (the name of the variable that holds the key) are the adapter's own where empty;
-    ``max_tokens`` is the budget of a reply, sent as ``token_field``; ``temperature`` None sends none; ``seed`` says
-    whether the call's seed is sent. ``system`` is the role that says the prompt's system words: ``user`` where a server
-    refuses the other, they then stand before the user's own. ``answer`` says where the answer stands: ``reasoning``
-    reads it from the end of what was thought, where the text is empty.
-    ``stream`` asks for the reply in pieces, with ``usage`` for its tokens too.
-    ``body`` is merged into the request, ``options`` are the adapter's own. ``about`` says where the mode comes from,
-    in words; it changes nothing.
+    ``query`` is appended to the address, as Azure's ``api-version``; a query in ``base_url`` moves
+    there. ``base_url`` and ``key_env`` (the name of the variable with the key) are the adapter's
+    own where empty. ``max_tokens`` is the budget of a reply, sent as ``token_field``.
+    ``temperature`` None sends none. ``seed`` says whether the call's seed is sent. ``system`` is
+    the role of the prompt's system text: ``user`` puts it before the user's own, for servers that
+    refuse the role. ``answer`` is the place of the answer: ``reasoning`` reads the end of the
+    reasoning, if the text is empty. ``stream`` requests the reply in pieces; ``usage`` also its
+    tokens. ``body`` is merged into the request, and ``options`` are the adapter's own. ``about``
+    describes the origin of the mode, and changes nothing.
     """
 
     spec: str
@@ -128,32 +128,32 @@ class RequestMode:
         _refuse_secrets(self)
 
     def same_request(self, other: "RequestMode") -> bool:
-        """Return whether two modes ask alike, whatever is said or was measured of them, and at whatever spelling."""
+        """Return whether two modes send equal requests; measurements and ``about`` do not count."""
         return self.request() == other.request()
 
     def request(self) -> "RequestMode":
-        """Return this mode without what was measured or is said of it, and with its address in one form.
+        """Return this mode without its measurements and ``about``, with its address in plain form.
 
-        What was left out of it when it was read stays named: nobody knows what it asked.
+        The names of fields that were not read stay, since their values are unknown.
         """
         about = {LEFT_OUT: self.about[LEFT_OUT]} if LEFT_OUT in self.about else {}
         return replace(self, measured=None, about=about, base_url=plain_address(self.base_url))
 
     def moved_to(self, other: "RequestMode") -> "RequestMode":
-        """Return this mode at the address of another, with its key, its headers and its patience."""
+        """Return this mode with the address, key, headers and time limit of another one."""
         return replace(self, **{name: getattr(other, name) for name in _ADDRESS})
 
     def differs_in_address_only(self, other: "RequestMode") -> bool:
-        """Return whether two modes ask alike, wherever, with whatever key and headers, and however long they wait."""
+        """Return whether two modes differ at most in address, key, headers and time limit."""
         return self.moved_to(other).same_request(other)
 
     def header_values(self, environ: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Return the headers with their variables filled in; raises SpecError that names a missing one."""
+        """Return the headers with their variables filled in; raises SpecError for a missing one."""
         known = os.environ if environ is None else environ
         return {name: _expand(name, value, known) for name, value in self.headers.items()}
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values for JSON or TOML: what has its default is left out, variables are not filled in."""
+        """Return plain values for JSON or TOML, without defaults and with variables unexpanded."""
         plain = {name: value for name, value in asdict(self).items() if value != _DEFAULTS.get(name)}
         if self.temperature is None:
             plain["temperature"] = DEFAULT
@@ -164,7 +164,7 @@ class RequestMode:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object], where: str = "a mode") -> "RequestMode":
-        """Build a mode from plain values; raises SpecError naming ``where`` and what is wrong there."""
+        """Build a mode from plain values; raises SpecError, which names ``where`` and the fault."""
         raw = dict(values)
         _refuse_unknown(raw, cls, where)
         if not isinstance(raw.get("spec"), str):
@@ -184,10 +184,10 @@ class RequestMode:
 
     @classmethod
     def recorded(cls, values: Mapping[str, object], where: str) -> "RequestMode":
-        """Build a mode of a run's record, which stays readable where it holds what is a secret by today's rules.
+        """Build a mode from a run's record, also if it holds a secret by newer rules.
 
-        That part is left out, and ``about`` names it, so that no other mode asks alike. Raises SpecError as
-        ``from_dict`` does for anything else.
+        That field is left out, and ``about`` names it, so the mode equals no other one. Raises
+        SpecError as ``from_dict`` does for anything else.
         """
         raw, left = dict(values), []
         for part in ("query", "headers", "body", "options", "about"):
@@ -222,12 +222,12 @@ class RequestMode:
 
 
 def made_elsewhere(spec: str) -> bool:
-    """Return whether the answers of a SPEC were made elsewhere, so that nothing is known of its calls."""
+    """Return whether the answers of a SPEC were imported, so nothing is known of its calls."""
     return spec.startswith(f"{ELSEWHERE}:")
 
 
 def read_mode(path: Path) -> RequestMode:
-    """Read a mode from its TOML file; raises SpecError naming the file and what is wrong in it."""
+    """Read a mode from its TOML file; raises SpecError, which names the file and the fault."""
     return RequestMode.from_dict(read_toml(path), str(path))
 
 
@@ -237,7 +237,7 @@ def mode_text(mode: RequestMode) -> str:
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:
-    """Write a mode's TOML file; its folder is made where it is not there."""
+    """Write a mode's TOML file, and make its folder if needed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(mode_text(mode), encoding="utf-8")
 
@@ -260,17 +260,17 @@ def is_address(value: object) -> bool:
 
 
 def _without_query(base_url: str) -> tuple[str, dict[str, str]]:
-    """Return an address without its query, and that; raises SpecError where a name in it has two values."""
+    """Return an address and its query apart; raises SpecError for a name with two values."""
     parts = urlsplit(base_url)
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     if len(dict(pairs)) < len(pairs):
-        raise SpecError("base_url: a name stands twice in its query: leave one out")
+        raise SpecError("base_url: a name occurs twice in its query: leave one out")
     return urlunsplit(parts._replace(query="")), dict(pairs)
 
 
 @lru_cache(maxsize=256)
 def plain_address(base_url: str) -> str:
-    """Return an address without what makes no difference: the host's case, the usual port, a slash or route."""
+    """Return an address in one form: host in small letters, no usual port, final slash or route."""
     parts = urlsplit(base_url)
     host, usual = parts.hostname or "", {"http": 80, "https": 443}.get(parts.scheme)
     port = "" if parts.port in {None, usual} else f":{parts.port}"
@@ -279,7 +279,7 @@ def plain_address(base_url: str) -> str:
 
 
 def _is_plain(value: object) -> bool:
-    """Return whether JSON and TOML can both hold a value: no null, no infinity, text as keys."""
+    """Return whether both JSON and TOML can hold a value: no null, no infinity, only text keys."""
     if isinstance(value, Mapping):
         return all(isinstance(key, str) and _is_plain(one) for key, one in value.items())
     if isinstance(value, list | tuple):
@@ -294,7 +294,7 @@ def _is_lines(value: object) -> bool:
 
 
 def _is(kind: object) -> Callable[[object], bool]:
-    """Return what says whether a value is of a kind, as msgspec reads annotations: true is no number."""
+    """Return a predicate for values of a type, in msgspec's sense: true is no number."""
 
     def holds(value: object) -> bool:
         try:
@@ -335,7 +335,7 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
     "answer": ANSWERS,
     "stream": STREAMS,
 }
-"""The words that a field takes."""
+"""The allowed words of a field."""
 _COUNTS = ("calls", "image_tokens", "prompt_tokens", "completion_tokens_max")
 _NUMBERS = ("completion_tokens", "reasoning_tokens", "seconds", "seconds_min")
 _FLAGS = ("sees_image", "schema_binds", "temperature_matters", "seed_matters", "unknown_fields_ignored")
@@ -352,7 +352,7 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
     for name, (holds, words) in checks.items():
         given = getattr(value, name)
         if not holds(given):
-            secret = name in {"base_url", "key_env"} or looks_like_a_key(str(given))  # or may hold one
+            secret = name in {"base_url", "key_env"} or looks_like_a_key(str(given))  # may be one
             said = f"{str(given)[:8]!r}…" if secret else repr(str(given)[:80])
             near = "" if secret or name not in _CHOICES else perhaps(str(given), _CHOICES[name])
             raise SpecError(f"{where}: {name} must be {words}; got {said}{near}")
@@ -376,7 +376,7 @@ def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:
 
 
 def _refuse_secrets(mode: RequestMode) -> None:
-    """Raise SecretError, which never quotes the value, where a mode would carry a secret into a file."""
+    """Raise SecretError, without the value, where a mode would write a secret to a file."""
     _refuse_secret_fields(mode)
     parts = urlsplit(mode.base_url)
     if parts.username or parts.password or parts.fragment:
@@ -387,10 +387,10 @@ def _refuse_secrets(mode: RequestMode) -> None:
             shown = "a name" if looks_like_a_key(name) else f"'{name}'"
             raise SecretError(f"{shown} in the query of base_url looks like a secret: send it in a header as $NAME")
     if looks_like_a_key(parts.netloc, hashes=True):
-        raise SecretError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
+        raise SecretError("the host of base_url looks like a secret: send it in a header as $NAME")
     if any(looks_like_a_key(part, hashes=len(part) < _LONG_HEX) for part in unquote(parts.path).split("/")):
         raise SecretError(
-            f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
+            f"base_url {parts.scheme}://{parts.hostname}… seems to hold a secret in its path: send it in a "
             "header as $NAME"
         )
     held = str([mode.spec, mode.base_url, mode.query, mode.key_env, mode.headers, mode.body, mode.options, mode.about])
@@ -402,22 +402,22 @@ def _refuse_secrets(mode: RequestMode) -> None:
 
 
 def _names_a_key(name: str) -> bool:
-    """Return whether a name in a query is one that keys have there; Azure's functions have ``code``."""
+    """Return whether a name in a query is that of a key; Azure's functions use ``code``."""
     return names_a_key(name) or names_a_key(name, header=True) or name.lower() in {"code", "key", "sig", "signature"}
 
 
 def without_secrets(text: str) -> str:
-    """Return a text without the values of the environment's variables that are keys by their name."""
+    """Return a text without the values of environment variables that are keys by name."""
     return each_without_secrets({"": text})[""]
 
 
 def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
-    """Return texts by name without the values of the environment's variables that are keys by their name.
+    """Return texts by name without the values of environment variables that are keys by name.
 
-    Without their encoded forms too (`without_keys`).
+    Encoded forms are removed too (`without_keys`).
     """
     if all(len(text) < SHORTEST for text in texts.values()):
-        return dict(texts)  # none can hold a value, and the environment is long
+        return dict(texts)  # none can hold a key, and a search of the environment takes time
     keys = {value: f"[${variable}]" for variable, value in _secrets()}
     return {name: without_keys(text, keys) for name, text in texts.items()}
 
@@ -429,7 +429,7 @@ def _secrets() -> list[tuple[str, str]]:
 
 @lru_cache(maxsize=4096)
 def _is_secret(variable: str) -> bool:
-    """Return whether a variable is a key by its name; kept, since every reply asks it of the whole environment."""
+    """Return whether a variable is a key by name; cached, as every reply checks all variables."""
     return _SECRET_VARIABLE.search(variable) is not None
 
 
@@ -440,40 +440,40 @@ def _names(value: object) -> list[str]:
 
 
 def _refuse_secret_fields(mode: RequestMode) -> None:
-    """Raise SecretError where a header, a field of the body or a variable's name is a secret, by its name or looks."""
+    """Raise SecretError for a secret in a header, the body, an option or key_env."""
     if not mode.key_env.isupper() and looks_like_a_key(mode.key_env):
-        raise SecretError("key_env is what looks like a secret: give the name of the variable that holds it")
+        raise SecretError("key_env looks like a secret: give the name of the variable that holds it")
     for name, value in mode.headers.items():
         if looks_like_a_key(name):
-            raise SecretError("a header's name is what looks like a secret: give 'NAME: $VARIABLE'")
+            raise SecretError("a header's name looks like a secret: give 'NAME: $VARIABLE'")
         rest = _VARIABLE.sub("", value)
         if names_a_key(name, header=True) and (rest == value or not is_beside_a_variable(rest)):
             raise SecretError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
         if looks_like_a_key(value, hashes=names_a_hash(name)):
             raise SecretError(
-                f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME' ({_NO_KEY})"
+                f"header '{name}' seems to hold a secret: give a variable, as '{name}: $NAME' ({_NO_KEY})"
             )
     _refuse_secret_body(mode.body)
     for where, value in _texts(mode.options):
         if looks_like_a_key(value, hashes=names_a_hash(where)):
-            raise SecretError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
+            raise SecretError(f"option '{where}' seems to hold a secret, and a mode must not hold one")
 
 
 def _refuse_secret_body(body: Mapping[str, object]) -> None:
     for name in _names(body):
         if looks_like_a_key(name):
-            raise SecretError("a name in the body is what looks like a secret, which goes into a header as $NAME")
+            raise SecretError("a name in the body looks like a secret, which belongs in a header as $NAME")
         if names_a_key(name):
-            raise SecretError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
+            raise SecretError(f"the body's '{name}' looks like a secret, which belongs in a header as $NAME")
     for where, value in _texts(body):
         if looks_like_a_key(value, hashes=names_a_hash(where)):
             raise SecretError(
-                f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME ({_NO_KEY})"
+                f"the body's '{where}' seems to hold a secret, which belongs in a header as $NAME ({_NO_KEY})"
             )
 
 
 def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:
-    """Yield each text in plain values with the name that it stands under."""
+    """Yield each text in plain values with its name."""
     if isinstance(value, str):
         yield where, value
     elif isinstance(value, Mapping):

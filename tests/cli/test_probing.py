@@ -80,7 +80,7 @@ def test_doctor_prints_json_for_a_program() -> None:
     found = json.loads(result.stdout)
     assert (found["outcome"], found["spent"]["calls"], len(found["replies"])) == ("sees", 28, 14)
     assert found["scores"]["colour"]["n"] == 6
-    assert found["notes"] == ["max_tokens is refused: asked with --token-field max_completion_tokens"]
+    assert found["notes"] == ["max_tokens is refused: --token-field max_completion_tokens is used"]
 
 
 def test_a_field_that_is_given_stays_and_its_refusal_says_what_to_do() -> None:

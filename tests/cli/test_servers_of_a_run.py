@@ -71,7 +71,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     [
         (OnTheWay(way="drops", honest=True), "'picture' fails: the server drops this run's pictures of 640×400"),
         (OnTheWay(way="drops"), "'picture' fails: pictures of this run's size (640×400) do not arrive"),
-        (OnTheWay(way="mixes"), "'picture' fails: pictures of calls that are made together"),
+        (OnTheWay(way="mixes"), "'picture' fails: the server mixes up the pictures of parallel calls"),
         (Kept(), "'cache' fails: every answer fits the first"),
     ],
     ids=["dropped by size", "dropped and counted", "swapped under load", "prefix cache"],

@@ -162,7 +162,7 @@ def test_a_doctor_never_passes_a_model_that_cannot_be_asked_to_drive() -> None:
     with served(refuses_driving=True) as server:
         found = call("doctor", "openai:m", "--base-url", server.base_url)
     assert found.exit_code == 2
-    assert "it sees drawn pictures, and the prompt 'baseline' cannot be asked: bad_request" in " ".join(
+    assert "it sees drawn pictures, but the call with the prompt 'baseline' fails: bad_request" in " ".join(
         found.output.split()
     )
 
@@ -172,7 +172,7 @@ def test_a_doctor_passes_a_model_whose_system_words_go_into_the_user_s_turn() ->
     with served(refuses_system=(400, "System role not supported")) as server:
         found = call("doctor", "openai:m", "--base-url", server.base_url)
     assert found.exit_code == 0
-    assert "asked with --system user" in found.output
+    assert "--system user is used" in found.output
 
 
 THOUGHT = "have their words in the reasoning (reasoning_content)"

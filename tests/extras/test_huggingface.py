@@ -260,7 +260,7 @@ def test_no_memory_for_the_weights_is_said(bank: FrameBank, monkeypatch: pytest.
     assert (
         "cannot be loaded: out of memory: load it smaller with --option dtype=bfloat16 or bits=4" in reply.error_detail
     )
-    assert "free what else is in that memory (OutOfMemoryError: CUDA out of memory." in reply.error_detail
+    assert "free memory that other programs hold (OutOfMemoryError: CUDA out of memory." in reply.error_detail
     assert "\n" not in reply.error_detail
     (reply,) = together(model, queries(bank)[:1])
     assert reply.error is None
@@ -303,7 +303,7 @@ def test_pickled_weights_are_not_loaded(bank: FrameBank, copy: Path) -> None:
     [
         ("{{ messages[-1]['content'][-1]['text'] }}", "has no image slot: the picture would never reach the model"),
         ("{{ messages[-1]['content'] + '?' }}", "takes no picture: "),
-        (None, "has no chat template, so it cannot be asked"),
+        (None, "has no chat template, so it takes no prompt"),
     ],
 )
 def test_a_chat_template_without_an_image_slot_is_refused(copy: Path, template: str | None, message: str) -> None:
@@ -375,11 +375,11 @@ def test_code_from_a_repository_runs_only_where_asked_by_name(copy: Path) -> Non
     ("mode", "message"),
     [
         ({"options": {"devise": "cpu"}}, "has no option 'devise'; did you mean 'device'? its options are: device: "),
-        ({"options": {"device": "cuda:99"}}, "device 'cuda:99' is not to be had here"),
+        ({"options": {"device": "cuda:99"}}, "device 'cuda:99' is not available here"),
         ({"options": {"dtype": "int4"}}, "dtype is one of float32, float16, bfloat16, not 'int4'"),
         ({"options": {"batch": 0}}, "batch a whole number of at least 1"),
         ({"options": {"trust_remote_code": "yes"}}, "trust_remote_code is true or false"),
-        ({"structured": "json_schema"}, "runs here and cannot bind 'structured'"),
+        ({"structured": "json_schema"}, "where 'structured' has no effect"),
     ],
 )
 def test_what_cannot_be_done_is_refused(mode: dict[str, Any], message: str) -> None:

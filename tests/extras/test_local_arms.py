@@ -152,7 +152,7 @@ def test_weights_are_packed_by_bitsandbytes(bits: int) -> None:
         ({"bits": 3}, "bits is 4 or 8, not '3'"),
         ({"bits": True}, "bits is 4 or 8, not 'True'"),
         ({"device_map": "anywhere"}, "device_map is one of auto, balanced, balanced_low_0, sequential, not 'anywhere'"),
-        ({"device_map": "auto", "device": "cpu"}, "device_map spreads them: give one of both"),
+        ({"device_map": "auto", "device": "cpu"}, "device_map spreads them: give only one"),
     ],
 )
 def test_a_loading_that_cannot_be_is_refused(options: dict[str, Any], says: str) -> None:
@@ -183,7 +183,7 @@ def test_a_checkpoint_that_is_packed_already_is_not_packed_again(tmp_path: Path)
     packed = config | {"quantization_config": {"quant_method": "awq", "bits": 4}}
     (tmp_path / "config.json").write_text(json.dumps(packed), encoding="utf-8")
     assert opened(tmp_path).facts["quantisation"] == "awq"
-    with pytest.raises(SpecError, match=r"packed weights already \(awq\): leave out --option bits"):
+    with pytest.raises(SpecError, match=r"are packed already \(awq\): leave out --option bits"):
         opened(tmp_path, options={"bits": 4})
 
 
@@ -258,7 +258,7 @@ def test_weights_that_do_not_fit_are_warned_of(monkeypatch: pytest.MonkeyPatch) 
     facts = opened("organism:grounded").facts
     assert facts["memory_gb"] == "0.0001"
     assert facts["warning"].startswith(
-        "its weights alone take 0.0 GB as float32, and there are 0.0 GB: load it smaller"
+        "its weights alone take 0.0 GB as float32, the memory is 0.0 GB: load it smaller"
     )
     monkeypatch.setattr(loading, "memory_here_gb", lambda: None)
     assert "memory_gb" not in opened("organism:grounded").facts

@@ -228,5 +228,5 @@ def test_no_key_stands_in_a_query(query: str) -> None:
 
 def test_a_name_stands_once_in_a_query() -> None:
     """Nobody can say which of two values counts."""
-    with pytest.raises(SpecError, match="stands twice"):
+    with pytest.raises(SpecError, match="occurs twice"):
         RequestMode("openai:m", base_url="http://127.0.0.1/v1?a=1&a=2")

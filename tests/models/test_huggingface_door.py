@@ -57,7 +57,7 @@ def test_every_organism_declares_labels_that_there_are() -> None:
 def test_what_only_a_server_can_be_told_is_refused(field: str, value: object) -> None:
     """Rather than left undone without a word."""
     mode = RequestMode("hf:organism:grounded", **{field: value})  # type: ignore[arg-type]
-    with pytest.raises(SpecError, match=f"runs here and cannot bind '{field}'"):
+    with pytest.raises(SpecError, match=f"where '{field}' has no effect"):
         open_model(mode.spec, mode)
 
 
@@ -69,7 +69,7 @@ def _printed(messages: Sequence[object], **how: object) -> str:
 @pytest.mark.parametrize(
     ("processor", "says"),
     [
-        (SimpleNamespace(chat_template="x", apply_chat_template=_printed), "takes words alone"),
+        (SimpleNamespace(chat_template="x", apply_chat_template=_printed), "takes only text"),
         (
             SimpleNamespace(
                 chat_template="x",

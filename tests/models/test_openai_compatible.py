@@ -214,8 +214,8 @@ def test_a_wait_beyond_every_bound_is_a_long_wait(said: str) -> None:
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        (gzip.compress(json.dumps(completion("SLOW")).encode()), "packed (gzip), which was not asked for"),
-        (b" <!DOCTYPE html><p>Welcome", "a page (HTML), so another program may answer at this address"),
+        (gzip.compress(json.dumps(completion("SLOW")).encode()), "compressed (gzip), against the request"),
+        (b" <!DOCTYPE html><p>Welcome", "a page (HTML): another program may answer at this address"),
         (b"SLOW", "the body is no JSON: "),
     ],
 )
@@ -230,7 +230,7 @@ def test_a_body_that_is_no_json_is_said_to_be_what_it_is(body: bytes, said: str)
 def test_a_redirect_without_an_address_is_none_to_give() -> None:
     """As a 304 to a question that nobody kept."""
     with says(lambda: web.Response(status=304)) as server:
-        assert ask(server).error_detail == "HTTP 304: no answer, and no address to ask instead"
+        assert ask(server).error_detail == "HTTP 304: no answer, and no other address is given"
 
 
 def content(*parts: object) -> dict[str, object]:
@@ -329,9 +329,9 @@ def test_a_key_comes_from_the_environment_and_does_not_come_back(monkeypatch: py
 def test_a_key_that_is_needed_and_missing_is_told_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """By the name of its variable; a server of one's own needs none."""
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    with pytest.raises(SpecError, match="'openai:m' needs a key: set the environment variable OPENAI_API_KEY"):
+    with pytest.raises(SpecError, match=r"'openai:m' needs a key\. Set the environment variable OPENAI_API_KEY"):
         open_model("openai:m")
-    with pytest.raises(SpecError, match="set the environment variable MY_KEY"):
+    with pytest.raises(SpecError, match="Set the environment variable MY_KEY"):
         open_model("openai:m", mode_of("http://127.0.0.1:9/v1", key_env="MY_KEY"))
     with FaultServer() as server:
         ask(server)

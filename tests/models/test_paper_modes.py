@@ -88,7 +88,9 @@ def test_where_a_mode_comes_from_changes_no_request() -> None:
 
 def test_a_mode_without_a_server_says_what_to_do(tmp_path: Path) -> None:
     """The hosted ones, for the paper names no endpoint; the text that is written reads back, and takes an address."""
-    with pytest.raises(SpecError, match="names no server, because the paper names none: write it down with 'eyechart"):
+    with pytest.raises(
+        SpecError, match=r"names no server, because the paper names none\. Write it to a file with 'eyechart"
+    ):
         find_mode(Path("hosted-kimi-k3"))
     written = call("list", "modes", "hosted-kimi-k3").stdout
     (tmp_path / "mode.toml").write_text(f'base_url = "http://127.0.0.1:1/v1"\n{written}', encoding="utf-8")

@@ -139,7 +139,7 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
     for name, (value, words) in wrong.items():
         kept = getattr(act, name, None)
         setattr(act, name, value)
-        with pytest.raises(SpecError, match=re.escape(f"declares {name} = {value!r}, and that is {words}")):
+        with pytest.raises(SpecError, match=re.escape(f"declares {name} = {value!r}; it must be {words}")):
             opened(act, monkeypatch)
         setattr(act, name, DECLARED[name] if kept is None else kept)
     with pytest.raises(SpecError, match="no callable 'act'"):
@@ -152,9 +152,9 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
         ("mine.looks", "did you mean 'python:mine:looks'"),
         ("robots.mine.looks", "did you mean 'python:robots.mine:looks'"),
         ("mine", "for example python:my_robot:decide"),
-        ("./mine.py:looks", "a module's name, not its file: 'python:mine:looks'"),
-        ("mine.py:looks", "a module's name, not its file: 'python:mine:looks'"),
-        ("robots/mine:looks", "a module's name, not its file: 'python:mine:looks'"),
+        ("./mine.py:looks", "a module's name, not its file: give 'python:mine:looks'"),
+        ("mine.py:looks", "a module's name, not its file: give 'python:mine:looks'"),
+        ("robots/mine:looks", "a module's name, not its file: give 'python:mine:looks'"),
     ],
 )
 def test_a_name_that_is_no_module_and_function_is_told_what_is_meant(name: str, said: str) -> None:

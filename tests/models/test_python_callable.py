@@ -180,8 +180,8 @@ def test_the_version_is_that_of_the_file(module: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("decide", "is given as python:MODULE:FUNCTION"),
-        ("{}:", "is given as python:MODULE:FUNCTION"),
+        ("decide", "must be python:MODULE:FUNCTION"),
+        ("{}:", "must be python:MODULE:FUNCTION"),
         ("no_such_module_at_all:decide", "cannot be imported: No module named 'no_such_module_at_all'"),
         ("{}:nothing", "has no callable 'nothing'"),
         ("{}:number", "has no callable 'number'"),
@@ -207,5 +207,5 @@ def test_what_is_no_callable_is_refused_with_what_is_missing(module: str, name: 
 def test_a_module_that_fails_while_it_is_imported_is_told_in_one_line(module: str, code: str, says: str) -> None:
     """Whatever it raises, and never as an end without a word."""
     Path(f"{module}_fails.py").write_text(code, encoding="utf-8")
-    with pytest.raises(SpecError, match=f"fails while it is imported: {says}"):
+    with pytest.raises(SpecError, match=f"the import of module .* fails: {says}"):
         open_model(f"python:{module}_fails:decide")

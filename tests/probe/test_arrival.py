@@ -43,7 +43,10 @@ def pinned(endpoint: Endpoint) -> Found:
         (OnTheWay(way="drops", honest=True), r"'picture' fails: the server drops this run's pictures of 640×400"),
         (OnTheWay(way="drops"), r"'picture' fails: pictures of this run's size \(640×400\) do not arrive"),
         (OnTheWay(way="drops", tokens=0), r"'picture' fails: pictures of this run's size \(640×400\)"),
-        (OnTheWay(way="mixes"), r"'picture' fails: pictures of calls that are made together.*--concurrency 1"),
+        (
+            OnTheWay(way="mixes"),
+            r"'picture' fails: the server mixes up the pictures of parallel calls.*--concurrency 1",
+        ),
     ],
 )
 def test_a_server_that_drops_or_mixes_pictures_is_found_before_the_run_is_paid(endpoint: Endpoint, said: str) -> None:
@@ -143,7 +146,7 @@ def test_a_cache_by_prefix_is_named_as_the_cause() -> None:
     with FaultServer([OnTheWay(way="keeps")]) as server:
         found = doctor(RequestMode("openai:m", base_url=server.base_url))
     assert found.sight.outcome == "blind"
-    assert "a cache by prefix" in found.causes[0]
+    assert "a prefix cache" in found.causes[0]
 
 
 def rig_sample(cameras: tuple[str, ...] = ("front", "rear")) -> Sample:
@@ -175,7 +178,7 @@ def test_a_model_that_names_one_of_two_pictures_once_is_probed_as_ever(*, counts
     endpoint = Rig(lists=lambda named: named if next(calls) else named[:1], counts_pictures=counts)
     with FaultServer([endpoint]) as server:
         found = probe(RequestMode("openai:m", base_url=server.base_url), sample=rig_sample())
-    said = "all of which the server counts" if counts else "one of two answers names 1 of 2 pictures"
+    said = "the server counts all of them" if counts else "one of two answers names 1 of 2 pictures"
     assert any(said in note for note in found.notes)
 
 
@@ -194,7 +197,7 @@ def test_a_server_that_hands_on_some_of_three_pictures_is_found_before_the_run(h
                 probe(mode, sample=sample)
     with FaultServer([Rig(hands_on=hands_on, counts_all=True)]) as server:
         found = probe(RequestMode("openai:m", base_url=server.base_url), sample=sample)
-    assert any("all of which the server counts" in note for note in found.notes) is (hands_on < 3)
+    assert any("the server counts all of them" in note for note in found.notes) is (hands_on < 3)
 
 
 @pytest.mark.parametrize(

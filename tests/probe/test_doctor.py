@@ -62,7 +62,7 @@ def test_a_cache_by_words_is_told_from_a_blind_model_and_from_one_that_sees(seed
     """Different pictures got one reply where the words were the same, and the right ones where they were new."""
     found = examined(seed, cache="words")
     assert (found.outcome, found.exit_code) == ("blind", 1)
-    assert found.causes[0].startswith("a cache between here and the model knows replies by their words")
+    assert found.causes[0].startswith("a cache between here and the model finds replies by their words")
     assert found.scores()["words never sent before"].value == 1.0
     assert "identical reply whenever the words were the same" in found.sight.because
 
@@ -78,14 +78,14 @@ def test_a_text_only_backend_is_told_by_its_refusals() -> None:
     """It answers words and refuses pictures; three calls suffice."""
     found = examined(takes_pictures=False)
     assert (found.outcome, found.exit_code, found.spent.calls) == ("blind", 1, 3)
-    assert found.causes[0].startswith("text-only backend: it answers words, and refuses pictures (HTTP 400: this model")
+    assert found.causes[0].startswith("text-only backend: it answers text, and refuses pictures (HTTP 400: this model")
 
 
 def test_a_schema_that_is_ignored_is_told() -> None:
     """The plain word comes that the schema forbids."""
     found = examined(binds_schema=False)
     assert (found.outcome, found.schema_binds) == ("sees", False)
-    assert found.schema_says == "YES was asked for, 'YES' came"
+    assert found.schema_says == "asked for YES, got 'YES'"
 
 
 def test_a_model_that_refuses_fields_is_asked_without_them() -> None:
@@ -93,8 +93,8 @@ def test_a_model_that_refuses_fields_is_asked_without_them() -> None:
     found = examined(only_new_tokens=True, only_default_temperature=True)
     assert (found.outcome, found.mode.token_field, found.mode.temperature) == ("sees", "max_completion_tokens", None)
     assert found.notes == (
-        "max_tokens is refused: asked with --token-field max_completion_tokens",
-        "temperature 0 is refused: asked with --temperature default",
+        "max_tokens is refused: --token-field max_completion_tokens is used",
+        "temperature 0 is refused: --temperature default is used",
     )
 
 
@@ -110,7 +110,7 @@ def test_a_model_of_one_answer_is_not_called_blind() -> None:
     found = examined(dumb='{"action": "STOP"}')
     assert (found.outcome, found.exit_code) == ("cannot_say", 2)
     assert "14 of 14 replies name none of the choices" in found.causes[0]
-    assert "the server counts the picture (85 tokens)" in found.causes[0]
+    assert "The server counts the picture (85 tokens)" in found.causes[0]
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_a_bound_on_cost_ends_it_before_it_is_passed_and_an_unknown_cost_at_once
         assert "--max-cost is 0.5" in str(found.sight.cut)
         unknown = doctor(mode, max_cost=0.5)
         assert unknown.spent.calls == 1
-        assert "what openai:m costs is not known" in str(unknown.sight.cut)
+        assert "the cost of openai:m is not known" in str(unknown.sight.cut)
 
 
 Say = Callable[[str, random.Random], str]
@@ -311,7 +311,11 @@ DECLINED = {"role": "assistant", "content": None, "refusal": "I'm sorry, I can't
 @pytest.mark.parametrize(
     ("message", "finish", "cause"),
     [
-        (TOOL, "tool_calls", "14 of 14 replies call a tool, which nobody offered, and hold the answer in tool_calls"),
+        (
+            TOOL,
+            "tool_calls",
+            "14 of 14 replies call a tool, although none is offered, and hold the answer in tool_calls",
+        ),
         (DECLINED, "stop", "14 of 14 replies refuse to answer"),
         ({"role": "assistant", "content": ""}, "content_filter", "14 of 14 pictures or replies were filtered"),
     ],

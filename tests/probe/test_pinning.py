@@ -48,7 +48,7 @@ def test_a_schema_is_pinned_where_it_binds_and_the_prompt_asks_for_json() -> Non
     assert (ignored.mode.structured, ignored.measured.schema_binds) == ("none", False)
     asked = pinned("structured", {"structured": "json_schema"}, binds_schema=False)
     assert asked.mode.structured == "json_schema"
-    assert "a schema was asked for, and it was not seen to bind" in asked.notes[0]
+    assert "the mode has a schema, but the probe did not see it bind" in asked.notes[0]
 
 
 def test_fields_that_are_refused_are_found_by_the_error() -> None:
@@ -71,7 +71,7 @@ def test_a_budget_that_never_suffices_or_that_was_given_is_an_error() -> None:
     with pytest.raises(ProbeError, match=f"cut off even at {MOST_TOKENS} tokens") as never:
         pinned(thinks=MOST_TOKENS + 1)
     assert never.value.spent.calls == 5
-    with pytest.raises(ProbeError, match="the 50 tokens that were asked for: raise --max-tokens"):
+    with pytest.raises(ProbeError, match="50 tokens: raise --max-tokens"):
         pinned(given={"max_tokens": 50}, thinks=60)
     assert pinned(given={"max_tokens": 77}).mode.max_tokens == 77
 
@@ -96,7 +96,7 @@ def test_one_that_cannot_be_asked_is_an_error_with_the_cause() -> None:
         nearly = probe(mode, prices=PRICED).spent.cost_usd - 0.01
         with pytest.raises(ProbeError, match=r"was not finished: .* were spent"):
             probe(mode, prices=PRICED, max_cost=nearly - 0.5)
-        with pytest.raises(ProbeError, match="what openai:m costs is not known, so --max-cost cannot hold"):
+        with pytest.raises(ProbeError, match="the cost of openai:m is not known, so --max-cost cannot hold"):
             probe(mode, max_cost=1.0)
 
 

@@ -35,15 +35,15 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
         ("middle_undeclared", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
         ("deaf_undeclared", {"instruction", "camera:wrist"}, "another instruction changes not one bit"),
         ("queue", {"same"}, "answer from a queue"),
-        ("liar", {"same"}, "two answers to one seed"),
+        ("liar", {"same"}, "two answers with one seed"),
         ("still", {"cameras", "grey", "instruction", "state", "camera:top", "camera:wrist", "constant"}, "same answer"),
         ("reach_undeclared", {"camera:wrist"}, "changes not one bit"),
-        ("secret", {"instruction"}, "it declares that it does not read this, and the answer changes with it"),
+        ("secret", {"instruction"}, "it does not declare to read this, but the answer changes with it"),
         ("nearly_still", {"constant"}, "times as much as the log: it is constant, or nearly so"),
         (
             "broken",
             {"motions"},
-            "(it is given the pictures top: (32, 32, 3) uint8, wrist: (32, 32, 3) uint8; a state of 3 numbers",
+            "(its inputs are the pictures top: (32, 32, 3) uint8, wrist: (32, 32, 3) uint8; a state of 3 numbers",
         ),
     ],
 )
@@ -66,7 +66,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("blue_first", "pictures", False, "with red and blue exchanged its error to the log is"),
         ("upside_down", "pictures", False, "turned by half"),
         ("cameras_exchanged", "pictures", False, "the cameras exchanged"),
-        ("reshaped", "pictures", None, "none of the forms"),
+        ("reshaped", "pictures", None, "no other form"),
         ("unit_floats", "cameras", None, "divided by 255 twice"),
         ("channels_first", "motions", False, "it fails: ValueError"),
         ("masked", "motions", False, "1 numbers of a masked array are masked"),
@@ -75,15 +75,15 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("varies", "motions", False, "its shape is (5, 3), and that of the bank's motions (8, 3)"),
         ("seventh", "motions", False, "CUDA error"),
         ("tokens", "unit", False, "times as large as in the log"),
-        ("late_state", "same", False, "it keeps something; declare reset"),
-        ("late_pictures", "same", False, "it keeps something; declare reset"),
-        ("cached", "cameras", False, "is an earlier answer kept?"),
-        ("unseeded", "same", False, "two answers to one seed"),
-        ("jitters", "same", True, "but for rounding"),
+        ("late_state", "same", False, "it keeps a memory; declare reset"),
+        ("late_pictures", "same", False, "it keeps a memory; declare reset"),
+        ("cached", "cameras", False, "does the policy repeat an earlier answer?"),
+        ("unseeded", "same", False, "two answers with one seed"),
+        ("jitters", "same", True, "except for rounding"),
         ("jitters_unseeing", "cameras", False, "another picture changes the answer by no more than rounding"),
-        ("one_buffer", "pictures", True, "as they are given, its error on 2 moments is at most"),
-        ("mutates", "pictures", True, "as they are given"),
-        ("limp", "unit", False, "is 'grip' meant to be the same in every answer? it varies in the log"),
+        ("one_buffer", "pictures", True, "in this form its error on 2 frames is at most"),
+        ("mutates", "pictures", True, "in this form its error"),
+        ("limp", "unit", False, "is 'grip' meant to be the same in every answer? It varies in the log"),
         ("with_batch", "motions", False, "return the chunk alone, without the axis of the batch: [0]"),
     ],
 )
@@ -143,7 +143,7 @@ def test_the_command_prints_it_and_exits_so(bank: FrameBank, tmp_path) -> None: 
     amiss = CliRunner().invoke(app, ["doctor", "python:arms:half", "--frames", str(bank.root), "--json"])
     assert amiss.exit_code == 1
     assert json.loads(amiss.stdout)["findings"][0]["outcome"] == "amiss"
-    with pytest.raises(BankError, match="does not say what a motion is"):
+    with pytest.raises(BankError, match="declares no motion"):
         examine_policy("trained:sees", open_bank_simulator("rover").build(tmp_path / "r", seeds=(0,), steps=4))
 
 
@@ -152,7 +152,7 @@ def test_a_channel_that_it_declares_not_to_read_is_not_amiss(bank: FrameBank) ->
     found = examine_policy("python:arms:reach", bank)
     said = {one.name: one for one in found.findings}
     assert (found.exit_code, said["camera:wrist"].fine) == (0, True)
-    assert said["camera:wrist"].says == "it declares that it does not read this, and nothing changes with it"
+    assert said["camera:wrist"].says == "it does not declare to read this, and the answer does not change with it"
     assert all(one.fine for one in examine_policy("python:arms:deaf", bank).findings if one.name == "instruction")
     with pytest.raises(SpecError, match="declares the channel 'camera:front', and the bank has cameras, camera:top"):
         examine_policy("python:arms:front", bank)
@@ -192,7 +192,7 @@ def test_calls_that_fail_alike_end_it(bank: FrameBank, name: str, calls: int) ->
     assert (found.calls, told) == (calls, [1, 2, 3])
     (one,) = found.findings
     assert one.says.startswith("3 of 3 calls hold no motion: ")
-    assert one.says.endswith("No more were made: the last 3 failed alike")
+    assert one.says.endswith("No more were made: the last 3 failed in the same way")
     assert str(found).endswith("asked: 3 calls")
 
 
@@ -207,16 +207,16 @@ def test_a_policy_that_fails_in_the_middle_is_judged_by_what_came(bank: FrameBan
     found = examine_policy("python:faulty_arms:sixth_on", bank)
     said = {one.name: one for one in found.findings}
     assert (found.calls, said["cameras"].fine, said["motions"].fine) == (8, True, False)
-    assert (said["camera:wrist"].fine, said["camera:wrist"].says) == (None, "it was not asked")
+    assert (said["camera:wrist"].fine, said["camera:wrist"].says) == (None, "the call was not made")
 
 
 @pytest.mark.parametrize(
     ("name", "fine", "words"),
     [
-        ("arms:reach_undeclared", False, "a policy that is not to read it declares its channels"),
-        ("arms:reach_all_cameras", None, "is it to be read? it declares 'cameras', which are all"),
+        ("arms:reach_undeclared", False, "If the policy is not meant to read it, declare its channels"),
+        ("arms:reach_all_cameras", None, "is it meant to be read? It declares 'cameras', which means all"),
         ("arms:reach_wrist_too", False, "another picture changes not one bit of the answer"),
-        ("arms:reach", True, "it declares that it does not read this, and nothing changes with it"),
+        ("arms:reach", True, "it does not declare to read this, and the answer does not change with it"),
     ],
 )
 def test_cameras_stand_for_all_of_them_together(

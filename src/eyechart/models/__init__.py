@@ -21,26 +21,26 @@ from eyechart.modes import RequestMode, each_without_secrets, read_mode, without
 class Model(Protocol):
     """The door to a model.
 
-    ``version`` names what answers, for the scope of a verdict: a run is not resumed with another. ``facts`` is what
-    else is known of it without asking it (digest, quantisation, template, revision), kept in the run's manifest.
+    ``version`` identifies it: a verdict holds for one version, and a run is not resumed with
+    another. ``facts`` are known without a call (digest, quantisation, template, revision).
     """
 
     version: str
     facts: Mapping[str, str]
 
     async def answer(self, query: Query) -> Reply:
-        """Answer one query. A failure is a Reply with its ``error`` kind; nothing is retried here."""
+        """Answer one query. A failure is a Reply with its ``error`` kind; nothing is retried."""
 
     async def close(self) -> None:
-        """Let go of what the model holds (sessions, weights on a GPU), in the event loop that asked it.
+        """Release sessions and weights, in the event loop of the calls.
 
-        A model that was closed may be asked again: it then begins anew. Closing twice is no error.
+        A closed model opens again at its next call. Closing twice is no error.
         """
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A model that is open already, with the mode in which it is asked: what no SPEC alone can name."""
+    """An open model with the request mode of its calls, for models that no SPEC can name."""
 
     mode: RequestMode
     model: Model
@@ -53,34 +53,34 @@ ADAPTERS: dict[str, str] = {
     "python": "eyechart.models.python_callable",
     "hf": "eyechart.models.huggingface",
 }
-"""What a SPEC's first word means.
+"""The module of each adapter, by the first word of a SPEC.
 
-Each module has ``open_model(name, mode) -> Model``, which makes no inference and loads no weights, and
-``names() -> dict``, what to write after the colon with what it is in words.
+Each module has ``open_model(name, mode) -> Model``, which makes no inference and loads no weights.
+Its ``names() -> dict`` gives the names after the colon, each with a description.
 """
 
 
 PAPER = Path(__file__).parent / "paper"
-"""Request modes of the paper's hosted and structured models, as files; none was ever tried."""
+"""The folder of request modes of the paper's hosted and structured models; none was ever tried."""
 
 HERE = "this machine"
 LOCAL = ("hf", "ollama")
-"""Adapters whose models stand in the memory of one machine: this one, or that of the mode's ``base_url``."""
+"""Adapters that load a model on one machine: this one, or that of the mode's ``base_url``."""
 
 WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
-"""Facts of a model: what its weights alone take, and what there is where they are loaded, in 10^9 bytes."""
+"""Facts of a model, in 10^9 bytes: the size of its weights, and the memory that they load into."""
 
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
 }
-"""What the first word of a policy's SPEC means; a policy is a model that answers with a motion."""
+"""The module of each adapter of policies; a policy is a model that answers with a motion."""
 
 
 def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "model") -> Model:
-    """Open the model of a SPEC (``adapter:name``), to be asked in its mode or, without one, in the default mode.
+    """Open the model of a SPEC (``adapter:name``) in a request mode, or in the default mode.
 
-    ``answering`` is ``model``, or ``policy`` for what answers with a motion. Raises SpecError that lists what is known.
+    ``answering`` is ``model``, or ``policy`` if it answers with a motion. Raises SpecError.
     """
     adapter, colon, name = spec.partition(":")
     adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")
@@ -97,7 +97,7 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
 
 
 def open_policy(policy: str | Opened, timeout_s: float | None = None) -> Opened:
-    """Open the policy of a SPEC, with the seconds that an answer may take; one that is open already stays as it is."""
+    """Open the policy of a SPEC with a time limit; return an open one unchanged."""
     if isinstance(policy, Opened):
         return policy
     mode = policy_mode(policy, timeout_s)
@@ -105,19 +105,19 @@ def open_policy(policy: str | Opened, timeout_s: float | None = None) -> Opened:
 
 
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:
-    """Return how a policy is asked: within so many seconds, or as long as any model may take."""
+    """Return the request mode of a policy, with the default time limit where none is given."""
     return RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s)
 
 
 def organisms_folder(need: str, also: str = "") -> Path:
-    """Return the folder of the package ``eyechart_organisms``, which holds the weights of the model organisms.
+    """Return the folder of the package ``eyechart_organisms``, with the organisms' weights.
 
-    Raises SpecError that says what to install for ``need``, and for the other extra that it needs ``also``, where the
-    package is not there or is of another version.
+    Raises SpecError where the package is missing or has another version. The error says what to
+    install for ``need``; ``also`` names another extra that it needs.
     """
     extras, local = (f"organisms,{also}", f"'.[{also}]' ./organisms") if also else ("organisms", "./organisms")
     try:
-        import eyechart_organisms  # noqa: PLC0415 - a distribution of its own: eyechart goes without
+        import eyechart_organisms  # noqa: PLC0415 - it is a distribution of its own
     except ModuleNotFoundError as error:
         raise SpecError(
             f"{need} needs eyechart-organisms: pip install 'eyechart[{extras}]' (in a checkout: pip install {local})"
@@ -131,7 +131,7 @@ def organisms_folder(need: str, also: str = "") -> Path:
 
 
 def machine_of(mode: RequestMode) -> str:
-    """Return the machine in whose memory a model stands, as a name; "" where that is not known to matter."""
+    """Return the name of the machine that holds a model's weights; "" if that does not matter."""
     if mode.spec.partition(":")[0] not in LOCAL:
         return ""
     if not mode.base_url:
@@ -142,7 +142,7 @@ def machine_of(mode: RequestMode) -> str:
 
 
 def memory_here_gb() -> float | None:
-    """Return this machine's memory in 10^9 bytes, that of no GPU; None where the system does not tell."""
+    """Return this machine's main memory in 10^9 bytes; None if the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     except (AttributeError, ValueError, OSError):  # not on Windows
@@ -150,10 +150,10 @@ def memory_here_gb() -> float | None:
 
 
 def turns_of(modes: Iterable[RequestMode], *, sequential: bool | None = None) -> tuple[tuple[str, ...], ...]:
-    """Return the models in turns: those of one turn are asked one after another, each closed before the next is.
+    """Return the models in groups that run in parallel; in a group each closes before the next.
 
-    Different turns go on side by side. By default the models of one machine share a turn, and every other one has its
-    own; ``sequential`` puts all into one turn, or none beside another.
+    By default the models of one machine share a group, and every other model has its own.
+    ``sequential`` True makes one group of all; False gives each model its own.
     """
     turns: dict[object, tuple[str, ...]] = {}
     for mode in modes:
@@ -164,7 +164,7 @@ def turns_of(modes: Iterable[RequestMode], *, sequential: bool | None = None) ->
 
 
 async def ask(model: Model, query: Query) -> Reply:
-    """Return a model's answer to one query, timed; whatever its adapter raises is a Reply with its kind."""
+    """Return a model's timed reply to one query; an adapter's exception becomes a failed Reply."""
     start = time.perf_counter()
     try:
         reply = await model.answer(query)
@@ -177,9 +177,9 @@ async def ask(model: Model, query: Query) -> Reply:
         task = asyncio.current_task()
         if task is None or task.cancelling():
             raise
-        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
+        # The adapter cancelled its own request. Raised here, it would silently end a worker.
         reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
-    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
+    except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
         reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
     seconds = time.perf_counter() - start
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
@@ -190,17 +190,14 @@ _values = attrgetter(*_FIELDS)
 
 
 def cleaned(reply: Reply) -> Reply:
-    """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
+    """Return a reply without the values of environment variables that are keys by their names."""
     texts = {name: text for name, text in zip(_FIELDS, _values(reply), strict=True) if text and isinstance(text, str)}
     found: dict[str, Any] = each_without_secrets(texts)
     return replace(reply, **found) if found != texts else reply
 
 
 def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
-    """Return what may be written as a SPEC of these adapters, with what it is in words.
-
-    First comes what is somebody's own, which has a word in capitals to fill in, then what is here already.
-    """
+    """Return every SPEC of the adapters with a description; those to fill in come first."""
     found = [(one, *said) for one, module in adapters.items() for said in import_module(module).names().items()]
     return {f"{one}:{name}": says for one, name, says in sorted(found, key=lambda named: not named[1].isupper())}
 
@@ -213,7 +210,7 @@ def known_modes() -> dict[str, RequestMode]:
 def find_mode(given: Path) -> RequestMode:
     """Return the request mode of a file, or of a name of `known_modes`.
 
-    Raises SpecError where there is neither, or where a mode that comes with eyechart names no server to ask.
+    Raises SpecError where there is neither, or where a mode of eyechart names no server.
     """
     if given.suffix == ".toml" or given.exists():
         return read_mode(given)
@@ -223,17 +220,14 @@ def find_mode(given: Path) -> RequestMode:
     mode = modes[name]
     if mode.spec.startswith("openai:") and not mode.base_url:
         raise SpecError(
-            f"the mode '{name}' names no server, because the paper names none: write it down with 'eyechart list modes "
-            f"{name} > mode.toml', put base_url and the server's name for the model into it, and give --mode mode.toml"
+            f"the mode '{name}' names no server, because the paper names none. Write it to a file with 'eyechart list "
+            f"modes {name} > mode.toml', add base_url and the server's name for the model, and give --mode mode.toml"
         )
     return mode
 
 
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
-    """Raise SpecError where a mode has an option that its adapter does not know, or a body in place of the picture.
-
-    ``known`` says each option in words.
-    """
+    """Raise SpecError for an option that the adapter does not know, or a body with messages."""
     if "messages" in mode.body:
         raise SpecError(
             f"the body of '{mode.spec}' names messages, which hold the prompt and the picture: leave them out"

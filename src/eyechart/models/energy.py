@@ -1,7 +1,7 @@
-"""Energy of calls that run on this machine, from the counters of its GPUs (NVML) and processors (RAPL).
+"""Energy of calls on this machine, from the counters of its GPUs (NVML) and processors (RAPL).
 
-Joules are gross, idle draw included, and the draw of any moment is shared equally among the calls under way. Where no
-counter can be read, energy is not measured; it is never derived.
+Joules are gross: they include the idle draw. Calls that run at once share the draw equally. Without
+a readable counter, energy is not measured; it is never estimated.
 """
 
 import contextlib
@@ -15,12 +15,12 @@ from eyechart.calls import Reply
 
 RAPL = Path("/sys/class/powercap")
 Counter = Callable[[], float]
-"""Returns the joules since some moment; it only grows."""
+"""Returns the joules since a fixed moment; never decreases."""
 
 
 @dataclass(slots=True)
 class Meter:
-    """Shares what counters say among the calls under way. Without counters nothing is measured."""
+    """Shares the counters' joules among the running calls; measures nothing without counters."""
 
     counters: tuple[Counter, ...]
     _last: list[float] = field(default_factory=list)
@@ -28,21 +28,21 @@ class Meter:
     _tickets: "count[int]" = field(default_factory=count)
 
     def begin(self) -> int:
-        """Note that a call begins; return its ticket."""
+        """Register the start of a call; return its ticket."""
         self._share()
         ticket = next(self._tickets)
         self._shares[ticket] = 0.0 if self.counters else None
         return ticket
 
     def end(self, ticket: int) -> float | None:
-        """Note that a call is over; return its joules, or None where they were not measured throughout."""
+        """Register the end of a call; return its joules, None if any part was not measured."""
         self._share()
         return self._shares.pop(ticket)
 
     def _share(self) -> None:
         try:
             now = [counter() for counter in self.counters]
-        except Exception:  # noqa: BLE001 - a counter that fails makes the calls under way unmeasured, nothing else
+        except Exception:  # noqa: BLE001 - a failing counter leaves the running calls unmeasured
             now = []
         spent = [after - before for after, before in zip(now, self._last, strict=False)]
         whole = len(now) == len(self._last) == len(self.counters) > 0 and min(spent) >= 0
@@ -56,7 +56,7 @@ _METERS: list[Meter] = []
 
 
 def meter() -> Meter:
-    """Return the one meter of this process, so that two models never count the same joule."""
+    """Return the only meter of this process: two models never count the same joule."""
     if not _METERS:
         _METERS.append(Meter((*gpu_counters(), *processor_counters())))
     return _METERS[0]
@@ -74,7 +74,7 @@ async def metered(call: Awaitable[Reply], by: Meter | None = None) -> Reply:
 
 
 def gpu_counters() -> tuple[Counter, ...]:
-    """Return a counter for every GPU whose driver keeps one (NVML, package nvidia-ml-py)."""
+    """Return a counter for every GPU with one in its driver (NVML, package nvidia-ml-py)."""
     with contextlib.suppress(Exception):  # no package, no driver, no GPU
         nvml = import_module("pynvml")
         nvml.nvmlInit()
@@ -86,7 +86,7 @@ def gpu_counters() -> tuple[Counter, ...]:
 
 
 def processor_counters(root: Path = RAPL) -> tuple[Counter, ...]:
-    """Return a counter for every processor package whose energy may be read here (RAPL)."""
+    """Return a counter for every processor package with readable energy (RAPL)."""
     found = []
     for zone in sorted(root.glob("intel-rapl:*")):
         with contextlib.suppress(OSError, ValueError):
@@ -99,7 +99,7 @@ def processor_counters(root: Path = RAPL) -> tuple[Counter, ...]:
 
 @dataclass(slots=True)
 class _Package:
-    """A RAPL counter made to grow for ever: it returns to 0 at its range."""
+    """A RAPL counter that only grows: it corrects the return to 0 at the end of its range."""
 
     file: Path
     range_uj: float

@@ -1,10 +1,10 @@
-"""What a refusal proves: that the request is wrong, so that it is refused again, or that something stood in its way.
+"""Tells errors that prove a request wrong from those that may pass.
 
-A status alone proves nothing of a request: gateways, proxies and load balancers send 400, 409, 413 and 422 of their
-own, in JSON too. Words of passing trouble prove nothing either, whatever stands beside them. A request is shown to be
-wrong where a JSON error names a field of it or a limit of its own, or says that its content was moderated. What it
-says of the key, the account or the model's name sets the model aside. All else is a fault of the road, and may pass
-(docs/decisions/calls.md).
+A status alone proves nothing about a request: gateways, proxies and load balancers send 400, 409,
+413 and 422 too, also as JSON. An error that speaks of temporary trouble proves nothing either.
+A request is wrong if a JSON error names its field or its limit, or says that its content was
+moderated. An error about the key, the account or the model's name stops the calls of the model.
+Everything else is a transport fault, which may pass (docs/decisions/calls.md).
 """
 
 import json
@@ -27,7 +27,7 @@ _STATUSES: Mapping[int, ErrorKind] = MappingProxyType(
         429: "rate_limited",
     }
 )
-"""What a status says by itself; another one from 500 on is a `server_error`, another one below it `gateway`."""
+"""The kind of a status by itself; any other is `server_error` from 500 on, and `gateway` below."""
 _PROVING = frozenset({400, 413, 422})
 _MODERATING = frozenset({400, 403, 422, 451})
 _SPENDING = frozenset({400, 402, 403, 413, 422, 429})
@@ -43,22 +43,22 @@ def _any(*either: str) -> re.Pattern[str]:
 
 
 _TROUBLE = _any(
-    # what the sender asks for
+    # a request to wait
     r"\btry(?:ing)? (?:\w+ ){0,3}again|\bretry|again later|try later|come back|\bwait(?:ing)?\b|slow down"
     r"|temporar|transient",
-    # a road that is full
+    # load
     r"overload|\bbusy\b|capacity|exhausted|throttl|congest|rate[ _-]?limit|too many (?:open|concurrent|pending|active)",
     r"too many (?:requests|connections|files|sessions|users|calls)|concurren|simultaneous|in[ _-]?flight|\bqueu",
     r"\bpending\b|\bsessions?\b|per[ _-](?:second|minute|hour|day|week|month)|\b[rt]p[smd]\b|(?:high"
     r"|heavy) (?:load|demand)",
     r"shedding|too loaded|heavily loaded|limits? (?:(?:is|was|has been|have been) )?(?:reached|hit)\b",
     r"maximum number of [^.]{0,60}(?:reached|hit)\b|\b(?:no|free|idle) slots?\b",
-    # a road that is broken
+    # a broken connection
     r"upstream|gateway|proxy|tim(?:ed?|ing)[ -]?out|deadline|unavailable|not (?:yet|currently|ready)\b",
     r"connect|\breset\b|unreach|could not (?:be )?(?:reach|forward|rout|deliver)|no route|\bdns\b|\bnetwork|\bsocket",
     r"broken pipe|certificate|handshake|(?:currently|yet) available|available (?:right now|at the moment)"
     r"|invalid (?:http )?(?:response|reply)|\bload balanc",
-    # a server that is
+    # a fault of the server
     r"\binternal|server[ _]?(?:side )?error|something went wrong|(?:unexpected|unknown) error|error occurred"
     r"|\bis down\b",
     r"\bdied\b|\bdead\b|engine ?(?:dead|core|error|loop)|crash|killed|abort|cancell?ed|terminated|panic"
@@ -72,14 +72,14 @@ _TROUBLE = _any(
     r"\b(?:server|service) (?:returned|responded|failed|did not|could not|has no)",
     r"being loaded|(?:not|un)(?: yet| fully)? ?loaded yet|not (?:yet|fully) loaded|deploying|upgrading",
 )
-"""Words of trouble that may pass: of load, of the way to the server, and of the server itself."""
+"""Words of temporary trouble: of load, of the connection, and of the server itself."""
 _DOUBT = _any(
     r"pars(?:e|ing)|decod(?:e|ing)|unexpected (?:end|token|eof)|malformed json|conflict|\bheaders?\b|\bcookies?\b",
     r"\b(?:account|plan|tier|subscription|organi[sz]ation|workspace|usage)\b",
     r"\b(?:messages?|prompts?|images?|inputs?|requests?) limit|you(?:'ve| have)? (?:exceeded|reached|hit|used)",
     r"(?<!size )(?<!token )(?<!tokens )(?<!length )(?<!context )(?<!window )limits? (?:(?:is|was|has been) )?exceeded",
 )
-"""A body that came broken, or somebody's allowance: no field or limit is taken from the words beside them."""
+"""Words of a damaged body or of an account's allowance: then no field or limit is proven wrong."""
 _CHANGE = _any(
     r"\b(?:modify|chang|reduc|shorten|lower|resiz|compress|remov|adjust|edit|revis|rephras|reformat|correct|fix"
     r"|check|us"
@@ -89,7 +89,7 @@ _CHANGE = _any(
     r"|short)\w*) "
     r"(?:an? |the |your )?\w+",
 )
-"""Advice to ask again with another request, which says that this one is wrong."""
+"""Advice to send a changed request, which says that this one is wrong."""
 _MODERATED = _any(
     r"content[ _-]?polic|content[ _-]?filter|content management polic|usage polic|responsibleai|safety (?:system|polic)"
     r"|moderat|data[ _]?inspection|guardrail",
@@ -103,7 +103,7 @@ _FLAGGED = _any(
     r"content_policy_violation|ResponsibleAIPolicyViolation|moderation_blocked|content exists risk",
     r"(?:inappropriate|prohibited|harmful|unsafe) content",
 )
-"""A moderation: its subject with a verdict, or a verdict that has no other subject."""
+"""A moderation: a filter named with its verdict, or a verdict that only a filter gives."""
 _NO_KEY = _any(
     r"\b(?:api|access|auth\w*|subscription|secret)[ _-]?(?:key|token)s?\b[^.]{0,60}(?:invalid|not valid"
     r"|incorrect|missing"
@@ -115,7 +115,7 @@ _NO_KEY = _any(
     r"(?:invalid|missing|wrong|required|expired)|(?:location|country|region"
     r"|territory)\b[^.]{0,40}not (?:supported|available|allowed)",
 )
-"""How servers say in a 400 that a key is wrong, or may not be used where it is."""
+"""How servers say in a 400 that a key is wrong, or not allowed in this region."""
 _SPENT = _any(
     r"insufficient[ _-]?(?:quota|funds?|credits?|balance)|(?:out of|no|not enough|run out of) (?:\w+ )?credits?\b",
     r"credit balance|balance is (?:too low|insufficient)|exceeded your current quota"
@@ -129,7 +129,7 @@ _ALLOWANCE = _any(
     r"\b(?:daily|weekly|monthly|free)\b[^.]{0,40}\b(?:limit|quota|allowance)",
     r"\bquota\b",
 )
-"""How servers say that nothing is left to spend; an allowance is none in a 429, which may speak of a minute."""
+"""How servers say that no money or quota is left; in a 429 an allowance may be that of a minute."""
 _NO_MODEL = _any(
     r"(?:invalid|unknown|no such) model(?: name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
     r"|\bmodel (?:identifier|id|name)\b[^.]{0,80}\bis (?:invalid|not valid|unknown)"
@@ -150,7 +150,7 @@ _FIELDS = _any(
     r"(?:param(?:eter)?|argument|key|property|field|input|value)s?(?: supplied| name| type)?(?:: ?| ?['\"`\[])",
     r"['\"`] (?:parameter|argument|property|field)",
 )
-"""A field of a request, by its name or as a named one."""
+"""A field of a request: a known name, or the word "parameter" or its like with a name."""
 _COMPLAINTS = _any(
     r"\b(?:exceed(?:s|ed|ing)?|maximum|at most|at least|too (?:long|large|many|big|short|small)|limit(?:s|ed)?|must"
     r"|(?:not|n't) (?:support|accept|take|match|allow|permit|valid|enabled|a valid|an? |this)\w*|unsupported"
@@ -163,7 +163,7 @@ _COMPLAINTS = _any(
     r"|cannot be (?:used|set|empty|null|specified|combined|negative|zero|greater|less|more|larger|longer))\b",
     r"[<>]=",
 )
-"""What is said of a field that is wrong."""
+"""Words that say that a field is wrong."""
 _SIZES = _any(
     r"\b(?:payload|body|entity|request|upload|content|file)\b[^.]{0,40}(?:too (?:large|big|long)|size limit"
     r"|exceeds?(?:ed|ing)? [^.]{0,60}(?:size|limit|bytes|\b[kmg]i?b\b)|at most \d+ ?[kmg]?i?b|\b(?:maximum"
@@ -177,7 +177,7 @@ _NO_FIELDS = frozenset({"body", "request", "payload", "none", "null", "unknown",
 _ELSEWHERE = frozenset({"query", "path", "header", "headers", "cookie", "cookies", "url", "uri"})
 _KEYS = pattern(r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE)
 _ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help", "request_id", "body", "instance"})
-"""Entries that hold what was sent, or an address, and nothing that a server says of it."""
+"""Entries that repeat the request or hold an address: they say nothing about the fault."""
 _AGAIN = frozenset(
     {"retry_after", "retryafter", "retry_after_ms", "retryable", "is_retryable", "retrydelay", "retry_delay"}
 )
@@ -187,29 +187,29 @@ _WAIT = pattern(
     r"(?:(\d{1,9}(?:\.\d{1,9})?) ?(ms|millisecond|s\b|sec|min|hour|day)?)?",
     re.IGNORECASE,
 )
-"""How words say after which time to ask again: "Please retry in 45.8s", "try again in 7m12s"."""
+"""How a text gives the time to wait: "Please retry in 45.8s", "try again in 7m12s"."""
 _RATE = _any(
     r"rate[ _-]?limit|rate exceeded|throttl|too many requests|slow down|(?:requests?|tokens?) per (?:second|minute)"
     r"|per[ -]minute"
 )
-"""How words of a 403 say that it came too soon, and was not forbidden."""
+"""How the text of a 403 says that the request came too soon and is not forbidden."""
 _DELAYS = frozenset({"retry_after", "retryafter", "retry_after_ms", "retrydelay", "retry_delay"})
 _BARE = frozenset(
     {re.sub(r"[^a-z]", "", status.phrase.lower()) for status in HTTPStatus}
     | {"payloadtoolarge", "contenttoolarge", "entitytoolarge", "requestentitytoolarge", "unprocessablecontent"}
 )
-"""Names of statuses, which say no more than their number."""
+"""Names of statuses, which say no more than their numbers."""
 _PAGE = pattern(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
 WITHIN = "error in a reply of status 200: "
-"""How the words of an error begin that a server reports with status 200."""
+"""The start of the text of an error that came with status 200."""
 _FIELD = pattern(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
-"""What `with_proof` writes behind the words of an error that names a field apart."""
+"""What `with_proof` appends where an error names the field in an entry of its own."""
 
 
 def kind_of_status(status: int, said: object = None) -> ErrorKind:
-    """Return the kind of an HTTP status that is no success.
+    """Return the error kind of an HTTP status.
 
-    ``said`` is the value of the body's JSON, or of the error inside it; None where the body was none.
+    ``said`` is the JSON value of the body, or of the error in it; None where the body is no JSON.
     """
     entries = [*_entries(said)]
     texts = [_meant(text) for _, text in entries if isinstance(text, str)]
@@ -229,7 +229,7 @@ def kind_of_status(status: int, said: object = None) -> ErrorKind:
 
 
 def _default(status: int, entries: list[tuple[str, object]], words: str) -> ErrorKind:
-    """Return what a status says; a 403 that speaks of a rate came too soon, and a 404 may come from the road."""
+    """Return a status's own kind; a 403 may be a rate limit, and a 404 a gateway's."""
     if status == 403 and _RATE.search(words):
         return "rate_limited"
     if status == 404 and _passes(entries, words) and not _NO_MODEL.search(words):
@@ -238,17 +238,17 @@ def _default(status: int, entries: list[tuple[str, object]], words: str) -> Erro
 
 
 def _is_spent(status: int, entries: list[tuple[str, object]], words: str) -> bool:
-    """Return whether an error says that nothing is left to spend; a 429 that gives a time to wait does not."""
+    """Return whether an error says that nothing is left to spend; not a 429 with a time to wait."""
     if status == 429:
         if any(name == "quotaId" and "PerDay" in str(value) for name, value in entries):
             return True
-        if _delay_s(entries) is not None:  # Gemini speaks of billing, and means a minute
+        if _delay_s(entries) is not None:  # Gemini mentions billing also at a limit per minute
             return False
     return status in _SPENDING and _SPENT.search(words) is not None
 
 
 def delay_s(said: object) -> float | None:
-    """Return after how many seconds an error asks to be sent again, by an entry of its own; None where none says so."""
+    """Return the seconds to wait before a retry, by an error's entry or text; None without."""
     return _delay_s([*_entries(said)])
 
 
@@ -259,7 +259,7 @@ def _delay_s(entries: list[tuple[str, object]]) -> float | None:
 
 
 def _said_s(text: str) -> float | None:
-    """Return after how many seconds words ask to be sent again; None where they name no time."""
+    """Return the seconds that a text asks to wait; None where it names no time."""
     wait = _WAIT.search(text[:_LONGEST])
     if wait is None or not any(wait.groups()[:3]):
         return None
@@ -271,7 +271,7 @@ _SCALES = {"ms": 0.001, "millisecond": 0.001, "s": 1.0, "sec": 1.0, "min": 60.0,
 
 
 def _seconds(value: object, parts: int) -> float | None:
-    """Return a duration in seconds: a number of ``parts`` of a second, or in the letters of protobuf, ``45.8s``."""
+    """Return seconds: of a count of 1/``parts`` seconds, or of protobuf's form ``45.8s``."""
     if isinstance(value, str) and (said := re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value.strip())):
         return float(said.group(1)) / (1 if said.group(2) else parts)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -279,13 +279,13 @@ def _seconds(value: object, parts: int) -> float | None:
 
 
 def named_field(said: object) -> str:
-    """Return the field of the request that a JSON error names by an entry of its own (``param``, ``loc``), or ""."""
+    """Return the request's field that a JSON error names (by ``param``, ``loc``), or ""."""
     named = (name for one, value in _entries(said) if (name := _named(one, value)) and not _KEYS.fullmatch(name))
     return next(named, "")
 
 
 def with_proof(detail: str, status: int, said: object) -> str:
-    """Return the words of an error that ends a call with what proves it, where they do not say it themselves."""
+    """Return the text of a `bad_request` with its proof, where the text alone does not prove it."""
     if kind_of_status(status, detail) == "bad_request":
         return detail
     short = detail if len(detail) <= _SHOWN else f"{detail[:_SHOWN]}…"
@@ -297,9 +297,9 @@ def with_proof(detail: str, status: int, said: object) -> str:
 
 
 def is_of_the_road(reply: Reply) -> bool:
-    """Return whether a failure that finished a call says nothing of its request, so that it may be asked once more.
+    """Return whether a call's final failure says nothing about its request, so it may be repeated.
 
-    A `bad_request` of an older run is one unless its words prove the request wrong: it may be a gateway's own.
+    So does a `bad_request` of an older run, unless its text proves the request wrong.
     """
     if reply.error != "bad_request":
         return reply.error in TRANSIENT or reply.error in {"wrong_json", "too_large", "exception"}
@@ -311,7 +311,7 @@ def is_of_the_road(reply: Reply) -> bool:
 
 
 def _of_the_request(said: object, words: str, *, passing: bool) -> ErrorKind | None:
-    """Return what a 400, 413 or 422 says of the key, the model's name or the request; None where it proves nothing."""
+    """Return the kind that a 400, 413 or 422 proves (key, model, request); None without proof."""
     if _NO_KEY.search(words) or any(_is_of_the_key(name, value) for name, value in _entries(said)):
         return None if passing else "auth"
     if passing:
@@ -322,7 +322,7 @@ def _of_the_request(said: object, words: str, *, passing: bool) -> ErrorKind | N
 
 
 def _names_what_is_wrong(words: str) -> bool:
-    """Return whether a sentence names a field with what is wrong with it, or a limit of the request as a whole."""
+    """Return whether a sentence says that a field, or the size of the request, is wrong."""
     if _DOUBT.search(words):
         return False
     sentences = re.split(r"[.!?;](?=\s)|\n", words)
@@ -334,7 +334,7 @@ def _is_moderated(words: str) -> bool:
 
 
 def _passes(entries: list[tuple[str, object]], words: str) -> bool:
-    """Return whether an error speaks of trouble that may pass: in words, by a code, or by a time to ask again."""
+    """Return whether an error speaks of temporary trouble: by text, a code, or a time to wait."""
     if _TROUBLE.search(_CHANGE.sub(" ", words)):
         return True
     return any(
@@ -352,13 +352,13 @@ def _number(value: object) -> int | None:
 
 
 def _meant(text: str) -> str:
-    """Return what a text says: without addresses and data, and nothing where it is the name of a status."""
+    """Return a text without addresses and data; "" where it is only the name of a status."""
     short = re.sub(r"(?:https?://|data:)\S+", " ", text[:_LONGEST])
     return "" if re.sub(r"[^a-z]", "", short.lower()) in _BARE else short
 
 
 def _named(name: str, value: object) -> str:
-    """Return the field of the request that an entry names as the place of a fault, or ""."""
+    """Return the request's field that an entry names as faulty, or ""."""
     if name in _NAMED and isinstance(value, str):
         parts = [value.strip()] if _NAME.fullmatch(value.strip()) else []
     elif name in _LOCATED and isinstance(value, list):
@@ -371,15 +371,15 @@ def _named(name: str, value: object) -> str:
 
 
 def _is_of_the_key(name: str, value: object) -> bool:
-    """Return whether an entry names the header of the key as the place of a fault."""
+    """Return whether an entry names the key's header as faulty."""
     parts = value if name in _LOCATED and isinstance(value, list) else [value] if name in _NAMED else []
     return any(isinstance(part, str) and _KEYS.fullmatch(part) for part in parts)
 
 
 def _entries(said: object, name: str = "", depth: int = 0) -> Iterator[tuple[str, object]]:
-    """Yield every value inside a JSON value with its name, a JSON object that is written as a text too.
+    """Yield every value inside a JSON value with its name, also inside JSON that is a string.
 
-    What repeats the request is left out.
+    Entries that repeat the request are left out.
     """
     if depth >= _DEEPEST or name in _ECHOES:
         return
@@ -397,7 +397,7 @@ def _entries(said: object, name: str = "", depth: int = 0) -> Iterator[tuple[str
 
 
 def _inner(text: str) -> object:
-    """Return the JSON object or list that is written as a text, or None."""
+    """Return the JSON object or list that a text holds, or None."""
     if text.lstrip()[:1] not in {"{", "["} or len(text) > _LONGEST:
         return None
     try:

@@ -1,7 +1,7 @@
-"""The floor of the adapters that ask a server: one bounded request, timed, and every failure as a kind of its own.
+"""HTTP for the adapters: one bounded, timed request; each failure has a kind.
 
-Nothing is retried and no redirect is followed. A proxy is taken from HTTP_PROXY, HTTPS_PROXY and NO_PROXY, never for
-an address of this machine; `.netrc` and cookies are not used.
+Nothing is retried, and no redirect is followed. HTTP_PROXY, HTTPS_PROXY and NO_PROXY name the
+proxy; addresses of this machine never use one. `.netrc` and cookies are not used.
 """
 
 import asyncio
@@ -33,7 +33,7 @@ from eyechart.keys import without_keys
 from eyechart.models.faults import delay_s, kind_of_status, with_proof
 
 MOST_BYTES = 8_000_000
-"""A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
+"""A longer body is no reply to "choose an action"; the rest of it is not read."""
 
 _CONNECT_S = 30.0
 _PIECES = 4096
@@ -49,14 +49,14 @@ _BOUNDS = {
     "provider": _NAME,
     "system_fingerprint": _NAME,
 }
-"""The fields of a reply that a server fills with text, and how long each may be once the secrets are out of it."""
+"""A reply's texts from a server, with the length that each may have after secrets are removed."""
 
 
 @dataclass(slots=True)
 class Response:
-    """What a server sent, or what went wrong: then ``error`` is set, and ``body`` is as far as it came.
+    """A server's response, or a failure: then ``error`` is set and ``body`` may be incomplete.
 
-    ``arrived`` says of each piece of the body, the first few thousand of them, how much had come when, in seconds.
+    ``arrived`` holds (bytes so far, seconds since the start) for the first pieces of the body.
     """
 
     body: bytearray = field(default_factory=bytearray)
@@ -73,7 +73,7 @@ class Response:
     came_over: ResponseHandler | None = field(default=None, repr=False)
 
     def reply(self, reply: Reply) -> Reply:
-        """Return a reply with this response's status and times, and the size and digest of what was sent."""
+        """Return a reply with this response's status, times, and request size and digest."""
         return replace(
             reply,
             status=self.status,
@@ -85,21 +85,21 @@ class Response:
         )
 
     def failure(self, error: ErrorKind | None = None, detail: str = "") -> Reply:
-        """Return the reply of a failure: this response's own, or the one that its body turned out to be.
+        """Return the reply of a failure: this response's own, or the given one of its body.
 
-        What came over a connection once may be followed by more, which would be read as the next call's reply: it is
-        closed, and a call that was sent over it meanwhile fails and is made again.
+        Closes the connection: more of this response may follow on it, and would be read as the next
+        call's reply. A call that uses the connection meanwhile fails and is repeated.
         """
         if self.came_over is not None and self.came_over.transport is not None:
             self.came_over.transport.close()
-        words = self.scrub(detail or self.detail)  # before it is cut: half a key is known as one no more
+        words = self.scrub(detail or self.detail)  # before it is cut: half a key is not recognised
         return self.reply(Reply(error=error or self.error, error_detail=printable(words)))
 
 
 class _Connector(aiohttp.TCPConnector):
-    """Connections of which none is used again that more has come over than was asked for.
+    """Connections that are not reused after unexpected data.
 
-    What a server sends too much, a body longer than it said or a reply to nothing, would be read as the next reply.
+    A body longer than announced, or a reply without a request, would be read as the next reply.
     """
 
     async def connect(
@@ -108,7 +108,7 @@ class _Connector(aiohttp.TCPConnector):
         traces: list[Any],
         timeout: aiohttp.ClientTimeout,  # noqa: ASYNC109 - aiohttp's own
     ) -> Connection:
-        """Return a connection on which nothing waits."""
+        """Return a connection without unread data."""
         found = await super().connect(req, traces, timeout)
         while found.protocol is not None and found.protocol.should_close:
             found.close()
@@ -118,15 +118,15 @@ class _Connector(aiohttp.TCPConnector):
 
 
 _USED: ContextVar[ResponseHandler | None] = ContextVar("used", default=None)
-"""The connection over which the request of a task was sent."""
+"""The connection of the current task's request."""
 
 
 @dataclass(slots=True)
 class Endpoint:
-    """A server that is asked with POST, over one session that is opened with the first request of an event loop.
+    """A server for POST requests, over one session that opens with an event loop's first request.
 
-    ``secrets`` are the values that must not come back in any text, ``headers`` hold them. ``query`` goes behind every
-    address.
+    ``secrets`` are values that must not appear in any text of a reply; ``headers`` hold them.
+    ``query`` is appended to every address.
     """
 
     base_url: str
@@ -139,14 +139,14 @@ class Endpoint:
     _proxy: str | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the proxy; raises SpecError where its address cannot be one."""
+        """Find the proxy; raises SpecError where its address is malformed."""
         self._proxy = proxy_for(self.base_url)
         named = urlsplit(self._proxy or "")
         parts = (named.password, named.netloc.rpartition("@")[0], unquote(named.password or ""))
         self.secrets += tuple(part for part in parts if part)
 
     async def post(self, path: str, payload: bytes) -> Response:
-        """Send one request and read its whole body; every failure is a Response with its kind."""
+        """Send one request and read the whole body; every failure is a Response with its kind."""
         start, seen = time.perf_counter(), Response(scrub=self.scrub, payload=payload)
         _USED.set(None)
         try:
@@ -162,7 +162,7 @@ class Endpoint:
                     if len(seen.arrived) < _PIECES:
                         seen.arrived.append((len(seen.body), time.perf_counter() - start))
                     if len(seen.body) > MOST_BYTES:
-                        came.close()  # the rest is not read, and the connection not used again
+                        came.close()  # the rest is not read, and the connection is not reused
                         break
                 seen.error, detail = _judged(came, seen)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
@@ -177,11 +177,11 @@ class Endpoint:
             await session.close()
 
     def scrub(self, text: str) -> str:
-        """Return a text without the secrets that went out with the request, encoded ones included."""
+        """Return a text without the request's secrets, encoded ones included."""
         return without_keys(text, dict.fromkeys(self.secrets, "[key removed]"))
 
     def scrubbed(self, reply: Reply) -> Reply:
-        """Return a reply without secrets, its names cut after that: a server may send back what it was sent."""
+        """Return a reply without secrets, which a server may repeat; then cut its names."""
         texts = {name: getattr(reply, name) for name in _BOUNDS}
         clean = {name: self.scrub(text)[: _BOUNDS[name]] for name, text in texts.items() if text}
         changed = {name: text for name, text in clean.items() if text != texts[name]}
@@ -215,7 +215,7 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
         led = (
             f"redirected to {where}, which is not followed; give that address"
             if where
-            else "no answer, and no address to ask instead"
+            else "no answer, and no other address is given"
         )
         return "gateway", f"HTTP {came.status}: {led}"
     if came.status >= 400:
@@ -254,9 +254,9 @@ def _json_of(body: bytes | bytearray) -> object:
 
 
 def error_message(body: bytes | bytearray, scrub: Callable[[str], str] = str) -> str:
-    """Return what a server says of an error, in one bounded line: the message in its JSON, else the body's text.
+    """Return a server's error message in one bounded line: from its JSON, else the body's text.
 
-    ``scrub`` is applied before it is cut.
+    ``scrub`` is applied before the text is cut.
     """
     try:
         said = words_of(read_json(body))
@@ -266,7 +266,7 @@ def error_message(body: bytes | bytearray, scrub: Callable[[str], str] = str) ->
 
 
 def read_json(body: bytes | bytearray) -> object:
-    """Return the value of a JSON body, one with half a surrogate pair in a text too; raises ValueError for no JSON."""
+    """Return a JSON body's value, also with lone surrogates; raises ValueError for no JSON."""
     try:
         return orjson.loads(body)
     except ValueError as error:
@@ -277,17 +277,17 @@ def read_json(body: bytes | bytearray) -> object:
 
 
 def unlike_json(came: Response) -> str:
-    """Return in words what a body is that is no JSON, as far as its first bytes and its type tell."""
+    """Describe a body that is no JSON, by its first bytes and its content type."""
     start = bytes(came.body[:64]).lstrip().lower()
     if start.startswith(b"\x1f\x8b"):
-        return "the body is no JSON but packed (gzip), which was not asked for; switch that off where the server runs"
+        return "the body is no JSON but compressed (gzip), against the request; switch compression off at the server"
     if start.startswith((b"<!doctype", b"<html")) or came.content_type == "text/html":
-        return "the body is no JSON but a page (HTML), so another program may answer at this address"
+        return "the body is no JSON but a page (HTML): another program may answer at this address"
     return "the body is no JSON"
 
 
 def words_of(found: object, depth: int = 0) -> str:
-    """Return the message in the value of an error, however it is nested; else the value itself as JSON."""
+    """Return the message in an error's value, at any depth; else the value itself as JSON."""
     if isinstance(found, Mapping) and depth < _DEEPEST:
         for name in _MESSAGES:
             if found.get(name):
@@ -299,30 +299,30 @@ def words_of(found: object, depth: int = 0) -> str:
     try:
         return orjson.dumps(found).decode()
     except TypeError:
-        return f"a {type(found).__name__} that is nested too deeply to be shown"
+        return f"a {type(found).__name__} that is nested too deeply to show"
 
 
 def count_of(value: object) -> int | None:
-    """Return a count that a server reports, or None where it is no count."""
+    """Return a server's count, or None where the value is no count."""
     return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53 else None
 
 
 def end_of(value: object) -> str | None:
-    """Return how a server says that a reply ended; what is no text is told as its JSON, and is no normal end."""
+    """Return a server's finish reason; a value that is no text becomes JSON: no normal end."""
     if isinstance(value, str) or value is None:
         return value or None
     return words_of(value) or "nothing that can be read"
 
 
 def number_of(value: object) -> float | None:
-    """Return a number of at least 0 that a server reports, or None where it is none."""
+    """Return a server's number of at least 0, or None where the value is none."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max:
         return float(value)
     return None
 
 
 def is_loopback(base_url: str) -> bool:
-    """Return whether an address is one of this machine."""
+    """Return whether an address is this machine's own."""
     host = urlsplit(base_url).hostname or ""
     try:
         return ipaddress.ip_address(host).is_loopback
@@ -331,9 +331,9 @@ def is_loopback(base_url: str) -> bool:
 
 
 def proxy_for(base_url: str) -> str | None:
-    """Return the proxy that the environment names for an address; none for one of this machine.
+    """Return the environment's proxy for an address; None for this machine's own addresses.
 
-    Raises SpecError, which quotes nothing of it, where what is named is no address of a proxy.
+    Raises SpecError for a malformed address, without the address: it may hold a password.
     """
     parts = urlsplit(base_url)
     if is_loopback(base_url) or proxy_bypass(parts.hostname or ""):
@@ -342,13 +342,13 @@ def proxy_for(base_url: str) -> str | None:
     if proxy and not _is_proxy(proxy):
         raise SpecError(
             f"the proxy that {parts.scheme.upper()}_PROXY names has a malformed address, which is not quoted: write "
-            "http://HOST:PORT, or http://USER:PASSWORD@HOST:PORT with signs of the password percent-encoded"
+            "http://HOST:PORT, or http://USER:PASSWORD@HOST:PORT with special characters percent-encoded"
         )
     return proxy or None
 
 
 def _is_proxy(address: str) -> bool:
-    """Return whether an address can be that of a proxy of HTTP."""
+    """Return whether an address may be that of an HTTP proxy."""
     try:
         named = urlsplit(address)
         right = named.scheme in {"http", "https"} and named.port != 0 and address.isprintable()
@@ -359,7 +359,7 @@ def _is_proxy(address: str) -> bool:
 
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds after which a server wants to be asked again (RFC 9110: a number or a date; milliseconds)."""
+    """Return the seconds to wait before a retry: ``Retry-After`` of RFC 9110, or milliseconds."""
     parts = number_of(_seconds(headers.get("retry-after-ms", "")))
     if parts is not None:
         return min(parts / 1000, MOST["retry_after_s"])
@@ -371,17 +371,17 @@ def _retry_after(headers: Mapping[str, str]) -> float | None:
         if (wait := _seconds(said)) is None:
             wait = max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
     wait = number_of(wait)
-    return None if wait is None else min(wait, MOST["retry_after_s"])  # one beyond counts as not reported
+    return None if wait is None else min(wait, MOST["retry_after_s"])  # more counts as unreported
 
 
 _RESET = "x-ratelimit-reset"
 _LONGEST_RESET_S = 60.0
-"""A limit that fills up later than this may let a call through before: the usual pauses serve better."""
+"""A limit with a later reset may let a call through before it, so the usual pauses apply."""
 _SPAN = re.compile(r"(?:(\d+)h)?(?:(\d+)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)?)ms)?")
 
 
 def _reset(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds until the limits of a server that are used up are reset; all of them where none says so."""
+    """Return the seconds until the exhausted limits, or else the first, reset; None beyond 60."""
     waits, spent = [], []
     for name, value in headers.items():
         if name.lower().startswith(_RESET) and (wait := _until(value.strip())) is not None:
@@ -393,7 +393,7 @@ def _reset(headers: Mapping[str, str]) -> float | None:
 
 
 def _until(said: str) -> float | None:
-    """Return the seconds of a span (``6m0s``, ``500ms``, ``1.5``), or until a time since 1970, in seconds or parts."""
+    """Return the seconds of a span (``6m0s``, ``500ms``, ``1.5``) or until a Unix time (s, ms)."""
     if (number := _seconds(said)) is not None:
         now = time.time()
         seconds = number if number < now / 2 else number - now if number < 100 * now else number / 1000 - now

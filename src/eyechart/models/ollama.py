@@ -1,6 +1,6 @@
-"""``ollama:MODEL``: a model of an Ollama server, over its native API, streamed, with the picture beside the words.
+"""``ollama:MODEL``: a model of an Ollama server, over its native streaming API.
 
-What answers is known by its digest. Source: Ollama's API, docs/api.md.
+The digest identifies the model. Source: Ollama's API, docs/api.md.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ from eyechart.modes import RequestMode
 BASE_URL = "http://127.0.0.1:11434"
 OPTIONS = {
     "think": "true, false, or low, medium, high: whether a model that can think does so",
-    "keep_alive": "how long the model stays loaded after a call, as 10m; -1 for ever; default: till its run is over",
+    "keep_alive": "how long the model stays loaded after a call, as 10m; -1: for ever; default: until its run ends",
     "num_ctx": "tokens of context",
     "energy": "true measures this machine's energy during a call, for a server that runs here",
 }
@@ -51,7 +51,7 @@ _LOST = re.compile(r"\bmodel\b.*\bnot found\b", re.IGNORECASE | re.DOTALL)
 
 @dataclass(slots=True)
 class Ollama:
-    """A model of an Ollama server; ``version`` is the head of its digest with its quantisation."""
+    """A model of an Ollama server; ``version`` is the start of its digest, and its quantisation."""
 
     name: str
     mode: RequestMode
@@ -61,7 +61,7 @@ class Ollama:
     loaded: bool = False
 
     async def answer(self, query: Query) -> Reply:
-        """Ask once. A failure is a Reply with its kind."""
+        """Answer one query. A failure is a Reply with its kind."""
         self.loaded = True
         payload = orjson.dumps(_asked(self.name, query.said_by(self.mode.system), self.mode))
         call = self._send(payload)
@@ -75,9 +75,9 @@ class Ollama:
         return self.endpoint.scrubbed(reply)
 
     async def close(self) -> None:
-        """Close the session; a server of this machine lets go of a model that it was asked for, before that.
+        """Unload the model from a server on this machine if it was used, then close the session.
 
-        It stays where the mode says how long (``keep_alive``), or where the server is another machine's.
+        The model stays loaded if the mode sets ``keep_alive``, or if the server is another machine.
         """
         stays = "keep_alive" in self.mode.options or "keep_alive" in self.mode.body
         if self.loaded and not stays and machine_of(self.mode) == HERE:
@@ -90,7 +90,7 @@ class Ollama:
 
 
 def open_model(name: str, mode: RequestMode) -> Ollama:
-    """Open a model and ask the server what it is; raises SpecError where the server or the model is not there."""
+    """Open a model with the server's facts of it; raises SpecError without the server or model."""
     require_options(mode, OPTIONS)
     base_url = (mode.base_url or BASE_URL).rstrip("/")
     headers = mode.header_values()
@@ -108,18 +108,18 @@ def open_model(name: str, mode: RequestMode) -> Ollama:
 
 def names() -> dict[str, str]:
     """Return what may stand after ``ollama:``."""
-    return {"MODEL": "a model that was pulled, as qwen2.5vl:7b; its server runs here, or is named with --base-url"}
+    return {"MODEL": "a pulled model, as qwen2.5vl:7b; its server runs here, or --base-url names it"}
 
 
 class _Staying(urllib.request.HTTPRedirectHandler):
-    """Follows no redirect, which would hand the headers, and the secrets in them, to another address."""
+    """Follows no redirect: it would send the headers, and their secrets, to another address."""
 
     def redirect_request(self, *asked: object, **more: object) -> None:
-        """Return no request; the redirect is then an HTTPError."""
+        """Return no request; urllib then raises the redirect as an HTTPError."""
 
 
 class _RefusedError(Exception):
-    """A status other than 2xx, with the body that came with it."""
+    """A response of a status other than 2xx, with its body."""
 
     def __init__(self, code: int, body: bytes) -> None:
         super().__init__(code)
@@ -128,13 +128,13 @@ class _RefusedError(Exception):
 
 
 def _within(seconds: float, work: Callable[[], bytes]) -> bytes:
-    """Return what work returns; raises TimeoutError where it takes longer, however steadily a server drips."""
+    """Return the result of work; raises TimeoutError after the time, also while a server sends."""
     done: Future[bytes] = Future()
 
     def run() -> None:
         try:
             done.set_result(work())
-        except BaseException as error:  # noqa: BLE001 - it is raised where it is waited for
+        except BaseException as error:  # noqa: BLE001 - the waiting thread raises it
             done.set_exception(error)
 
     threading.Thread(target=run, name="ollama-opens", daemon=True).start()
@@ -143,14 +143,14 @@ def _within(seconds: float, work: Callable[[], bytes]) -> bytes:
 
 @dataclass(slots=True)
 class _Server:
-    """What an Ollama server says of itself and its models, before anything is inferred."""
+    """An Ollama server's facts of itself and its models, read before any inference."""
 
     base_url: str
     headers: Mapping[str, str]
     endpoint: Endpoint
 
     def get(self, path: str) -> Mapping[str, object]:
-        """Return the JSON object at a path; raises SpecError where no Ollama server gives one."""
+        """Return the JSON object at a path; raises SpecError where no Ollama server answers."""
         try:
             return self._ask(path)
         except _RefusedError as error:
@@ -176,7 +176,7 @@ class _Server:
         return found
 
     def show(self, name: str) -> Mapping[str, object]:
-        """Return what is known of a model; raises SpecError that says how to get one that is not there."""
+        """Return the facts of a model; raises SpecError, which says how to get a missing one."""
         try:
             return self._ask("/api/show", orjson.dumps({"model": name}))
         except _RefusedError as error:
@@ -200,7 +200,7 @@ def _missing(name: str) -> str:
 
 
 def _facts(name: str, tags: Mapping[str, object], shown: Mapping[str, object]) -> dict[str, str]:
-    """Return digest, quantisation, size, family, template and parameters, as far as the server tells them."""
+    """Return digest, quantisation, size, family, template and parameters, as far as known."""
     models = tags.get("models")
     full = name if ":" in name.rpartition("/")[2] else f"{name}:latest"
     mine = next(
@@ -274,7 +274,7 @@ def _failed(came: Response, name: str) -> Reply:
 
 
 def _read(came: Response, name: str) -> Reply:
-    """Read the stream of JSON objects, one a line; the last one has ``done`` and the counts."""
+    """Read the stream, one JSON object a line; the last one has ``done`` and the counts."""
     text: list[str] = []
     reasoning: list[str] = []
     called = False

@@ -1,6 +1,6 @@
-"""``openai:MODEL``: chat completions of OpenAI and of the servers that speak its API, with the picture in the message.
+"""``openai:MODEL``: chat completions of OpenAI and of servers with its API, pictures included.
 
-The picture stands before the words. Retries are the runner's; the key comes from the environment only.
+Pictures come before the text. The runner retries; the key comes from the environment only.
 """
 
 import base64
@@ -37,7 +37,7 @@ BASE_URL = "https://api.openai.com/v1"
 KEY = "OPENAI_API_KEY"
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a server that runs here"}
 
-NO_CHOICE = "the JSON has no choice with a message, as where a filter blocks what was asked"
+NO_CHOICE = "the JSON has no choice with a message, as when a filter blocks the request"
 _PATH = "/chat/completions"
 _VERSIONED = re.compile(r"/v\d+(/|$)")
 _SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)
@@ -48,14 +48,14 @@ _NO_SYSTEM = re.compile(
 )
 """How servers say that they take no system role."""
 _NOBODY = {"missing_model", "unreadable", "gateway", "bad_request"}
-"""The failures of an address at which no chat completions are."""
+"""The failures of an address without chat completions."""
 _SEEDS = 2**31
 """Some servers keep a seed in 32 bits."""
 
 
 @dataclass(slots=True)
 class OpenAICompatible:
-    """A model behind an OpenAI-compatible server. Which version answers, only the replies say (``served``)."""
+    """A model of an OpenAI-compatible server. Only the replies name its version (``served``)."""
 
     name: str
     mode: RequestMode
@@ -65,7 +65,7 @@ class OpenAICompatible:
     _fixed: dict[str, object] = field(default_factory=dict)
 
     async def answer(self, query: Query) -> Reply:
-        """Ask once. A failure is a Reply with its kind."""
+        """Answer one query. A failure is a Reply with its kind."""
         payload = orjson.dumps(self._fixed | _asked(query.said_by(self.mode.system), self.mode) | dict(self.mode.body))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
@@ -83,7 +83,7 @@ class OpenAICompatible:
 
 
 def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
-    """Open a model; nothing is asked yet. Raises SpecError where the key that it needs is not in the environment."""
+    """Open a model without a request; raises SpecError where its key is not in the environment."""
     require_options(mode, OPTIONS)
     base_url = (mode.base_url or BASE_URL).rstrip("/").removesuffix(_PATH)
     headers = mode.header_values()
@@ -92,11 +92,11 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
     authorised = any(one.lower() == "authorization" for one in headers)
     if not key and not authorised and (mode.key_env or base_url == BASE_URL):
         raise SpecError(
-            f"'{mode.spec}' needs a key: set the environment variable {mode.key_env or KEY}, name another with "
-            "--key-env (key_env in the file of --mode), or give the address of a server that needs none with --base-url"
+            f"'{mode.spec}' needs a key. Set the environment variable {mode.key_env or KEY}, or name another with "
+            "--key-env (key_env in the file of --mode). For a server that needs no key, give --base-url"
         )
     if key and not key.isascii():
-        raise SpecError(f"the environment variable {mode.key_env or KEY} holds what cannot be a key")
+        raise SpecError(f"the environment variable {mode.key_env or KEY} holds no key: a key is ASCII")
     if key and not authorised:
         headers["Authorization"] = f"Bearer {key}"
     secrets += [part for value in secrets for part in value.split()] + [key] * bool(key)
@@ -115,7 +115,7 @@ def names() -> dict[str, str]:
 
 
 def _unpinned(base_url: str, mode: RequestMode) -> list[str]:
-    """Return a warning where a router may answer from any upstream: versions and quantisations then mix in a run."""
+    """Return a warning where a router may mix upstreams, and so versions and quantisations."""
     if not (urlsplit(base_url).hostname or "").endswith("openrouter.ai"):
         return []
     chosen = mode.body.get("provider")
@@ -124,7 +124,7 @@ def _unpinned(base_url: str, mode: RequestMode) -> list[str]:
     ):
         return []
     pin = """--body 'provider={"only": ["NAME"], "allow_fallbacks": false}'"""
-    return [f"routing is not pinned, so that replies of several upstreams may mix: pin it with {pin}"]
+    return [f"routing is not pinned: replies of several upstreams may mix; pin it with {pin}"]
 
 
 def _in_the_clear(base_url: str, key: str) -> list[str]:
@@ -133,7 +133,7 @@ def _in_the_clear(base_url: str, key: str) -> list[str]:
 
 
 def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
-    """Return the part of a request that differs by query."""
+    """Return the part of a request that depends on the query."""
     urls = [f"data:{media_type(image)};base64,{base64.b64encode(image).decode()}" for image in query.images]
     content: list[dict[str, object]] = [{"type": "image_url", "image_url": {"url": url}} for url in urls]
     content.append({"type": "text", "text": query.user})
@@ -154,7 +154,7 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
 
 
 def _read(came: Response) -> Reply:
-    """Read a body of status 200, also one that is streamed; what is not of the API's shape is a failure."""
+    """Read a body of status 200, streamed or not; a body of another shape is a failure."""
     if is_stream(came):
         return _read_stream(came)
     try:
@@ -167,7 +167,7 @@ def _read(came: Response) -> Reply:
 
 
 def _read_stream(came: Response) -> Reply:
-    """Read a stream of events, whose first byte is that of its first words."""
+    """Read a stream of events; its first byte counts from its first words."""
     try:
         streamed = gather(came)
     except ValueError as error:
@@ -199,7 +199,7 @@ def _read_body(came: Response, body: dict[str, object]) -> Reply:
 
 
 def _hinted(reply: Reply, mode: RequestMode) -> Reply:
-    """Return a failure with what to do: where a model refuses a field, or the address or the name is likely wrong."""
+    """Return a failure with advice, if the model refuses a field or the address seems wrong."""
     said, hints = reply.error_detail, list[str]()
     if reply.error in REFUSED and "not support" in said:
         if mode.token_field != TOKEN_FIELDS[1] and "max_completion_tokens" in said:
@@ -221,7 +221,7 @@ def _hinted(reply: Reply, mode: RequestMode) -> Reply:
 
 
 def _misdirected(reply: Reply, base_url: str) -> str:
-    """Return what of the address is likely wrong, in words: its scheme, a path without a version, or the model."""
+    """Return advice on the address: its scheme, a path without a version, or the model's name."""
     scheme, _, rest = base_url.rstrip("/").partition("://")
     if scheme == "https" and reply.error == "connection" and "ssl" in reply.error_detail.lower():
         return f"this server may speak http: try --base-url http://{rest}"
@@ -236,7 +236,7 @@ def _misdirected(reply: Reply, base_url: str) -> str:
 
 
 def _failed(came: Response, error: object) -> Reply:
-    """Return the failure that a server reports with status 200, as routers do when their upstream fails."""
+    """Return the failure in a reply of status 200; routers report upstream failures so."""
     fields = error if isinstance(error, dict) else {}
     words = words_of(fields.get("message") or error)
     code = count_of(fields.get("code"))
@@ -249,7 +249,7 @@ def _failed(came: Response, error: object) -> Reply:
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
     text, finish = text_of(message.get("content")), end_of(choice.get("finish_reason"))
     refusal = refusal_of(message)
-    if ending(finish) not in {"cut", "filtered"}:  # what stands beside the text says more than that it ended
+    if ending(finish) not in {"cut", "filtered"}:  # a refusal or a tool call outranks a normal end
         finish = "refusal" if refusal is not None else _beside(body, message) or finish
     usage = body.get("usage")
     usage = usage if isinstance(usage, dict) else {}
@@ -271,7 +271,7 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
 
 
 def _beside(body: dict[str, object], message: dict[str, object]) -> str | None:
-    """Return what a reply holds beside its text that speaks against it, as a finish reason; None where nothing does."""
+    """Return a finish reason for a tool call or different choices in a reply, else None."""
     if _calls(message):
         return "tool_calls"
     choices = body.get("choices")
@@ -281,10 +281,10 @@ def _beside(body: dict[str, object], message: dict[str, object]) -> str | None:
 
 
 def _calls(message: dict[str, object]) -> bool:
-    """Return whether a message calls a tool, which nobody offered it."""
+    """Return whether a message calls a tool, although the request offers none."""
     return bool(message.get("tool_calls") or message.get("function_call"))
 
 
 def _line(value: object) -> str | None:
-    """Return a name that a server gives, or None where it gives none; it is cut once the secrets are out of it."""
+    """Return a server's name of something, or None without one; `Endpoint.scrubbed` cuts it."""
     return value if isinstance(value, str) and value else None

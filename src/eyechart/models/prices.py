@@ -1,4 +1,4 @@
-"""What a token costs: a dated table that a file of one's own comes before; no entry is "cost unknown", never 0."""
+"""Prices of tokens: the user's own file, then a dated table. Without an entry: unknown, never 0."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from eyechart.spaces.discrete import read_toml
 _TABLE = Path(__file__).with_name("prices.toml")
 _MILLION = 1_000_000
 OWN_MACHINE = ("scripted", "hf", "ollama")
-"""Adapters that nobody sends a bill for; what they take is time and energy."""
+"""Adapters without a bill: their calls cost time and energy only."""
 
 
 @dataclass(frozen=True, slots=True)
 class Price:
-    """Dollars for a million tokens in and out, with the day and the source that say so."""
+    """Dollars for a million tokens in and out, with the date and the source of the price."""
 
     model: str
     input: float
@@ -27,14 +27,14 @@ class Price:
     base_url: str = ""
 
     def of(self, reply: Reply) -> float | None:
-        """Return what a reply costs; None where its tokens are not reported."""
+        """Return the cost of a reply in dollars; None where its tokens are not reported."""
         if reply.prompt_tokens is None or reply.completion_tokens is None:
             return None
         return (self.input * reply.prompt_tokens + self.output * reply.completion_tokens) / _MILLION
 
     @property
     def words(self) -> str:
-        """Return the price with its day and source."""
+        """Return the price in words, with its date and source."""
         return f"${self.input:g} in, ${self.output:g} out per million tokens ({self.date}, {self.source})"
 
 
@@ -45,20 +45,20 @@ class Prices:
     entries: tuple[Price, ...]
 
     def of(self, mode: RequestMode) -> Price | None:
-        """Return the price of a model as it is asked, or None where none is known.
+        """Return the price of a model in a request mode, or None where none is known.
 
-        An entry with an address is for that server only, however it is spelt; without one, for any.
+        An entry with an address holds for that server only, in any spelling; one without, for all.
         """
         if mode.spec.partition(":")[0] in OWN_MACHINE:
-            return Price(mode.spec, 0.0, 0.0, "", "it runs on a machine of one's own")
+            return Price(mode.spec, 0.0, 0.0, "", "it runs on your own machine")
         at = plain_address(mode.base_url or "https://api.openai.com/v1")
         known = (one for one in self.entries if one.model == mode.spec)
         return next((one for one in known if not one.base_url or plain_address(one.base_url) == at), None)
 
     def cost(self, mode: RequestMode, reply: Reply) -> tuple[float | None, str]:
-        """Return what an attempt cost, and how that is known: ``reported``, ``priced``, ``own machine`` or ``unknown``.
+        """Return an attempt's cost, and ``reported``, ``priced``, ``own machine`` or ``unknown``.
 
-        A failure without tokens costs nothing that anybody knows of: it is unknown, and not 0.
+        The cost of a failure without tokens is unknown, not 0.
         """
         if reply.cost_usd is not None:
             return reply.cost_usd, "reported"
@@ -70,11 +70,11 @@ class Prices:
 
 
 _MOST = 1e6
-"""Nobody asks more dollars for a million tokens."""
+"""More dollars for a million tokens are a typing error."""
 
 
 def read_prices(path: Path | None = None) -> Prices:
-    """Read the table of prices, those of a file of one's own before it; raises SpecError naming what is wrong there."""
+    """Read the user's file of prices, then the table; raises SpecError for a wrong entry."""
     own = () if path is None else _entries(path)
     return Prices((*own, *_entries(_TABLE)))
 
@@ -90,7 +90,7 @@ def _entries(path: Path) -> tuple[Price, ...]:
 def _entry(values: object, where: str) -> Price:
     need = {"model": str, "input": float, "output": float, "date": str, "source": str}
     if not isinstance(values, Mapping) or not set(need) <= set(values) <= {*need, "base_url"}:
-        raise SpecError(f"{where}: a price has {', '.join(need)}, and base_url where it is one server's")
+        raise SpecError(f"{where}: a price has {', '.join(need)}, and base_url if only one server has it")
     for name, value in values.items():
         kind = need.get(name, str)
         right = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _MOST

@@ -1,9 +1,9 @@
-"""``python:MODULE:FUNCTION``: any callable from words and picture to text, for a stack of one's own.
+"""``python:MODULE:FUNCTION``: any callable from a prompt and a picture to text, for your own stack.
 
-The callable takes ``(prompt: str, image: bytes | None)``, the picture as encoded PNG or JPEG bytes or None, or
-``(prompt, images, state)``, the pictures by camera and numbers by name. It returns the answer as text, or a Reply where
-it knows more (tokens, finish reason). It may be asynchronous; a synchronous one runs in a thread, several at once up to
-the run's concurrency; while 16 of those that were given up have not returned, no further call is begun.
+The callable takes ``(prompt: str, image: bytes | None)``, with the picture as PNG or JPEG bytes, or
+``(prompt, images, state)``, with pictures by camera and numbers by name. It returns the answer as
+text, or a Reply with more (tokens, finish reason). It may be asynchronous; else it runs in threads,
+in parallel. No call begins while 16 calls past their time limit still run.
 """
 
 import asyncio
@@ -35,31 +35,31 @@ Ask = Callable[..., object]
 T = TypeVar("T")
 
 _DEPTH = 4
-"""How deep collections are looked into for what a callable holds."""
+"""How deep nested collections of a callable's values are read."""
 _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
-"""What each callable held when it was first taken."""
+"""The values that each callable held when it was first seen."""
 
 _CALL = "eyechart-call"
-"""The name of the threads in which callables are called."""
+"""The name of the threads that call callables."""
 
 LEFT_AT_MOST = 16
-"""Calls that were given up and have not returned; while there are so many no further one is begun."""
+"""The most calls past their time limit that may still run; with so many, no call begins."""
 
 
 @dataclass(slots=True)
 class PythonCallable:
-    """A callable behind the door of a model; ``version`` is the head of a digest of its files."""
+    """A callable as a model; ``version`` is the start of a digest of its files."""
 
     ask: Ask
     mode: RequestMode
     version: str
     facts: Mapping[str, str]
     whole: bool = False
-    """Whether it takes all pictures and the state, and not one picture alone."""
+    """Whether it takes all pictures and the state, instead of one picture."""
     left: set[threading.Thread] = field(default_factory=set)
 
     async def answer(self, query: Query) -> Reply:
-        """Call once. What it raises, and what takes longer than the mode's time, is a Reply with its kind."""
+        """Call once. An exception, or a call past the mode's time limit, is a failed Reply."""
         call = self._call(query)
         return await metered(call) if self.mode.options.get("energy") else await call
 
@@ -70,7 +70,7 @@ class PythonCallable:
                 said = await self._ask(prompt, *self._seen(query))
         except NotCalledError as error:
             return Reply(error="not_called", error_detail=str(error))
-        except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
+        except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
             words = without_secrets(f"{type(error).__name__}: {error}")
@@ -83,9 +83,9 @@ class PythonCallable:
         return Reply(error="exception", error_detail=words)
 
     def _seen(self, query: Query) -> tuple[object, ...]:
-        """Return what the callable takes beside the prompt, its own to change.
+        """Return the arguments after the prompt, as copies that the callable may change.
 
-        Raises TypeError where that would hide a camera.
+        Raises TypeError where a callable of one image would miss a camera.
         """
         if self.whole:
             return dict(query.stimulus.images), dict(query.stimulus.state)
@@ -100,17 +100,17 @@ class PythonCallable:
         return await in_thread(partial(self.ask, *given), self.left)
 
     async def close(self) -> None:
-        """Hold nothing, so let go of nothing."""
+        """Do nothing: there is nothing to release."""
 
 
 class NotCalledError(Exception):
-    """A call was not begun, because too many that were given up have not returned."""
+    """A call did not begin, because too many calls past their time limit still run."""
 
 
 async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
-    """Call in a thread that nobody waits for at the end of the program, should it never return.
+    """Call in a thread that does not keep the program from ending, even if the call never returns.
 
-    A given-up call leaves its thread among ``left``; NotCalledError while too many of these have not ended.
+    A cancelled call leaves its thread in ``left``. Raises NotCalledError while too many run.
     """
     left -= {thread for thread in left if not thread.is_alive()}
     if len(left) >= LEFT_AT_MOST:
@@ -127,7 +127,7 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
             ending = partial(done.set_result, ask())
         except StopIteration as stop:  # a Future cannot carry it
             ending = partial(done.set_exception, RuntimeError(f"StopIteration: {stop}"))
-        except BaseException as raised:  # noqa: BLE001 - it must reach the caller, or he waits for ever
+        except BaseException as raised:  # noqa: BLE001 - without it the caller waits for ever
             error = raised if isinstance(raised, Exception) else RuntimeError(f"{type(raised).__name__}: {raised}")
             ending = partial(done.set_exception, error)
         if not loop.is_closed():
@@ -136,7 +136,7 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
     thread = threading.Thread(target=work, name=_CALL, daemon=True)
     try:
         thread.start()
-    except RuntimeError as error:  # the system has no room for one more
+    except RuntimeError as error:  # the system has no room for another thread
         raise NotCalledError(f"not called: {error}") from error
     try:
         return await done
@@ -146,21 +146,21 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
 
 
 def under_way() -> frozenset[threading.Thread]:
-    """Return the threads in which callables are being called, also where nobody waits for them any more."""
+    """Return the threads of running calls, also of those past their time limit."""
     return frozenset(one for one in threading.enumerate() if one.name == _CALL)
 
 
 def open_model(name: str, mode: RequestMode) -> PythonCallable:
-    """Import the callable; raises SpecError that says what is missing. Modules of the current folder are found."""
+    """Import the callable, also from the current folder; raises SpecError where it is missing."""
     require_options(mode, OPTIONS)
     ask, version, facts = import_callable(name)
     return PythonCallable(ask, mode, version, facts, _takes_all(ask, name))
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
-    """Return a callable that is at hand as a model; ``mode`` names it, see `name_of`, and `identity_of` its version.
+    """Return a callable object as a model; ``mode`` names it, `identity_of` gives its version.
 
-    Raises SpecError where it takes other than (prompt, image) or (prompt, images, state).
+    Raises SpecError unless it takes (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
     whole = _takes_all(ask, mode.spec.partition(":")[2])
@@ -169,12 +169,12 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
 
 
 def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:
-    """Return the version of a callable that is at hand, with the digests that it is the head of.
+    """Return the version of a callable object (the start of a digest), and its digests by name.
 
-    It is that of its module's files, as where it is imported by its SPEC; of one that no file holds, as in a notebook,
-    of its own code, in which what it takes from elsewhere has no part. What a partial, a closure or an object holds is
-    part of it as far as it is text, numbers, arrays and collections of these; of what else it holds, a network say, the
-    type alone: give such models folders of their own.
+    The digest covers the files of its module, as for a SPEC. Without a file, as in a notebook, it
+    covers the callable's own code, and not the code that it calls. Values that a partial, a closure
+    or an object holds are included: text, numbers, arrays and collections of them. Of any other
+    value, for example a network, only the type is included: give such models folders of their own.
     """
     written, more = _written(ask), list[str]()
     digests = facts_of(sys.modules.get(written.__module__)) if _is_in_a_file(written) else {}
@@ -193,19 +193,19 @@ def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:
 def _is_in_a_file(written: FunctionType | type) -> bool:
     try:
         return Path(inspect.getfile(written)).is_file()
-    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
+    except (TypeError, OSError):  # a class of a notebook, or a built-in one
         return False
 
 
 def name_of(ask: Ask) -> str:
-    """Return ``MODULE:FUNCTION`` of a callable; of an object, of its class."""
+    """Return ``MODULE:FUNCTION`` of a callable; for an object, ``MODULE:CLASS``."""
     written = _written(ask)
     function = written.__qualname__.replace("<lambda>", "lambda").replace(".<locals>", "")
     return f"{written.__module__}:{function}"
 
 
 def _written(ask: object) -> FunctionType | type:
-    """Return what somebody wrote: of a partial or a method its function, of an object its class."""
+    """Return the function of a partial or method, or the class of an object."""
     while isinstance(ask, partial | MethodType):
         ask = ask.func if isinstance(ask, partial) else ask.__func__
     if isinstance(ask, FunctionType):
@@ -218,15 +218,15 @@ def _source(written: object) -> bytes:
 
 
 def _held(ask: object) -> str:
-    """Return what a callable held when it was first taken: one that counts its calls stays the same model."""
+    """Return a callable's values at its first use: one that counts its calls stays the same."""
     try:
         return _FIRST[ask] if ask in _FIRST else _FIRST.setdefault(ask, "\n".join(_state(ask)))
-    except TypeError:  # of a class with slots, or without a hash
+    except TypeError:  # its class has slots, or no hash
         return "\n".join(_state(ask))
 
 
 def _state(ask: object) -> Iterator[str]:
-    """Yield what a callable holds beside its code: a partial, a method, a closure, a lambda or an object."""
+    """Yield the values that a partial, a method, a closure, a lambda or an object holds."""
     if isinstance(ask, partial):
         yield from _values(ask.args)
         yield from _values(ask.keywords)
@@ -236,7 +236,7 @@ def _state(ask: object) -> Iterator[str]:
         yield _held(ask.__func__)
     elif isinstance(ask, FunctionType):
         yield from _values([cell.cell_contents for cell in ask.__closure__ or () if _is_full(cell)])
-        if ask.__name__ == "<lambda>":  # a file holds many
+        if ask.__name__ == "<lambda>":  # one file may hold many, all with this name
             yield from _code(ask)
             yield from _values(ask.__defaults__ or ())
     elif not isinstance(ask, type):
@@ -249,12 +249,12 @@ def _state(ask: object) -> Iterator[str]:
 def _is_full(cell: CellType) -> bool:
     try:
         return cell.cell_contents is not _state
-    except ValueError:  # a variable that has no value yet
+    except ValueError:  # the variable has no value yet
         return False
 
 
 def _values(value: object, depth: int = 0) -> Iterator[str]:
-    """Yield values that are the same in every process; of others the type."""
+    """Yield values that are equal in every process; for any other value, its type."""
     if value is None or isinstance(value, str | int | float | complex | bytes):
         yield repr(value)
     elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
@@ -274,7 +274,7 @@ def _values(value: object, depth: int = 0) -> Iterator[str]:
 
 
 def _code(written: object) -> Iterator[str]:
-    """Yield what a function, or a class with its methods, does, the same in every process."""
+    """Yield the code of a function, or of a class and its methods, equal in every process."""
     if isinstance(written, type):
         for name, one in sorted(vars(written).items()):
             yield name
@@ -285,24 +285,22 @@ def _code(written: object) -> Iterator[str]:
         for constant in code.co_consts:
             if isinstance(constant, CodeType):
                 yield from _code(constant)
-            elif not isinstance(constant, frozenset):  # whose order is another in each process
+            elif not isinstance(constant, frozenset):  # its order differs by process
                 yield repr(constant)
 
 
 def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
-    """Import ``MODULE:FUNCTION``; return it with its version and the digests of the files that it is made of.
+    """Import ``MODULE:FUNCTION``, also from the current folder.
 
-    Raises SpecError that says what is missing. Modules of the current folder are found.
+    Returns it with its version and its files' digests. Raises SpecError where it is missing.
     """
     module_name, colon, function = name.rpartition(":")
     if not colon or not module_name or not function:
         near = _perhaps(name) or "for example python:my_robot:decide"
-        raise SpecError(f"'python:{name}' is given as python:MODULE:FUNCTION, {near}")
+        raise SpecError(f"'python:{name}' must be python:MODULE:FUNCTION, {near}")
     if module_name.endswith(".py") or "/" in module_name or "\\" in module_name:
         near = f"python:{Path(module_name.replace(chr(92), '/')).stem}:{function}"
-        raise SpecError(
-            f"'python:{name}' takes a module's name, not its file: '{near}', from the folder in which the file lies"
-        )
+        raise SpecError(f"'python:{name}' needs a module's name, not its file: give '{near}' in the folder of the file")
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
@@ -314,7 +312,7 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
         ) from error
     except (Exception, SystemExit) as error:
         words = without_secrets(f"{type(error).__name__}: {error}")[:500]
-        raise SpecError(f"'python:{name}': module '{module_name}' fails while it is imported: {words}") from error
+        raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {words}") from error
     ask: Ask | None = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
@@ -325,7 +323,7 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
 
 
 def _perhaps(name: str) -> str:
-    """Return what may be meant by a name without a colon between module and function; nothing where nobody knows."""
+    """Suggest a SPEC for a name without a colon between module and function; "" without a guess."""
     path, dot, function = name.rstrip(":").rpartition(".")
     if function == "py" or not dot or not path or not function:
         return ""
@@ -333,17 +331,17 @@ def _perhaps(name: str) -> str:
 
 
 def made_of_class(ask: object) -> str:
-    """Return in words that a callable is a class, which would be made and not asked; nothing where it is none."""
+    """Return an error text for a class: its call would make an object; "" for anything else."""
     if not inspect.isclass(ask):
         return ""
     name = ask.__name__
-    return f"it is a class: make an object of it in its module, as {name.lower()} = {name}(), and name that"
+    return f"it is a class: make an object of it in its module, as {name.lower()} = {name}(), and name the object"
 
 
 def _takes_all(ask: Ask, name: str) -> bool:
-    """Return whether a callable takes (prompt, images, state); raises SpecError where it takes no image either."""
+    """Return whether it takes (prompt, images, state); raises SpecError if it takes no image."""
     if words := made_of_class(ask):
-        raise SpecError(f"'python:{name}' cannot be asked: {words}")
+        raise SpecError(f"'python:{name}' cannot be called: {words}")
     try:
         signature = inspect.signature(ask)
     except (TypeError, ValueError):
@@ -352,10 +350,10 @@ def _takes_all(ask: Ask, name: str) -> bool:
     if [one.name for one in taken[2:3]] == ["state"] and (
         taken[1].name == "images" or taken[2].default is inspect.Parameter.empty
     ):
-        return True  # (prompt, image, state=...) is a callable of one image with an option of its own
+        return True  # (prompt, image, state=...) takes one image: state is an option of its own
     if taken and taken[0].name == "images":
         raise SpecError(
-            f"'python:{name}' takes images first, as a policy does: give it frames with motions, a data set with "
+            f"'python:{name}' takes images first, as a policy does. Give it frames with motions: a data set with "
             "'look --dataset FOLDER', or a bank with --frames ('eyechart frames build tabletop --out bank' makes one)"
         )
     with raising(SpecError, f"'python:{name}' must take (prompt, image) or (prompt, images, state)", of=TypeError):
@@ -365,4 +363,4 @@ def _takes_all(ask: Ask, name: str) -> bool:
 
 def names() -> dict[str, str]:
     """Return what may stand after ``python:``."""
-    return {"MODULE:FUNCTION": "a callable of one's own, (prompt: str, image: bytes or None) -> str"}
+    return {"MODULE:FUNCTION": "a callable of your own, (prompt: str, image: bytes or None) -> str"}

@@ -1,8 +1,8 @@
-"""Known-answer controllers and estimators: they see what a VLM sees, and each declares the verdict that it deserves.
+"""Known-answer controllers and estimators: each sees what a VLM sees, and declares its own verdict.
 
-They read the picture's pixels through the image-only positive controls, one for roads seen from above and one for
-forward pictures, and know neither frame nor condition.
-They are the demo, the tutorial, and the instrument's own eye test.
+They read only the picture's pixels, through the two readers of `eyechart.perception` (roads from
+above, forward pictures). They know neither the frame nor the condition. They are the demo, the
+tutorial, and the test of the instrument itself.
 """
 
 import hashlib
@@ -28,44 +28,44 @@ Kind = Literal["no_picture", "uniform", "unknown", "road"]
 
 
 class Reading(Protocol):
-    """What the reader of any kind of picture tells; ``place`` is the number of the road's kind or surroundings."""
+    """What a reader finds in a picture of any kind."""
 
     @property
     def scene(self) -> Scene:
-        """Return the gap, the sides, and the distances that count in this world."""
+        """Return the gap, the sides, and the world's distance thresholds."""
 
     @property
     def ego_colour(self) -> str:
-        """Return the own vehicle's colour; red is that of a crash."""
+        """Return the own vehicle's colour; red means a crash."""
 
     @property
     def stripe_phase(self) -> float | None:
-        """Return the phase of the dashed marks in [0, 1), None where none are seen."""
+        """Return the phase of the lane's dashes in [0, 1), None where none are visible."""
 
     @property
     def place(self) -> int:
-        """Return the number of the kind of place, constant in a scenario."""
+        """Return the number of the kind of road or surroundings, constant in a scenario."""
 
     @property
     def lanes(self) -> int:
-        """Return how many lanes or tracks are seen."""
+        """Return the count of visible lanes or tracks."""
 
     @property
     def lane_from_left(self) -> int:
-        """Return the own one among them, 0 for the leftmost."""
+        """Return the own lane's index, 0 for the leftmost."""
 
     @property
     def others(self) -> tuple[Other, ...]:
-        """Return what else is on the road, the lead among them."""
+        """Return the other objects on the road, the lead included."""
 
     @property
     def flipped(self) -> bool | None:
-        """Return whether the picture is a flipped one, None where that is not seen."""
+        """Return whether the picture is mirrored, None where that is not visible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What a controller made of a picture: its kind, the reading where it shows a road, and what the file is."""
+    """A picture as a controller sees it: its kind, the reading of a road, and the file's digest."""
 
     kind: Kind
     reading: Reading | None
@@ -74,14 +74,14 @@ class Sight:
 
 
 Answer = str | Reply
-"""An action in words, or a whole Reply where the controller fails to act."""
+"""An action as text, or a whole Reply where the controller fails to act."""
 
 Decide = Callable[[Sight, random.Random], Answer]
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """The labels that a controller deserves on a ``balanced`` bank, under the paper's and the calibrated rules."""
+    """A controller's correct labels on a ``balanced`` bank, by the paper's and calibrated rules."""
 
     paper: str
     calibrated: str
@@ -90,7 +90,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """A decision rule on a picture, with what it does in words and the labels that it deserves."""
+    """A decision rule on a picture, with its description and its correct labels."""
 
     says: str
     decide: Decide
@@ -102,12 +102,12 @@ _CUT = Reply(text="The green vehicle is in the", finish_reason="length")
 
 
 def _on_road(decide: Callable[[Reading], Answer], elsewhere: Answer = "STOP") -> Decide:
-    """Return a controller that decides by what it reads of a road, and has one answer to anything that is no road."""
+    """Return a controller that decides by the road, and answers ``elsewhere`` without one."""
     return lambda sight, _: elsewhere if sight.reading is None else decide(sight.reading)
 
 
 def _never_right(decide: Decide) -> Decide:
-    """Return a controller that says SLOW where another turns to the right."""
+    """Return a controller that says SLOW where the given one says RIGHT."""
 
     def answer(sight: Sight, rng: random.Random) -> Answer:
         action = decide(sight, rng)
@@ -122,7 +122,7 @@ def _graded(scene: Scene, clear: str, blocked: str = "STOP") -> Answer:
 
 
 def _round(scene: Scene) -> Answer:
-    """Go round: to the one clear side, to the left where both are, and SLOW where none is; never stop on a road."""
+    """Pass on the clear side, on the left if both are clear; SLOW if none is, never STOP."""
     if scene.free:
         return "STRAIGHT"
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
@@ -225,17 +225,17 @@ CONTROLLERS: dict[str, Controller] = {
 
 PLANNERS: dict[str, Controller] = {
     "clear_side": Controller(
-        "goes round what is in its way on a side that is clear, and never stops on a road",
+        "passes an obstacle on a side that is clear, and never stops on a road",
         _CLEAR_SIDE,
         Declared("depth_lateral", "content", "turns_clear"),
     ),
     "left_side": Controller(
-        "goes round what is in its way on the left where that is clear, never on the right",
+        "passes an obstacle on the left where that is clear, never on the right",
         _never_right(_CLEAR_SIDE),
         Declared("depth", "depth", "one_sided"),
     ),
     "distance": Controller(
-        "slows down and stops by the distance of what is in its way, and knows no side",
+        "slows down and stops by the distance of the obstacle, and knows no side",
         _DEPTH,
         Declared("depth", "depth", "no_power"),
     ),
@@ -245,14 +245,14 @@ PLANNERS: dict[str, Controller] = {
         Declared("image_invariant", "image_invariant", "no_power"),
     ),
 }
-"""Planners for a controller below them, such as the rover's; their labels are those on a rover's bank."""
+"""Planners for a lower controller, such as the rover's; their labels hold on a rover's bank."""
 
 _SIGHTS_KEPT = 20_000
 _SIGHTS: OrderedDict[bytes, Sight] = OrderedDict()
 
 
 def see(image: bytes | None) -> Sight:
-    """Read an encoded picture from its pixels alone; equal pictures are read once in a process."""
+    """Read an encoded picture by its pixels alone; a process reads equal pictures once."""
     if image is None:
         return Sight("no_picture", None)
     digest = hashlib.sha256(image).digest()
@@ -264,7 +264,8 @@ def see(image: bytes | None) -> Sight:
 
 
 def _look(pixels: RGB) -> Sight:
-    if (pixels[::8, ::8] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all():  # a few pixels tell most apart
+    # Few pixels first: they tell most pictures apart, and faster.
+    if (pixels[::8, ::8] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all():
         return Sight("uniform", None)
     picture = scene_of(pixels)
     view = view_of(picture)
@@ -274,23 +275,23 @@ def _look(pixels: RGB) -> Sight:
 
 @dataclass(frozen=True, slots=True)
 class ScriptedModel:
-    """A known-answer controller or estimator behind the door of a model."""
+    """A known-answer controller or estimator as a model."""
 
     decide: Decide
     version: str = __version__
     facts: Mapping[str, str] = field(default_factory=dict)
 
     async def answer(self, query: Query) -> Reply:
-        """Answer from the query's picture; what the controller leaves to chance is drawn from the query's seed."""
+        """Answer from the query's picture; the query's seed draws any random choice."""
         answer = self.decide(see(query.image), random.Random(query.seed))  # noqa: S311 - no secret
         return answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
 
     async def close(self) -> None:
-        """Hold nothing, so let go of nothing."""
+        """Do nothing: there is nothing to release."""
 
 
 def open_model(name: str, mode: RequestMode) -> ScriptedModel:
-    """Open the controller or estimator of this name, which no mode changes; raises SpecError that lists all."""
+    """Open a controller or estimator, which ignores the mode; raises SpecError, which lists all."""
     del mode
     if name in ESTIMATORS:
         scene = ESTIMATORS[name].answer
@@ -301,6 +302,6 @@ def open_model(name: str, mode: RequestMode) -> ScriptedModel:
 
 
 def names() -> dict[str, str]:
-    """Return each controller's and each estimator's name with what it does in words."""
+    """Return the names of the controllers and estimators, each with a description."""
     estimators = {name: f"{one.says} (scene estimates)" for name, one in ESTIMATORS.items()}
     return {name: one.says for name, one in (CONTROLLERS | PLANNERS).items()} | estimators

@@ -1,8 +1,8 @@
-"""The files that a callable is made of: its own, and those below its folder that it imports, each with its digest.
+"""The files of a callable with their digests: its own, and its imports from below its folder.
 
-They are found from the import statements of each file, wherever in it they stand, and from what stands in a module once
-it is loaded. So they are the same in every process, whatever else is imported there, and before the first call. What is
-installed is none of them. Not found is a module that is imported under a name which is only made during a call.
+They come from the import statements of each file, at any place in it, and from the values of loaded
+modules. So the list is the same in every process, and complete before the first call. Installed
+packages are left out. A module is not found if a call computes its name.
 """
 
 import ast
@@ -19,14 +19,14 @@ from eyechart.errors import printable
 from eyechart.records import parse_json
 
 OWN, FILES, FORMERLY = "file_sha256", "files", "formerly"
-"""Facts of a callable: the digest of its own file; those of all its files, by their names below its folder, as JSON;
-and the version that older runs, which knew of the one file alone, have of the same."""
+"""Facts of a callable: the digest of its own file, and those of all its files by name (JSON). The
+third is its version in older runs, which covered only its own file."""
 _INSTALLED = {"site-packages", "dist-packages"}
 _SHOWN = 3
 
 
 def facts_of(module: ModuleType | None) -> dict[str, str]:
-    """Return the digests of the files of a callable's module; nothing where no file holds it."""
+    """Return the digests of the files of a callable's module; empty where it has no file."""
     if module is None or (file := _file(module)) is None:
         return {}
     files = _Folder(_root(module.__name__, file)).files(module.__name__, file)
@@ -34,9 +34,9 @@ def facts_of(module: ModuleType | None) -> dict[str, str]:
 
 
 def version_of(facts: Mapping[str, str], *more: str) -> dict[str, str]:
-    """Return the facts of a callable with its ``version``, and how that was formerly named where the two differ.
+    """Return the ``version`` of a callable, and its version in older runs where that differs.
 
-    ``more`` are digests of what else it is made of.
+    ``more`` are further digests that are part of the version.
     """
     own, files = facts[OWN], parse_json(facts[FILES])
     whole = own if len(files) == 1 else _digest(json.dumps(sorted(files.items())).encode())
@@ -45,12 +45,12 @@ def version_of(facts: Mapping[str, str], *more: str) -> dict[str, str]:
 
 
 def is_formerly(version: str, facts: Mapping[str, str], now: Mapping[str, str]) -> bool:
-    """Return whether a version of a run that knew of one file alone is what was found ``now``."""
+    """Return whether an older run's version, of one file alone, is that of the callable ``now``."""
     return FILES not in facts and version == now.get(FORMERLY)
 
 
 def changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Return in words which files of a callable differ, by the facts of two versions; nothing where none is known."""
+    """Return in words which files differ between the facts of two versions; "" if not known."""
     old, new = _files(before), _files(now)
     if not old and new and before.get(OWN) not in {None, now.get(OWN)}:
         old = {**new, next(iter(new)): ""}
@@ -72,7 +72,7 @@ def _some(names: list[str]) -> str:
 def _files(facts: Mapping[str, str]) -> dict[str, str]:
     try:
         found = parse_json(facts.get(FILES, "{}"))
-    except ValueError:  # somebody wrote into the run's manifest
+    except ValueError:  # the run's manifest was edited
         return {}
     return {str(name): str(digest) for name, digest in found.items()} if isinstance(found, dict) else {}
 
@@ -87,7 +87,7 @@ def _file(module: ModuleType) -> Path | None:
 
 
 def _root(name: str, file: Path) -> Path:
-    """Return the folder that a module is imported from; of what is installed, that of its own package alone."""
+    """Return the folder of a module's import; for an installed module, that of its own package."""
     parts = name.split(".")
     above = len(parts) - (file.stem != "__init__")
     root = file.parents[min(above, len(file.parents) - 1)]
@@ -96,12 +96,12 @@ def _root(name: str, file: Path) -> Path:
 
 @dataclass(frozen=True)
 class _Folder:
-    """A folder in which modules are looked for."""
+    """A folder; its modules count as the callable's own."""
 
     root: Path
 
     def files(self, name: str, file: Path) -> dict[str, str]:
-        """Return the digests of a module's file and of what it imports from this folder, its own first."""
+        """Return the digests of a module's file, then of its imports from this folder."""
         found, todo = dict[str, Path](), {name: file}
         while todo:
             name, file = todo.popitem()
@@ -113,7 +113,7 @@ class _Folder:
         return dict([first, *sorted(others)])
 
     def _of(self, name: str) -> Path | None:
-        """Return the file of a module where it is in this folder, loaded or not."""
+        """Return the file of a module in this folder, loaded or not; None if it is elsewhere."""
         if name.partition(".")[0] in {"eyechart", "__main__"}:
             return None
         if (module := sys.modules.get(name)) is not None:
@@ -133,17 +133,17 @@ class _Folder:
 
 
 def _imports(name: str, file: Path) -> Iterator[str]:
-    """Yield the names of what may be a module that this one imports, and of the packages that hold it."""
+    """Yield names that may be modules that this one imports, and the packages that hold them."""
     for one in (*_stated(name, file), *_standing(name)):
         parts = one.split(".")
         yield from (".".join(parts[:count]) for count in range(1, len(parts) + 1) if all(parts))
 
 
 def _stated(name: str, file: Path) -> Iterator[str]:
-    """Yield what its import statements name, also those inside a function."""
+    """Yield the names in its import statements, also inside functions."""
     try:
         tree = ast.parse(file.read_bytes()) if file.suffix == ".py" else ast.Module([], [])
-    except (SyntaxError, ValueError):  # written anew since it was loaded
+    except (SyntaxError, ValueError):  # the file changed since it was loaded
         return
     package = name.split(".") if file.stem == "__init__" else name.split(".")[:-1]
     for node in ast.walk(tree):
@@ -157,7 +157,7 @@ def _stated(name: str, file: Path) -> Iterator[str]:
 
 
 def _standing(name: str) -> Iterator[str]:
-    """Yield the modules of what stands in a loaded module, however it was imported."""
+    """Yield the modules of all values in a loaded module, whatever way they were imported."""
     for value in tuple(vars(sys.modules[name]).values()) if name in sys.modules else ():
         if isinstance(value, ModuleType):
             yield value.__name__

@@ -1,4 +1,4 @@
-"""Server-sent events of a chat completion, put together as what the same server would have said at once."""
+"""Joins the server-sent events of a chat completion into the body of one that is not streamed."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -13,17 +13,17 @@ _END = b"[DONE]"
 _TYPE = "text/event-stream"
 _REFUSED = "(refused without a word)"
 _TEXTS = frozenset({"text", "output_text"})
-"""The types of a part of a message that say what is answered."""
+"""The types of a message's parts that hold the answer."""
 _THOUGHT = re.compile("think|thought|reason|summary|refusal", re.IGNORECASE)
-"""Types of parts that are no answer: what was thought before it, and what refuses it, which is read elsewhere."""
+"""Types of parts that are no answer: reasoning, and a refusal, which `refusal_of` reads."""
 _BOM = b"\xef\xbb\xbf"
 
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """A completion that came in events; ``whole`` says whether its end came.
+    """A completion from events; ``whole`` says whether it is complete.
 
-    ``first`` counts the bytes of the body up to the end of the first event that holds words, None where none does.
+    ``first`` is the number of bytes up to the end of the first event with text, None without one.
     """
 
     body: dict[str, object]
@@ -32,15 +32,15 @@ class Streamed:
 
 
 def is_stream(came: Response) -> bool:
-    """Return whether a response is a stream of events, by its type or by how it begins."""
+    """Return whether a response is a stream of events, by its type or its first bytes."""
     return came.content_type == _TYPE or came.body.removeprefix(_BOM).lstrip()[:6].startswith((b"data:", b"event:"))
 
 
 def gather(came: Response) -> Streamed:
-    """Put the events of a response together; raises ValueError where one that is whole is no JSON object.
+    """Join the events of a response; raises ValueError where a complete event is no JSON object.
 
-    Of several choices the first one counts. The last event may be cut short. Of a stream without a choice the body has
-    none either; an event that is named an error is one.
+    Only the first choice counts. The last event may be incomplete. A stream without a choice gives
+    a body without one. An event with the name ``error`` is an error.
     """
     words, found, first = dict[str, list[str]](), dict[str, object](), None
     choice: dict[str, object] = {}
@@ -56,7 +56,7 @@ def gather(came: Response) -> Streamed:
                 raise
             break
         if not isinstance(event, dict):
-            raise ValueError(f"an event is no JSON object but {type(event).__name__}")  # noqa: TRY004 - as for no JSON
+            raise ValueError(f"an event is no JSON object but {type(event).__name__}")  # noqa: TRY004
         found |= {name: event[name] for name in (*_NAMES, "error") if event.get(name)}
         if name == b"error":
             found["error"] = event.get("error") or event or "an error without a word"
@@ -71,12 +71,12 @@ def gather(came: Response) -> Streamed:
 
 
 def first_words_s(came: Response, first: int | None) -> float | None:
-    """Return the seconds until the first words of a stream had come, None where that was not measured."""
+    """Return the seconds until the first text of a stream, None where they were not measured."""
     return next((seconds for size, seconds in came.arrived if first is not None and size >= first), None)
 
 
 def text_of(content: object) -> str:
-    """Return a message's text, which may come as a string or in parts."""
+    """Return a message's text, from a string or from parts."""
     if isinstance(content, str):
         return content
     if isinstance(content, list):
@@ -90,9 +90,9 @@ def _part(part: object) -> str:
 
 
 def require_text(content: object) -> None:
-    """Raise ValueError where a message's content holds an answer that `text_of` does not read: never a part of one."""
+    """Raise ValueError where `text_of` would miss a part of the answer in a message's content."""
     if isinstance(content, int | float):
-        raise ValueError(f"the content of the message is {content!r}, no text")  # noqa: TRY004 - as for no JSON
+        raise ValueError(f"the content of the message is {content!r}, no text")  # noqa: TRY004
     parts = content if isinstance(content, list) else [content] if isinstance(content, dict) else []
     for part in parts:
         kind, said = (part.get("type", "text"), part.get("text")) if isinstance(part, dict) else ("text", part)
@@ -101,7 +101,7 @@ def require_text(content: object) -> None:
 
 
 def refusal_of(message: Mapping[str, object]) -> str | None:
-    """Return the words with which a message refuses, in its field or a part of its content; None where it does not."""
+    """Return the refusal in a message's field or its content's parts; None without a refusal."""
     said, parts = message.get("refusal"), message.get("content")
     refused = [one.get("refusal") for one in parts if _is_refusal(one)] if isinstance(parts, list) else []
     if said and (not isinstance(said, str) or said.strip()):
@@ -114,24 +114,25 @@ def _is_refusal(part: object) -> bool:
 
 
 def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str, object]) -> bool:
-    """Add an event's first choice to what came before; return whether it holds words."""
+    """Add an event's first choice to those before it; return whether it holds text."""
     choices = event.get("choices")
     mine = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else {}
     if mine.get("index", 0) != 0:
         return False
-    delta = mine.get("delta") or mine.get("message") or mine.get("delta")  # an empty one is one
+    delta = mine.get("delta") or mine.get("message") or mine.get("delta")  # an empty one counts
     said = _said(delta) if isinstance(delta, dict) else {}
     for name, text in said.items():
         words.setdefault(name, []).append(text)
     choice |= {name: mine[name] for name in ("error",) if mine.get(name)}
-    if mine.get("finish_reason") and choice.get("finish_reason", "stop") == "stop":  # another end is not taken back
+    # An abnormal end stays.
+    if mine.get("finish_reason") and choice.get("finish_reason", "stop") == "stop":
         choice["finish_reason"] = mine["finish_reason"]
     choice |= {name: delta[name] for name in _CALLS if isinstance(delta, dict) and delta.get(name)}
     return any(said.values())
 
 
 def _said(delta: dict[str, object]) -> dict[str, str]:
-    """Return the words of a delta, by where they stand; raises ValueError as `require_text` does."""
+    """Return the texts of a delta by field; raises ValueError as `require_text` does."""
     require_text(delta.get("content"))
     said = {name: text_of(delta.get(name)) for name in _WORDS}
     if (refused := refusal_of(delta)) is not None:
@@ -140,7 +141,7 @@ def _said(delta: dict[str, object]) -> dict[str, str]:
 
 
 def _events(body: bytearray) -> Iterator[tuple[bytes, int, bytes]]:
-    """Yield the data of each event, the place where it ends, and its name; comments and other fields are left out."""
+    """Yield each event's data, the place of its end, and its name; other fields are left out."""
     held, place, name = list[bytes](), 0, b""
     for line in bytes(body).splitlines(keepends=True):
         place += len(line)

@@ -1,7 +1,7 @@
-"""``trained:NAME``: tiny policies of the tabletop that were trained to look in a known way; they need numpy alone.
+"""``trained:NAME``: tiny policies of the tabletop, trained to use the pictures in a known way.
 
-Each is a file of some 23 000 weights in half precision, in the distribution ``eyechart-organisms``. How they were
-trained is organisms/reach.py, beside src.
+They need only numpy. Each is a file of about 23 000 weights in half precision, in the distribution
+``eyechart-organisms``. organisms/reach.py, next to src, trains them.
 """
 
 import hashlib
@@ -21,18 +21,18 @@ from eyechart.modes import RequestMode
 Floats = npt.NDArray[np.float32]
 
 HORIZON, NUMBERS = 8, 24
-"""Steps and numbers of a motion."""
+"""The steps of a motion, and its count of numbers."""
 LEAST_SPREAD, MOST_SPREAD = 0.15, 1.0
-"""Of the motions that a policy draws, as it learned them."""
+"""Bounds of the standard deviation of drawn motions, in units of the deviation of all motions."""
 _REMEMBERED = 4096
-"""Pictures of which a policy keeps what it saw."""
+"""A policy keeps the features of this many pictures."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lesson:
-    """What a policy was trained to do, on which preset of the tabletop, and the labels that this deserves there.
+    """The training of a policy: the preset of the tabletop, and the correct labels there.
 
-    ``cameras`` are the labels of single cameras that follow from the training, where one does.
+    ``cameras`` holds labels of single cameras that follow from the training.
     """
 
     says: str
@@ -49,7 +49,7 @@ TRAINED: dict[str, Lesson] = {
         "reaches for the named block by both cameras", "object_grounded", "state_used", "instruction_followed"
     ),
     "privileged": Lesson(
-        "is told by its state where the block is; half the pictures it learned with showed nothing of the moment",
+        "reads from its state where the block is; half of its training pictures were unrelated to the frame",
         "ignores_camera",
         "state_shortcut",
         "instruction_ignored",
@@ -66,7 +66,7 @@ TRAINED: dict[str, Lesson] = {
         "learned with the named block alone on the table", "camera_content", "state_used", "instruction_ignored"
     ),
     "top_only": Lesson(
-        "learned with wrist pictures that showed nothing of the moment",
+        "learned with wrist pictures that were unrelated to the frame",
         "object_grounded",
         "state_used",
         "instruction_followed",
@@ -84,7 +84,7 @@ TRAINED: dict[str, Lesson] = {
 
 @dataclass(frozen=True)
 class Network:
-    """A policy's weights and what it normalises by."""
+    """A policy's weights, and the means and deviations of its inputs and motions."""
 
     file: Path
     samples: bool
@@ -96,7 +96,7 @@ class Network:
             return {name: kept[name].astype(np.float32) for name in kept.files}
 
     def act(self, images: Mapping[str, npt.NDArray[np.uint8]], state: Floats, instruction: str | None) -> Floats:
-        """Return a motion, shape (8, 3); what samples draws its noise from nobody's seed."""
+        """Return a motion, shape (8, 3); a policy that samples draws its noise without a seed."""
         own, told = self.weights, instruction or ""
         if len(state) != len(own["state_mean"]):
             raise ValueError(f"it was trained with {len(own['state_mean'])} numbers of state, and got {len(state)}")
@@ -114,11 +114,11 @@ class Network:
 
     @cached_property
     def _look(self) -> Callable[[str, bytes, tuple[int, ...], str], Floats]:
-        """Return `_features`, which remembers the last pictures: most conditions show one that another showed too."""
+        """Return `_features` with a cache: most conditions repeat a picture of another one."""
         return lru_cache(maxsize=_REMEMBERED)(self._features)
 
     def _features(self, camera: str, pixels: bytes, shape: tuple[int, ...], kind: str) -> Floats:
-        """Return the places of eight features of a picture and how much of each there is, shape (24,)."""
+        """Return the positions and strengths of a picture's eight features, shape (24,)."""
         picture = np.frombuffer(pixels, kind).reshape(shape)
         maps = picture.transpose(2, 0, 1).astype(np.float32) / np.float32(127.5) - 1
         maps = np.maximum(self._convolve(f"{camera}_first", maps, 2), 0)
@@ -154,7 +154,7 @@ def _grid(size: int) -> Floats:
 
 @cache
 def _windows(shape: tuple[int, ...], wide: int, stride: int) -> npt.NDArray[np.intp]:
-    """Return the places of every window's numbers in padded maps of a shape, shape (windows, numbers)."""
+    """Return the indices of each window's numbers in padded maps, shape (windows, numbers)."""
     places = np.arange(np.prod(shape)).reshape(shape)
     views = np.lib.stride_tricks.sliding_window_view(places, (wide, wide), (1, 2))[:, ::stride, ::stride]
     found = views.transpose(1, 2, 0, 3, 4)
@@ -162,9 +162,9 @@ def _windows(shape: tuple[int, ...], wide: int, stride: int) -> npt.NDArray[np.i
 
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
-    """Open a trained policy; no weights are read before it is asked.
+    """Open a trained policy; its weights are read at the first call.
 
-    Raises SpecError that lists the known ones, or says what to install.
+    Raises SpecError, which lists the known names, or says what to install.
     """
     require_known(f"policy 'trained:{name}'", name, TRAINED)
     file = organisms_folder(f"'trained:{name}'") / "policies" / f"{name}.npz"

@@ -1,4 +1,4 @@
-"""What a model does with a picture, and how it is best asked: a doctor in 28 calls, a probe that pins a mode."""
+"""Finds how a model uses a picture (the doctor, 28 calls), and its request mode (the probe)."""
 
 from eyechart.probe.doctor import Diagnosis, doctor
 from eyechart.probe.pinning import Found, ProbeError, probe

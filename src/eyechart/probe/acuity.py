@@ -1,6 +1,6 @@
-"""The smallest detail of a picture that still arrives: the gap of a ring, as an eye chart has it, in falling sizes.
+"""Finds the smallest visible detail of a picture: the gap of a ring, as on an eye chart.
 
-What stands in the way may be the model's own eyes, or a server that makes pictures smaller before it shows them.
+The limit may be the model itself, or a server that makes pictures smaller.
 """
 
 import random
@@ -17,9 +17,9 @@ from eyechart.probe.sight import said
 from eyechart.seeds import key_seed
 
 SIZE = (1024, 768)
-"""Width and height of the pictures, in pixels: those of a usual camera."""
+"""Width and height of the pictures in pixels, as of a usual camera."""
 GAPS = (64, 24, 12, 6)
-"""The gaps that are shown, in pixels; the ring is five times as wide."""
+"""The gaps of the rings, in pixels; a ring is five times as wide."""
 EACH = 2
 MOST_CALLS = EACH * len(GAPS)
 
@@ -31,18 +31,18 @@ _WORDS = (
 
 @dataclass(frozen=True, slots=True)
 class Acuity:
-    """How many were right of how many, by gap in pixels, from the largest to the first that was not seen."""
+    """Gap in pixels, right answers and all answers, from the largest gap to the first unseen."""
 
     by_gap: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def smallest(self) -> int | None:
-        """Return the smallest gap at which all were right, None where none was."""
+        """Return the smallest gap with all answers right, None without one."""
         return min((gap for gap, right, of in self.by_gap if right == of > 0), default=None)
 
     @property
     def words(self) -> str:
-        """Return it in words, with how many were asked at each size."""
+        """Return the result in words, with the counts at each gap."""
         if not self.by_gap:
             return "not asked"
         wide, high = SIZE
@@ -55,7 +55,7 @@ NOT_ASKED = Acuity()
 
 
 async def acuity(asker: Asker, seed: int) -> Acuity:
-    """Ask where the gap of a ring is, twice a size, until one size is not seen; a limit ends it early."""
+    """Ask for the gap's side, twice a size, until one size is not seen; a limit ends it early."""
     dice = random.Random(key_seed("acuity", seed))  # noqa: S311 - no secret
     found: list[tuple[int, int, int]] = []
     for gap in GAPS:
@@ -75,7 +75,7 @@ async def acuity(asker: Asker, seed: int) -> Acuity:
 
 
 def ring(gap: int, side: str, dice: random.Random) -> bytes:
-    """Return a white picture (PNG) with a black ring somewhere about its middle that is open on one side."""
+    """Return a white picture (PNG) with a black ring near its middle, open on one side."""
     image = Image.new("RGB", SIZE, (255, 255, 255))
     pen, half = ImageDraw.Draw(image), 2.5 * gap
     x, y = (length / 2 + dice.uniform(-40, 40) for length in SIZE)

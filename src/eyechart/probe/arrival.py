@@ -1,8 +1,8 @@
-"""Shows that a run's pictures arrive as they are sent: at the size and in the format of its own, several calls at once.
+"""Checks that a run's pictures arrive at the model, in their own form and in parallel calls.
 
-The drawn pictures that were asked one at a time are asked again as the run's own are, all at once. Where fewer are
-right by `LOST` than were alone, they are asked once more, one at a time: what is then right shows that calls that are
-made together get each other's pictures, and what is wrong again that such pictures do not arrive.
+The drawn pictures were shown one call at a time. They are shown again in the run's form, in
+parallel. If `LOST` fewer answers are right, they are shown once more, one at a time. If those
+answers are right, parallel calls get each other's pictures; if not, such pictures do not arrive.
 """
 
 import io
@@ -24,31 +24,31 @@ from eyechart.probe.sight import Shot, Sight, said
 from eyechart.seeds import key_seed
 
 AT_ONCE = 8
-"""Pictures that are shown together, where the run has so many calls under way at once."""
+"""The number of pictures in parallel calls."""
 MOST_CALLS = 2 * AT_ONCE
 REPEATS = 3
 LOST = 5
-"""So many more answers lost than won are no accident: below 3 in 10,000 where each is right in 9 of 10 calls."""
+"""The net loss of right answers with a probability below 3 in 10,000, if 9 of 10 are right."""
 FLICKERS = 2
-"""So many pictures have to be named by one call and missed by another in either order, and `MISSED` in all three."""
+"""The least number of pictures that one call names and another misses, in each order."""
 MISSED = 11
-"""So many of three times `AT_ONCE` answers that there is no picture are no accident: below 2 in 10,000 with `FLICKERS`
-where a model says so in 15 of 100 calls at random."""
+"""This many answers "no picture", of three times `AT_ONCE`, are no accident. With `FLICKERS` it is
+below 2 in 10,000 for a model that says so in 15 of 100 calls at random."""
 _GREY = (190, 190, 190)
 _LEAST_SIDE = 256
-"""Pixels of a side below which a drawn picture would be too small to be named rightly by a weak model."""
+"""The least side of a drawn picture in pixels: a weak model does not recognise a smaller one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What happens to pictures on the way, by the name of its guard, and what to do about it."""
+    """A fault of the pictures' transport: the name of its guard, and the reason with advice."""
 
     guard: str
     because: str
 
 
 class Form(NamedTuple):
-    """How a picture is sent: its width and height in pixels, and its format."""
+    """The form of a picture: its width and height in pixels, and its format."""
 
     wide: int
     high: int
@@ -56,21 +56,21 @@ class Form(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Return it in words; PNG, as drawn pictures are, is not named."""
+        """Return the form in words; PNG, the format of drawn pictures, is not named."""
         return f"{self.wide}×{self.high}" if self.kind == "PNG" else f"{self.wide}×{self.high} as {self.kind}"
 
     @property
     def another(self) -> str:
-        """Return how pictures may be had that arrive."""
+        """Return advice on how to make pictures that arrive."""
         smaller = f"import smaller pictures (--convert --longest {min(384, max(self.wide, self.high) - 1)})"
         said = smaller if self.kind == "PNG" else f"save them as PNG, or {smaller}"
         return f"raise the server's context or limit of pixels, or {said}"
 
 
 def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
-    """Return that the run's own pictures are dropped, where the server's count of tokens proves it; else None.
+    """Return a fault if the server's token counts prove that it drops the run's pictures.
 
-    It counts the drawn pictures, and each prompt with a picture of the run has exactly the tokens of the words alone.
+    Drawn pictures add tokens, but a prompt with a picture of the run has only those of its text.
     """
     adds, counts = sight.image_tokens, [reply.prompt_tokens for reply in came]
     if adds is None or adds < FEWEST_TOKENS or not counts or bare.error is not None:
@@ -80,14 +80,14 @@ def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fau
     return Fault(
         "picture",
         f"the server drops this run's pictures of {form.words}: a prompt with one has the {bare.prompt_tokens} "
-        f"tokens of its words alone, where a drawn picture of 384×384 adds {adds}; {form.another}",
+        f"tokens of its words alone, but a drawn picture of 384×384 adds {adds}; {form.another}",
     )
 
 
 async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Fault | None:
-    """Return what is wrong with pictures of the run's form, or with calls made together; None where nothing is.
+    """Return a fault of pictures in the run's form, or of parallel calls; None without one.
 
-    At most `MOST_CALLS` calls. A call that fails says nothing.
+    Makes at most `MOST_CALLS` calls. Failed calls do not count.
     """
     form = form_of(sample)
     alone = [one for one in sight.shots if one.reply.error is None][:AT_ONCE]
@@ -97,7 +97,8 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
         plain(one.question.words, key_seed("arrival", seed, number), picture=in_form(one.question.picture, form))
         for number, one in enumerate(alone)
     ]
-    order = sorted(range(AT_ONCE), key=lambda at: at ^ (at >= AT_ONCE // 2))  # half in pairs turned: servers take turns
+    # The second half swaps its pairs: servers behind one address often take turns.
+    order = sorted(range(AT_ONCE), key=lambda at: at ^ (at >= AT_ONCE // 2))
     came = await asker.together([queries[at] for at in order], sample.at_once)
     together = _shots(alone, [came[at] for at in order])
     flickers = _flickers(alone, together)
@@ -106,26 +107,26 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
     again = _shots(alone, [await asker.ask(query) for query in queries])
     missed = sum(one.said == NONE for one in (*alone, *together, *again))
     if flickers and missed >= MISSED:
-        what = f"of {3 * AT_ONCE} drawn pictures {missed} are missed, some of which another call names rightly"
-        hint = "behind this address one server of several may have no eyes: ask one that has, or mend the server"
+        what = f"of {3 * AT_ONCE} drawn pictures {missed} are missed, but another call names some of them rightly"
+        hint = "one of several servers at this address may drop pictures: use another one, or repair the server"
         return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
     if _lost(alone, together) < LOST:
         return None
     before, one_by_one = (f"{sum(one.right for one in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
         what = f"pictures of this run's size ({form.words}) do not arrive as they are"
-        named = f"{one_by_one} drawn ones are named rightly so, and {before} at 384×384"
+        named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
         return Fault("picture", f"{what}: {named}; {form.another}")
     at_once = f"{sum(one.right for one in together)} of {len(together)}"
-    named = f"{at_once} are named rightly when they are asked at once, and {one_by_one} one at a time"
-    what = "pictures of calls that are made together are mixed up"
-    return Fault("picture", f"{what}: {named}; ask with --concurrency 1, or mend the server")
+    named = f"{at_once} are named rightly in parallel calls, and {one_by_one} one at a time"
+    what = "the server mixes up the pictures of parallel calls"
+    return Fault("picture", f"{what}: {named}; run with --concurrency 1, or repair the server")
 
 
 def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
-    """Return whether one call names a picture and another says that there is none, `FLICKERS` times in either order.
+    """Return whether one call names a picture that another misses, `FLICKERS` times in each order.
 
-    As from several servers behind one address, of which one has no eyes.
+    Several servers at one address answer so, if one of them drops pictures.
     """
     both = list(zip(before, after, strict=True))
     gone = sum(one.right and other.said == NONE for one, other in both)
@@ -134,10 +135,10 @@ def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
 
 
 async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
-    """Return that a cache by prefix gives one picture's state to another, at a size that was not asked before.
+    """Return a fault if a prefix cache gives one picture's state to another, else None.
 
-    Two calls, where every colour that was named is that of the first picture: the first of the new size is named
-    rightly then, and the second gets the same name.
+    Two calls with pictures of a new size, made only if all named colours are the first picture's.
+    With such a cache, both get the colour of the first of the two.
     """
     told = [one.said for one in sight.shots if one.question.kind == "colour"]
     named = told[0] if told else None
@@ -154,20 +155,20 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
         return None
     return Fault(
         "cache",
-        "every answer fits the first picture of its size: a cache by prefix gives what it kept of one picture to "
-        "others; switch prefix caching off for pictures, or mend the server",
+        "every answer fits the first picture of its size: a prefix cache gives its kept state to other pictures; "
+        "switch prefix caching off for pictures, or repair the server",
     )
 
 
 async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[Fault | None, str]:
-    """Return whether pictures of one query are told apart, for a run that has several: a fault, or a note in words.
+    """Check whether several pictures in one query arrive in order; return a fault, or a note.
 
-    Each camera's picture has the form that it has in the run. Three calls. Of two colours one is the first picture's,
-    or else the last one's, and the other all others'. Tokens that do not fall where a picture is left out whose colour
-    is not named show that it did not arrive; where they fall, the model may look at the others alone, and where the
-    server counts no pictures, both answers have to lack a colour. Answers that name the pictures in another order than
-    they were sent in, once as the choices stand and once not, and the first one by the colour of the last, are noted:
-    the server may have exchanged them.
+    Makes three calls, with each camera's picture in the run's form. One colour is that of the
+    first picture (in the second call, of the last), the other that of all others. If an answer
+    lacks a colour, the third call leaves that picture out. Equal token counts prove that it never
+    arrived; a smaller count does not, as the model may ignore it. If the server counts no pictures,
+    both answers must lack a colour. The server may also have exchanged the pictures, which is a
+    note: then both calls reverse the colours, and the first picture gets the last one's colour.
     """
     forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
     if len(forms) < 2:
@@ -191,13 +192,13 @@ async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[
         return None, ""
     rest = {name: forms[name] for name in named[some[0]]}
     fewer = await asker.ask(_of_several(rest, shown[some[0]], key_seed("arrival", seed, 202)))
-    counts = (sight.image_tokens or 0) >= FEWEST_TOKENS  # else only the words' tokens are counted
+    counts = (sight.image_tokens or 0) >= FEWEST_TOKENS  # else the server counts only text tokens
     tokens = (replies[some[0]].prompt_tokens, fewer.prompt_tokens) if counts else (None, None)
     return _left_out(forms, len(rest), tokens, every=len(some) == len(shown))
 
 
 def _colours(seed: int) -> list[str]:
-    """Return four colours: two in the order of the choices, and two in the other one."""
+    """Return four colours: two in the order of the choices, and two in reverse order."""
     dice = random.Random(key_seed("arrival", seed, "apart"))  # noqa: S311 - no secret
     colours = dice.sample(CHOICES["colour"], 4)
     colours[:2] = sorted(colours[:2], key=CHOICES["colour"].index)
@@ -206,31 +207,32 @@ def _colours(seed: int) -> list[str]:
 
 
 def _named_in(reply: Reply, shown: Mapping[str, str]) -> list[str]:
-    """Return the cameras whose colour an answer names."""
+    """Return the cameras with a colour that the answer names."""
     return [name for name, colour in shown.items() if _names(reply, colour)]
 
 
 def _left_out(
     forms: Mapping[str, Form], named: int, tokens: tuple[int | None, int | None], *, every: bool
 ) -> tuple[Fault | None, str]:
-    """Return what it means that answers name so many pictures of a query, by the tokens of all and of these alone.
+    """Return a fault or a note on answers that name only some pictures of a query.
 
-    They are None where the server counts no pictures. ``every`` says whether all answers lacked some.
+    ``tokens`` are of all pictures and of the named ones, None if the server counts none.
+    ``every``: all answers lack a picture.
     """
     whole, fewer = tokens
     counted = bool(whole and fewer)
     if whole and fewer and whole > fewer:
-        return None, f"it names {named} of {len(forms)} pictures by their colours, all of which the server counts"
+        return None, f"it names {named} of {len(forms)} pictures by their colours; the server counts all of them"
     if not counted and not every:
         return None, f"one of two answers names {named} of {len(forms)} pictures of a query by their colours"
     several = sorted({form.words for form in forms.values()}, reverse=True)
     of = "one size" if len(several) == 1 else f"sizes {' and '.join(several)}"
-    what = f"of {len(forms)} pictures of {of} in one query {named} arrive: answers name no other by its colour"
-    return Fault("picture", f"{what}; mend the server, or run on fewer cameras"), ""
+    what = f"of {len(forms)} pictures of {of} in one query {named} arrive: no answer names the colour of another"
+    return Fault("picture", f"{what}; repair the server, or run on fewer cameras"), ""
 
 
 async def _of_first(asker: Asker, forms: Mapping[str, Form], shown: Mapping[str, str], seed: int) -> str:
-    """Return in words that the first of several pictures is named as the last one is; nothing where it is not."""
+    """Return a note if the first of several pictures gets the last one's colour, else ""."""
     asked = "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
     reply = await asker.ask(_of_several(forms, shown, seed, asked))
     first, *_, last = shown.values()
@@ -238,12 +240,12 @@ async def _of_first(asker: Asker, forms: Mapping[str, Form], shown: Mapping[str,
         return ""
     return (
         f"of {len(forms)} pictures in one query it takes the first for another: the server exchanges them, or the "
-        "model does not know their order; before what one camera does is believed, mend the server or ask about one"
+        "model does not know their order. Before you trust the result of one camera, repair the server or use one"
     )
 
 
 def _is_turned(reply: Reply, colours: Sequence[str]) -> bool:
-    """Return whether an answer names both colours, the second one first."""
+    """Return whether an answer names both colours, in reverse order."""
     first, second = (re.search(rf"\b{colour}\b", reply.text, re.IGNORECASE) for colour in colours)
     return first is not None and second is not None and second.start() < first.start()
 
@@ -252,7 +254,7 @@ _ALL = "Each picture shows a shape of one colour. Which colours are there? Answe
 
 
 def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, asked: str = _ALL) -> Query:
-    """Return a query that shows each of these cameras a shape of its colour."""
+    """Return a query with a picture for each camera: a shape of that camera's colour."""
     asked = f"{asked}{', '.join(CHOICES['colour'])}."
     query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
     images = {name: in_form(draw("colour", shown[name], dice), form) for name, form in forms.items()}
@@ -264,7 +266,7 @@ def _names(reply: Reply, colour: str) -> bool:
 
 
 async def repeats(asker: Asker, sight: Sight, sample: Sample) -> str:
-    """Return how many repeats are equal that are asked alone at temperature 0, as "5 of 5"; nothing at another one."""
+    """Return the count of equal repeats, called singly at temperature 0, as "5 of 5"; else ""."""
     if asker.mode.temperature != 0:
         return ""
     first, *again = [await asker.ask(sample.query(0)) for _ in range(1 + REPEATS)]
@@ -281,13 +283,13 @@ def _shots(asked: Sequence[Shot], replies: Sequence[Reply]) -> list[Shot]:
 
 
 def _lost(before: Sequence[Shot], after: Sequence[Shot]) -> int:
-    """Return how many more answers were lost than won, among calls that came."""
+    """Return the net loss of right answers, among calls that did not fail."""
     both = [(one.right, other.right) for one, other in zip(before, after, strict=True) if other.reply.error is None]
     return sum(one - other for one, other in both)
 
 
 def form_of(sample: Sample) -> Form | None:
-    """Return the form of the largest picture that a run asks about, None where it shows none."""
+    """Return the form of a run's largest picture, None where it shows none."""
     forms = [_form(picture, name) for _, seen in sample.asked for name, picture in seen.images.items()]
     return max(forms, key=lambda one: one.wide * one.high, default=None)
 
@@ -297,7 +299,7 @@ def _form(picture: bytes, name: str) -> Form:
 
 
 def in_form(picture: bytes, form: Form) -> bytes:
-    """Return a drawn picture (PNG) in another format, inside a grey one of its size; at its own where that is small."""
+    """Return a drawn picture (PNG) in a form's format, on grey of its size if that is not small."""
     drawn = Image.open(io.BytesIO(picture)).convert("RGB")
     side = min(form.wide, form.high, *drawn.size)
     if side >= _LEAST_SIDE:

@@ -1,4 +1,4 @@
-"""Asks a model a bounded number of questions, one after the other, and keeps what came and what it took."""
+"""Calls a model a bounded number of times, and keeps the account of the calls."""
 
 import asyncio
 import re
@@ -18,7 +18,7 @@ from eyechart.modes import RequestMode, TokenField
 Tell = Callable[[int, int], None]
 """Called with (calls made, calls at most) after each call."""
 Spend = Callable[[Spent], None]
-"""Called before each call and after it with what all calls took; those under way count, at a cost that nobody knows."""
+"""Called before and after each call with the total spent; running calls have an unknown cost."""
 
 _REFUSES = re.compile(
     r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
@@ -27,7 +27,7 @@ _REFUSES = re.compile(
 
 
 class Asking(TypedDict, total=False):
-    """How models are asked outside a run: by these prices, for so many US dollars, and who is told of it."""
+    """Options of calls outside a run: prices, the limit in US dollars, and two callbacks."""
 
     prices: Prices
     max_cost: float | None
@@ -36,16 +36,16 @@ class Asking(TypedDict, total=False):
 
 
 class LimitReachedError(EyechartError):
-    """No further call may be made: so many were, or so much was spent."""
+    """No further call is allowed: the limit of calls or of cost is reached."""
 
 
 @dataclass
 class Asker:
-    """Asks models of one SPEC, each mode by a model of its own, at most ``most`` times and for ``max_cost`` dollars.
+    """Calls models of one SPEC at most ``most`` times and for ``max_cost`` dollars.
 
-    A call whose error is transient is repeated once. One that is refused for a field that the model does not take is
-    made without it from then on, unless the field is ``fixed``; ``notes`` say so. Raises LimitReachedError where no
-    further call may be made.
+    A call with a transient error is repeated once. If the model refuses a field that is not
+    ``fixed``, this and later calls leave it out; ``notes`` say so. Raises LimitReachedError where
+    no further call is allowed.
     """
 
     mode: RequestMode
@@ -64,13 +64,13 @@ class Asker:
     _under_way: int = 0
 
     async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
-        """Return the reply to a query, in the mode of this asker or in another; a failure is a reply too."""
+        """Return the reply to a query, in this asker's mode or another; a failure is one too."""
         asked = mode or self.mode
         reply = await self._once(query, asked)
         while mode is None and (change := amended(self.mode, reply, self.fixed)) is not None:
             changed, words = change
             if words in self.notes:
-                break  # the one is refused, and so is the other
+                break  # both forms of the field are refused
             self.mode = changed
             self.notes.append(words)
             asked = self.mode
@@ -81,12 +81,12 @@ class Asker:
         if reply.error in TRANSIENT:
             await asyncio.sleep(pause_s(1, reply))
             reply = await self._once(query, asked)
-            if folds and reply.error == "server_error":  # as some servers say that their template raises
+            if folds and reply.error == "server_error":  # some report a template's exception so
                 reply = await self._folded(query, reply)
         return reply
 
     async def together(self, queries: Sequence[Query], at_once: int) -> list[Reply]:
-        """Return the replies to queries, ``at_once`` of which are under way at a time, each sent once.
+        """Return the replies to queries, each sent once, ``at_once`` in parallel.
 
         A failure is a reply too.
         """
@@ -101,22 +101,22 @@ class Asker:
         return list(await asyncio.gather(*map(one, queries)))
 
     async def _folded(self, query: Query, refused: Reply) -> Reply:
-        """Return the reply to a refused query with its system words in the user's turn; the refusal if that is too."""
+        """Return the reply with the system text in the user's turn; the refusal if that fails."""
         changed = replace(self.mode, system="user")
         reply = await self._once(query, changed)
         if reply.error is not None:
             return refused
         self.mode = changed
-        self.notes.append(f"the system role is refused ({refused.error_detail[:120]}): asked with --system user")
+        self.notes.append(f"the system role is refused ({refused.error_detail[:120]}): --system user is used")
         return reply
 
     async def facts(self) -> dict[str, str]:
-        """Return what is known of the model without asking it, its version among it."""
+        """Return the facts of the model without a call, its version included."""
         model = await self._open(self.mode)
         return {"version": model.version, **model.facts}
 
     async def close(self) -> None:
-        """Let the model go."""
+        """Close the model."""
         model, self._model = self._model, None
         if model is not None:
             await close(model)
@@ -135,21 +135,21 @@ class Asker:
             self.tell(self.spent.calls, self.most)
         if self.max_cost is not None and cost is None and reply.error is None:
             spec = mode.spec
-            self.stopped = f"what {spec} costs is not known, so --max-cost cannot hold: give its price with --prices"
+            self.stopped = f"the cost of {spec} is not known, so --max-cost cannot hold: give its price with --prices"
         return reply
 
     def _tell_spent(self, more: int) -> None:
-        """Tell what was spent, with one call ``more`` or less under way."""
+        """Report the total spent, after the running calls changed by ``more``."""
         self._under_way += more
         if self.spend is not None:
             calls, unknown = (count + self._under_way for count in (self.spent.calls, self.spent.unknown))
             self.spend(replace(self.spent, calls=calls, unknown=unknown))
 
     def _require_room(self, of: int = 1) -> None:
-        """Raise LimitReachedError where ``of`` calls at once have no room; each costs what a call cost on the mean."""
+        """Raise LimitReachedError if ``of`` parallel calls, each at the mean cost, pass a limit."""
         mean = self.spent.cost_usd / max(1, self.spent.calls)
         if of > 1 and self.max_cost is not None and self.spent.cost_usd + of * mean > self.max_cost:
-            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and {of} calls at once may pass --max-cost"
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and {of} parallel calls may pass --max-cost"
         if self.stopped is None and self.spent.calls + of > self.most:
             self.stopped = f"{counted(self.spent.calls, 'call', 'were')} sent, and no more are allowed"
         if self.stopped is None and self.max_cost is not None and self.spent.cost_usd >= self.max_cost:
@@ -165,9 +165,9 @@ class Asker:
 
 
 def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tuple[RequestMode, str] | None:
-    """Return a mode that does without what a failed reply refuses, and what was changed in words, or None.
+    """Return a mode without the field that a reply refuses, and the change in words, or None.
 
-    Fields in ``fixed`` are not changed. Hosted models that think refuse ``max_tokens`` and a temperature of their own.
+    Fields in ``fixed`` stay. Hosted reasoning models refuse ``max_tokens`` and a temperature.
     """
     detail = reply.error_detail
     if reply.error in REFUSED and "stream" not in fixed and (change := _streaming(mode, detail)):
@@ -177,19 +177,19 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
     newer: TokenField = "max_completion_tokens"
     other: TokenField = "max_tokens" if mode.token_field == newer else newer
     if "token_field" not in fixed and re.search(rf"\b{mode.token_field}\b", detail):
-        return replace(mode, token_field=other), f"{mode.token_field} is refused: asked with --token-field {other}"
+        return replace(mode, token_field=other), f"{mode.token_field} is refused: --token-field {other} is used"
     if "temperature" not in fixed and mode.temperature is not None and "temperature" in detail.lower():
-        words = f"temperature {mode.temperature:g} is refused: asked with --temperature default"
+        words = f"temperature {mode.temperature:g} is refused: --temperature default is used"
         return replace(mode, temperature=None), words
     if "seed" not in fixed and mode.seed and re.search(r"\bseed\b", detail):
-        return replace(mode, seed=False), "a seed is refused: asked without one"
+        return replace(mode, seed=False), "a seed is refused: none is sent"
     return None
 
 
 def _streaming(mode: RequestMode, detail: str) -> tuple[RequestMode, str] | None:
-    """Return a mode that streams where a refusal speaks of that, one without the tokens where it speaks of them."""
+    """Return a mode with a stream, or one without its token counts, as the refusal asks."""
     if mode.stream == "none" and re.search(r"\bstream", detail, re.IGNORECASE):
-        return replace(mode, stream="usage"), "what is not streamed is refused: asked with --stream usage"
+        return replace(mode, stream="usage"), "a reply without a stream is refused: --stream usage is used"
     if mode.stream == "usage" and "stream_options" in detail:
-        return replace(mode, stream="plain"), "tokens of a stream are refused: asked with --stream plain"
+        return replace(mode, stream="plain"), "token counts of a stream are refused: --stream plain is used"
     return None

@@ -1,4 +1,4 @@
-"""The likely causes, in words, of what a model did with the drawn pictures."""
+"""The likely causes, in words, of a model's replies to the drawn pictures."""
 
 import re
 from collections import Counter
@@ -13,16 +13,16 @@ _MODERATED = re.compile(r"content[ _-]?(?:filter|policy|management policy)|filte
 _ERRORS: dict[ErrorKind, str] = {
     "auth": "the key is missing, wrong, or may not use this model: check the environment variable that holds it",
     "quota": "nothing is left to spend on this account",
-    "missing_model": "there is no model of this name where it was asked for, or the address is wrong",
+    "missing_model": "there is no model of this name at this address, or the address is wrong",
     "connection": "no server answers at this address: is it running, and is --base-url right?",
     "timeout": "no reply in time: the model may still be loading, or needs a longer --timeout",
-    "rate_limited": "the server takes no more calls for now (429): ask again later",
+    "rate_limited": "the server takes no more calls for now (429): try again later",
     "server_error": "the server fails at this request: its log says why",
-    "cut_short": "the connection breaks before a reply is whole: a proxy may do that",
-    "unreadable": "what answers is no chat completion: is --base-url right (it often ends in /v1)?",
-    "gateway": "something on the way turns the request down: is --base-url right (https, /v1)?",
-    "wrong_json": "what answers is no chat completion: is --base-url right (it often ends in /v1)?",
-    "too_large": "what answers is no chat completion: is --base-url right?",
+    "cut_short": "the connection breaks before a reply is complete: a proxy may do that",
+    "unreadable": "the reply is no chat completion: is --base-url right (it often ends in /v1)?",
+    "gateway": "a proxy or gateway rejects the request: is --base-url right (https, /v1)?",
+    "wrong_json": "the reply is no chat completion: is --base-url right (it often ends in /v1)?",
+    "too_large": "the reply is no chat completion: is --base-url right?",
     "bad_request": "the server refuses the request",
     "exception": "the adapter failed",
     "not_called": "earlier calls of the callable have not returned: it hangs, or needs a longer --timeout",
@@ -30,7 +30,7 @@ _ERRORS: dict[ErrorKind, str] = {
 
 
 def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
-    """Return why a model sees nothing, or why nobody can say, the most likely cause first; none where all is well."""
+    """Return the likely causes of a blind, inconclusive or doubtful result, the likeliest first."""
     if sight.takes_no_pictures:
         refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
         return (_why_refused(refused),)
@@ -39,8 +39,8 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
     outcome, found = sight.outcome, _beside_the_text(sight)
     if sight.cached_by_words:
         found.append(
-            "a cache between here and the model knows replies by their words and not by their picture: every frame of "
-            "a battery would get one reply; words that were never sent before were answered rightly"
+            "a cache between here and the model finds replies by their words and not by their picture. Every frame of "
+            "a battery would get the same reply; words that were never sent before were answered rightly"
         )
     elif outcome == "blind":
         found += _why_blind(sight)
@@ -50,7 +50,7 @@ def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> 
         found.append("a cache is suspected: different pictures with the same words got the identical reply at once")
     elif not sight.cached_by_words and sight.sudden:
         found.append(
-            "a cache is suspected: an exact repeat got the identical reply at once, so that real_repeat would not "
+            "a cache is suspected: an exact repeat got the identical reply at once. Then real_repeat would not "
             "measure how far the model agrees with itself: switch it off"
         )
     if outcome != "sees" and "warning" in facts:
@@ -67,28 +67,28 @@ _NO_DATA_URL = re.compile(
 
 
 def _why_refused(detail: str) -> str:
-    """Return why every picture is refused where the words alone are answered."""
+    """Return why every picture is refused although text alone is answered."""
     shown = f"({detail[:200]})"
     if _TOO_LONG.search(detail):
         return (
-            "a picture takes more context than the server gives: make pictures smaller, lower max_pixels, or raise "
-            f"--max-model-len (num_ctx) where the server runs {shown}"
+            "a picture takes more context than the server gives: make pictures smaller, or at the server lower "
+            f"max_pixels or raise --max-model-len (num_ctx) {shown}"
         )
     if _NO_DATA_URL.search(detail):
         return (
-            "the server takes pictures by an address of http only and refuses data URLs, as eyechart sends them: allow "
-            f"data URLs there, or put a gateway before it that takes them {shown}"
+            "the server takes pictures by an http address only and refuses data URLs, which eyechart sends: allow "
+            f"data URLs there, or use a gateway that takes them {shown}"
         )
-    return f"text-only backend: it answers words, and refuses pictures {shown}"
+    return f"text-only backend: it answers text, and refuses pictures {shown}"
 
 
 def _is_aside(reply: Reply) -> bool:
-    """Return whether a reply calls a tool, refuses, or was filtered: what it lacks has a cause of its own."""
+    """Return whether a reply calls a tool, refuses, or was filtered, which explains its text."""
     return reply.finish_reason == "tool_calls" or ending(reply.finish_reason) == "filtered"
 
 
 def _beside_the_text(sight: Sight) -> list[str]:
-    """Return what came in place of an answer in a text: a call of a tool, a refusal, or a filter's end."""
+    """Return what replaced an answer in text: calls of tools, refusals, or filtered replies."""
     came = [one.reply for one in sight.shots if one.reply.error is None]
     tools = sum(reply.finish_reason == "tool_calls" for reply in came)
     declined = sum(reply.finish_reason == "refusal" for reply in came)
@@ -100,15 +100,15 @@ def _beside_the_text(sight: Sight) -> list[str]:
     found = []
     if tools:
         found.append(
-            f"{tools} of {len(came)} replies call a tool, which nobody offered, and hold the answer in tool_calls: "
-            "switch the tool parser or the chat template's tools off where the server runs"
+            f"{tools} of {len(came)} replies call a tool, although none is offered, and hold the answer in tool_calls. "
+            "Switch the tool parser or the chat template's tools off at the server"
         )
     if declined:
         found.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
     if filtered or moderated:
         found.append(
             f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such "
-            "frames end as refusals; loosen its content filter where that is yours"
+            "frames count as refusals; relax its content filter if you control it"
         )
     return found
 
@@ -116,7 +116,7 @@ def _beside_the_text(sight: Sight) -> list[str]:
 def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
     kinds = Counter(reply.error for reply in sight.replies if reply.error is not None)
     if not kinds:
-        return (sight.cut or "no question was asked",)
+        return (sight.cut or "no call was made",)
     (kind, _), *_ = kinds.most_common()
     detail = next(reply.error_detail for reply in sight.replies if reply.error == kind)
     known = _ERRORS[kind]
@@ -130,8 +130,8 @@ def _why_blind(sight: Sight) -> list[str]:
     found = []
     if sight.fits_first:
         found.append(
-            "every answer fits the first picture of its kind: a cache by prefix gives its state to other pictures; "
-            "switch prefix caching off for pictures, or mend the server"
+            "every answer fits the first picture of its kind: a prefix cache gives its state to other pictures; "
+            "switch prefix caching off for pictures, or repair the server"
         )
     if counts is False:
         rise = "do not change" if not adds else f"change by {adds} only"
@@ -141,13 +141,13 @@ def _why_blind(sight: Sight) -> list[str]:
         )
     elif counts:
         found.append(
-            f"the server counts the picture ({adds} tokens), and the replies do not follow it: the vision part is not "
-            "loaded or the picture is spoilt before it, or the model is too weak for these questions"
+            f"the server counts the picture ({adds} tokens), and the replies do not follow it. The vision part is not "
+            "loaded or gets a damaged picture, or the model is too weak for these questions"
         )
     else:
         found.append(
             "text-only backend, a chat template without an image slot, or a picture dropped by a proxy: the server "
-            "reports no prompt_tokens that would tell them apart"
+            "reports no prompt_tokens, which would tell them apart"
         )
     if 2 * sight.says_none >= len(sight.shots):
         found.append(f"{sight.says_none} of {len(sight.shots)} replies say themselves that there is no picture")
@@ -172,12 +172,12 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
         found.append(
             f"{len(silent)} of {len(came)} replies name none of the choices (the first: "
             f"{silent[0].reply.text.strip()[:60]!r}): the model is too weak for a question, or was trained for one "
-            f"kind of answer; {_dependence(sight)}"
+            f"kind of answer. {_dependence(sight)}"
         )
     if not found and not _beside_the_text(sight):
         found.append(
-            "it is right more often than a blind model is sure to be, and not so often that guessing is excluded: too "
-            "weak or too noisy for these questions; another --seed asks others"
+            "it is right too often to be called blind, and not often enough to exclude guessing. It is too "
+            "weak or too noisy for these questions; another --seed gives other questions"
         )
     return found
 
@@ -192,13 +192,13 @@ def _why_missing(sight: Sight) -> list[str]:
 
 
 def _dependence(sight: Sight) -> str:
-    """Return in words what is known of whether the picture arrives, where the replies are no answers."""
+    """Return the evidence in words that the picture arrives, where the replies are no answers."""
     texts = {one.reply.text for one in sight.shots if one.reply.error is None}
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
     arrives = {
-        True: f"the server counts the picture ({adds} tokens), so that something of it arrives",
-        False: f"a picture adds {adds} tokens, as the server counts them, which is no sign that it arrives",
-        None: "the server does not say how many tokens a picture takes",
+        True: f"The server counts the picture ({adds} tokens), so something of it arrives",
+        False: f"A picture adds {adds} tokens by the server's count, which is no sign that it arrives",
+        None: "The server does not say how many tokens a picture takes",
     }[counts]
     follow = "all replies are the same" if len(texts) == 1 else f"there were {len(texts)} different replies"
     return f"{arrives}; {follow}, which alone proves neither that it looks nor that it does not"

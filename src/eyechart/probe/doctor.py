@@ -1,6 +1,6 @@
-"""The doctor: at most 28 calls that say whether a model sees, how much, and whether its replies may be used.
+"""The doctor: at most 28 calls that find whether a model sees, and whether its replies are usable.
 
-It needs no bank. What it finds holds for the way in which the model was asked.
+It needs no bank. Its result holds for the request mode of the calls.
 """
 
 import contextlib
@@ -26,10 +26,10 @@ MOST_CALLS = 20 + OF_ACUITY
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the doctor found. ``mode`` is how the model was asked in the end, ``notes`` say what was changed for that.
+    """The doctor's result. ``mode`` is the final request mode; ``notes`` list the changes to it.
 
-    ``schema_binds`` and ``budget_enough`` are None where that cannot be said, with the reason in ``schema_says`` and
-    ``budget_says``. ``facts`` is what is known of the model without asking.
+    ``schema_binds`` and ``budget_enough`` are None where inconclusive, with the reason in
+    ``schema_says`` and ``budget_says``. ``facts`` is what is known of the model without a call.
     """
 
     mode: RequestMode
@@ -45,30 +45,30 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     acuity: Acuity = NOT_ASKED
     unasked: str = ""
-    """Why the driving prompt could not be asked; empty where it was."""
+    """Why the call with the driving prompt failed; empty if it did not."""
 
     @property
     def outcome(self) -> Outcome:
-        """Return whether it sees, is blind, or nobody can say; one that cannot be asked to drive does not pass."""
+        """Return "sees" (only if the driving prompt works too), "blind", or "cannot_say"."""
         return "cannot_say" if self.unasked and self.sight.outcome == "sees" else self.sight.outcome
 
     @property
     def because(self) -> str:
-        """Return in words what decided the outcome."""
+        """Return the reason for the outcome."""
         if self.outcome == self.sight.outcome:
             return self.sight.because
         if self.unasked.startswith("exception: not asked"):
-            return f"it sees drawn pictures, and no call was left for the prompt 'baseline': {self.sight.because}"
-        return f"it sees drawn pictures, and the prompt 'baseline' cannot be asked: {self.unasked}"
+            return f"it sees drawn pictures, but no call was left for the prompt 'baseline': {self.sight.because}"
+        return f"it sees drawn pictures, but the call with the prompt 'baseline' fails: {self.unasked}"
 
     @property
     def exit_code(self) -> int:
-        """Return 0 where it sees, 1 where it is blind, 2 where nobody can say."""
+        """Return 0 where it sees, 1 where it is blind, 2 where it is inconclusive."""
         codes: dict[Outcome, int] = {"sees": 0, "blind": 1, "cannot_say": 2}
         return codes[self.outcome]
 
     def scores(self) -> dict[str, Statistic]:
-        """Return how often it was right: in all questions, by kind, and in words that were sent for the first time."""
+        """Return the shares of right answers: of all questions, of each kind, and of new words."""
         kinds: dict[str, Statistic] = {kind: self.sight.score(kind) for kind in CHOICES}
         return {"all questions": self.sight.score(), **kinds, "words never sent before": self.sight.score(fresh=True)}
 
@@ -106,9 +106,9 @@ def doctor(
     seed: int = 0,
     **how: Unpack[Asking],
 ) -> Diagnosis:
-    """Ask a model at most 28 questions and return the diagnosis; raises SpecError where it cannot be opened.
+    """Call a model at most 28 times and return the diagnosis; raises SpecError if it does not open.
 
-    ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
+    ``seed`` draws the pictures. ``max_cost`` (US dollars) ends it early.
     """
     asker = Asker(mode, most=MOST_CALLS, **how)
     return in_own_loop(_examine(asker, seed))
@@ -149,7 +149,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
 
 
 def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> tuple[bool | None, str]:
-    """Return whether replies had room to end, the prompt 'baseline' among them, and the longest of them in words."""
+    """Return whether the token budget sufficed, also for the prompt 'baseline', and why."""
     came = [reply for reply in (*sight.replies, answer) if reply.error is None]
     if not came:
         return None, "no reply came"
@@ -157,8 +157,8 @@ def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> t
     if cut:
         return False, f"{cut} of {len(came)} replies were cut off at {mode.max_tokens} tokens"
     tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
-    longest = f"the longest took {max(tokens)} of {mode.max_tokens}" if tokens else "none tells its tokens"
+    longest = f"the longest took {max(tokens)} of {mode.max_tokens}" if tokens else "none reports its tokens"
     if answer.error is not None:
-        return None, f"{len(came)} replies complete, {longest}; no driving prompt asked"
-    decision = "" if sample.decided(answer) else "; that to the prompt 'baseline' holds no decision that can be read"
+        return None, f"{len(came)} replies complete, {longest}; none to the driving prompt"
+    decision = "" if sample.decided(answer) else "; the one to the prompt 'baseline' holds no readable decision"
     return True, f"{len(came)} replies complete, {longest}{decision}"

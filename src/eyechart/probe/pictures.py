@@ -1,7 +1,7 @@
-"""Drawn pictures with questions whose answers nobody can know who does not look: a colour, a side, a count.
+"""Drawn pictures with questions that a blind model cannot answer: a colour, a side, a count.
 
-The right answers of one kind are dealt without repetition from a seed, so that one answer to all of them is right at
-most once. Half of the questions come in the same words each time, the others in words of their own.
+A seed draws the right answers of a kind without repetition, so a constant answer is right at most
+once. About half of the questions repeat the same words; the others have words of their own.
 """
 
 import random
@@ -17,7 +17,7 @@ from eyechart.seeds import key_seed
 Kind = Literal["colour", "side", "count"]
 
 NONE = "NONE"
-"""What is to be answered where there is no picture."""
+"""The answer where there is no picture."""
 
 COLOURS: dict[str, tuple[int, int, int]] = {
     "RED": (220, 20, 30),
@@ -34,7 +34,7 @@ COUNTS = ("ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX")
 
 CHOICES: dict[Kind, tuple[str, ...]] = {"colour": tuple(COLOURS), "side": tuple(SIDES), "count": COUNTS}
 DEAL: dict[Kind, tuple[int, int]] = {"colour": (4, 2), "side": (2, 2), "count": (2, 2)}
-"""Questions of each kind: in the same words, and in words of their own."""
+"""The count of questions of each kind: with the same words, and with words of their own."""
 
 _ASKS: dict[Kind, str] = {
     "colour": "What colour is the shape in the picture?",
@@ -47,7 +47,7 @@ _GREY = (190, 190, 190)
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question with its picture (PNG bytes), the right answer, and whether its words are asked once only."""
+    """One question with its picture (PNG) and right answer; ``fresh``: its words are unique."""
 
     kind: Kind
     answer: str
@@ -57,7 +57,7 @@ class Question:
 
 
 def questions(seed: int) -> tuple[Question, ...]:
-    """Return the fourteen questions of a seed, in an order of its own; the first is of a colour, in the same words."""
+    """Return a seed's fourteen questions, shuffled; the first is a colour in the same words."""
     dice = random.Random(key_seed("probe", seed))  # noqa: S311 - no secret
     found = []
     for kind, (same, fresh) in DEAL.items():
@@ -70,13 +70,13 @@ def questions(seed: int) -> tuple[Question, ...]:
 
 
 def words(kind: Kind, ticket: random.Random | None = None) -> str:
-    """Return what is asked; with a ``ticket``, in words that were never sent before."""
+    """Return the question's text; with a ``ticket``, in words that were never sent before."""
     number = "" if ticket is None else f"Question {ticket.randrange(10**8, 10**9)}. "
     return f"{number}{_ASKS[kind]} Answer with one word: {', '.join(CHOICES[kind])}; or {NONE} if there is no picture."
 
 
 def draw(kind: Kind, answer: str, dice: random.Random) -> bytes:
-    """Return the picture to which this is the answer, as PNG; what does not matter is drawn by chance."""
+    """Return a picture with this answer, as PNG; all other properties are random."""
     image = Image.new("RGB", (_SIZE, _SIZE), _GREY)
     pen = ImageDraw.Draw(image)
     if kind == "colour":
@@ -94,7 +94,7 @@ def draw(kind: Kind, answer: str, dice: random.Random) -> bytes:
 
 
 def road(seed: int) -> bytes:
-    """Return a sketch of a road seen from above, of the size of a highway bank's pictures: 600 × 150 pixels, PNG."""
+    """Return a sketch of a road from above as PNG, 600 × 150 pixels as in a highway bank."""
     dice = random.Random(key_seed("road", seed))  # noqa: S311 - no secret
     image = Image.new("RGB", (600, 150), (100, 100, 100))
     pen = ImageDraw.Draw(image)

@@ -1,7 +1,7 @@
-"""The probe: finds by asking how one model is best asked, and pins it as a request mode with what was measured.
+"""The probe: finds a model's best request mode by calls, and pins it with the measurements.
 
-Nothing is taken from what a server claims: a schema is contradicted, a seed is repeated, a budget grows until replies
-are complete, and a picture is left out to see what it costs.
+It trusts no claim of a server. It contradicts a schema, repeats a seed, raises a token budget until
+replies are complete, and leaves a picture out to count its tokens.
 """
 
 import datetime as dt
@@ -26,20 +26,20 @@ from eyechart.seeds import key_seed
 
 MOST_CALLS = 60 + OF_ARRIVAL
 MOST_TOKENS = 16_384
-"""A model whose replies are cut off at this budget is not pinned."""
+"""The largest token budget: a model that needs more is not pinned."""
 MARGIN = 2
-"""The pinned budget is so many times the longest complete reply."""
+"""The ratio of the pinned budget to the longest complete reply."""
 
 _FIRST_TOKENS = 64
 _GROWTH = 4
 _SAMPLES = 5
 _LEAST_TOKENS = 256
-"""The smallest budget that is pinned: a model that sees no picture may say so in more words than an action takes."""
+"""The smallest pinned budget: a reply "I see no picture" may be longer than an action."""
 _SENTENCE = "Write one sentence of about ten words about anything you like."
 
 
 class ProbeError(EyechartError):
-    """A model cannot be probed; ``spent`` is what was asked until then, ``limit`` whether a limit ended it."""
+    """A model cannot be probed; ``spent`` counts the calls so far, ``limit``: a limit ended it."""
 
     def __init__(self, words: str, spent: Spent, *, limit: bool = False) -> None:
         super().__init__(words)
@@ -48,7 +48,7 @@ class ProbeError(EyechartError):
 
 @dataclass(frozen=True)
 class Found(Written):
-    """A model's pinned mode with what was measured in it, what its pictures did, and what else is worth knowing."""
+    """A model's pinned mode with its measurements, its sight, likely causes and notes."""
 
     written = "mode sight.outcome sight.because causes notes spent"
 
@@ -60,7 +60,7 @@ class Found(Written):
 
     @property
     def measured(self) -> Measured:
-        """Return what was measured."""
+        """Return the measurements of the pinned mode."""
         assert self.mode.measured is not None
         return self.mode.measured
 
@@ -74,13 +74,13 @@ def probe(
     sight: Sight | None = None,
     **how: Unpack[Asking],
 ) -> Found:
-    """Find how a model is best asked, beginning with ``mode``, whose fields named in ``fixed`` stay as they are.
+    """Find a model's best request mode, starting with ``mode``; fields in ``fixed`` do not change.
 
-    ``sample`` is what the run will ask; it decides which budget suffices, what a call takes, and whether a structured
-    output is wanted: one is pinned only where it binds and the prompt asks for JSON. ``max_cost`` is in US dollars.
-    ``sight`` is what the drawn pictures of this seed did already, as a doctor found it: they are not asked again.
-    ``spend`` is told what its calls took, before and after each.
-    Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
+    ``sample`` is a sample of the run's calls. It decides the token budget, the cost of a call, and
+    the structured output, which is pinned only if it binds and the prompt asks for JSON. ``sight``
+    is a doctor's result for this seed; its pictures are then not shown again. ``max_cost`` is in US
+    dollars. ``spend`` gets the total spent before and after each call. Raises ProbeError, with the
+    total spent, where no mode can be pinned, and SpecError where the model cannot be opened.
     """
     asker = Asker(mode, most=MOST_CALLS, fixed=fixed, **how)
     return in_own_loop(_Probe(asker, sample or default_sample(), fixed, seed, sight).find())
@@ -88,7 +88,7 @@ def probe(
 
 @dataclass
 class _Probe:
-    """The steps of one probe, in their order."""
+    """The steps of one probe, in order."""
 
     asker: Asker
     sample: Sample
@@ -147,9 +147,9 @@ class _Probe:
         return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
 
     async def _require_arrival(self, sight: Sight, came: Sequence[Reply], bare: Reply) -> dict[str, str]:
-        """Return how equal repeats are that are asked alone, as a fact, where a model sees.
+        """Return the count of equal single repeats as a fact, for a model that sees.
 
-        Raises ProbeError where one that sees is not shown what the run sends, or a cache answers for another picture.
+        Raises ProbeError if its pictures do not arrive, or if a cache answers for another picture.
         """
         form = form_of(self.sample)
         if form is None or not is_served(self.asker.mode):
@@ -163,13 +163,13 @@ class _Probe:
                 fault, note = await apart(self.asker, sight, self.sample, self.seed)
                 self.notes += [note] if note else []
         if fault is not None:
-            words = f"guard '{fault.guard}' fails: {fault.because}, and probe again; --no-probe asks all the same"
+            words = f"guard '{fault.guard}' fails: {fault.because}, and probe again; --no-probe runs without a probe"
             raise ProbeError(words, self.asker.spent)
         same = await repeats(self.asker, sight, self.sample) if sight.outcome == "sees" else ""
         return {ALONE: same} if same else {}
 
     async def _first_answer(self, facts: dict[str, str]) -> None:
-        """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""
+        """Raise the budget until a reply to the sample is complete, or raise ProbeError."""
         reply = await self.asker.ask(self.sample.query(0))
         for _ in self.sample.asked[1:]:
             if not _is_blocked(reply):
@@ -186,7 +186,7 @@ class _Probe:
             raise ProbeError(why, self.asker.spent)
 
     async def _look(self) -> Sight:
-        """Show the drawn pictures, once; raises LimitReachedError where a limit cuts that short."""
+        """Show the drawn pictures, once; raises LimitReachedError where a limit ends that early."""
         sight = self.sight or await look(self.asker, self.seed)
         if sight.cut is not None:
             raise LimitReachedError(sight.cut)
@@ -197,8 +197,8 @@ class _Probe:
         spec = self.asker.mode.spec
         if "max_tokens" in self.fixed:
             raise ProbeError(
-                f"replies of {spec} are cut off at the {budget} tokens that were asked for: raise --max-tokens, or "
-                "leave it out so that the probe finds it",
+                f"replies of {spec} are cut off at {budget} tokens: raise --max-tokens, or leave it out, and the probe "
+                "finds the budget",
                 self.asker.spent,
             )
         if budget >= MOST_TOKENS:
@@ -207,12 +207,12 @@ class _Probe:
         self.asker.mode = replace(self.asker.mode, max_tokens=min(MOST_TOKENS, budget * _GROWTH))
 
     def _room(self) -> int:
-        """Return a budget for other questions than the sample's."""
+        """Return a token budget for questions other than the sample's."""
         now = self.asker.mode.max_tokens
         return now if "max_tokens" in self.fixed else min(MOST_TOKENS, max(now, 512))
 
     async def _structure(self) -> bool | None:
-        """Return whether a schema binds; pin it, or else JSON mode, where the prompt asks for JSON."""
+        """Return whether a schema binds; if the prompt asks for JSON, pin it, or else JSON mode."""
         asker = self.asker
         if not is_served(self.asker.mode):
             return None
@@ -220,7 +220,7 @@ class _Probe:
         binds, says = await schema_binds(asker, roomy)
         if "structured" in self.fixed:
             if asker.mode.structured == "json_schema" and not binds:
-                self.notes.append(f"a schema was asked for, and it was not seen to bind: {says}")
+                self.notes.append(f"the mode has a schema, but the probe did not see it bind: {says}")
             return binds
         if self.sample.wants_json:
             if binds:
@@ -234,9 +234,9 @@ class _Probe:
         return binds
 
     async def _samples(self) -> list[Reply]:
-        """Return complete replies to the run's own questions, the last one without its picture.
+        """Return complete replies to the run's own questions; the last one is without its picture.
 
-        The budget grows until none is cut off. A picture that a filter blocks is left out: in the run it is a refusal.
+        The budget grows until none is cut off. A picture that a filter blocks is left out.
         """
         came: list[Reply] = []
         left = list(range(max(_SAMPLES, len(self.sample.asked))))
@@ -257,20 +257,20 @@ class _Probe:
         return came
 
     def _budget(self, came: Sequence[Reply]) -> RequestMode:
-        """Return the mode with its budget: the longest complete reply times the margin, in steps of 64."""
+        """Return the mode with its budget: `MARGIN` times the longest reply, in steps of 64."""
         mode = self.asker.mode
         if "max_tokens" in self.fixed:
             return mode
         tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
         longest = max(tokens) if tokens else mode.max_tokens
         if longest > mode.max_tokens:
-            self.notes.append(f"the budget is not kept: a reply took {longest} tokens of {mode.max_tokens}")
+            self.notes.append(f"the server ignores the budget: a reply has {longest} tokens of {mode.max_tokens}")
         return replace(mode, max_tokens=max(_LEAST_TOKENS, -(-MARGIN * longest // 64) * 64))
 
     async def _draws(self, roomy: RequestMode, usual: str) -> tuple[bool | None, bool | None]:
-        """Return whether the temperature matters, and the seed: each is repeated and changed, on a free sentence.
+        """Return whether the temperature and the seed matter: both are varied, on a free sentence.
 
-        A model that gives its ``usual`` reply to this too says nothing about either.
+        If the model gives its ``usual`` reply to that too, the result for the temperature is None.
         """
         one, other = (plain(_SENTENCE, key_seed("sentence", number)) for number in (1, 2))
         free, served = replace(roomy, structured="none"), is_served(self.asker.mode)
@@ -287,7 +287,7 @@ class _Probe:
         return None if says_one_thing else _temperature_matters(low, drawn), seed
 
     async def _unknown_field(self, roomy: RequestMode) -> bool | None:
-        """Return whether a field that no API has is ignored; refused is False."""
+        """Return whether the server ignores an unknown field; False if it refuses the field."""
         if not is_served(self.asker.mode):
             return None
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
@@ -296,26 +296,26 @@ class _Probe:
 
 
 def _is_blocked(reply: Reply) -> bool:
-    """Return whether a filter may have taken the answer: a reply in order, without one in it."""
+    """Return whether a filter may have removed the answer: a well-formed reply without one."""
     return reply.error == "unreadable" and reply.finish_reason == BLOCKED
 
 
 def _seed_matters(drawn: Sequence[Reply]) -> bool | None:
-    """Return True where one seed gave one reply and another seed another; None where all three were the same."""
+    """Return whether equal seeds give equal replies; None where another seed changes nothing."""
     if any(reply.error is not None for reply in drawn) or len({reply.text for reply in drawn}) == 1:
         return None
     return drawn[0].text == drawn[1].text
 
 
 def _temperature_matters(low: Sequence[Reply], high: Sequence[Reply]) -> bool | None:
-    """Return True where replies at 0 are the same and those at 1 differ; False where either is not so."""
+    """Return whether replies at temperature 0 are equal and at 1 differ; None on a failure."""
     if any(reply.error is not None for reply in (*low, *high)):
         return None
     return len({reply.text for reply in low}) == 1 < len({reply.text for reply in high})
 
 
 def measured_of(came: Sequence[Reply], bare: Reply) -> Measured:
-    """Return the tokens and seconds of complete replies to the run's own question, and what its picture adds."""
+    """Return the tokens and seconds of complete replies, and the tokens of the picture."""
 
     def known(name: str) -> list[float]:
         return [value for reply in came if (value := getattr(reply, name)) is not None]
@@ -337,7 +337,7 @@ def measured_of(came: Sequence[Reply], bare: Reply) -> Measured:
 
 
 def names_of(facts: dict[str, str], came: Sequence[Reply], sight: Sight, causes: Sequence[str]) -> dict[str, str]:
-    """Return what names the model, and what its pictures did, in words."""
+    """Return the facts that name the model, and the result of its pictures in words."""
     found = {name: text for name, text in facts.items() if name not in {"template", "warning"}}
     for name in ("served", "provider"):
         told = sorted({value for reply in came if (value := getattr(reply, name)) is not None})

@@ -1,4 +1,4 @@
-"""The doctor of policies: in at most twenty calls, whether what they are given reaches them, and what they answer."""
+"""The doctor of policies: at most twenty calls that check their inputs and their motions."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,23 +32,25 @@ from eyechart.stats.total_effect import ROUNDING
 
 MOST_CALLS = 20
 ALIKE = 3
-"""So many calls in a row that fail alike end the examination: each may load a network anew."""
+"""This many equal failures in a row end the examination: each call may load a network again."""
 _OUTCOMES = {True: "fine", False: "amiss", None: "cannot say"}
 _FEW = 4
-"""Further frames on which the numbers are held against the log."""
+"""The number of further frames for comparison with the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
-"""Numbers so many times the log's, or a mean so many of its spreads away, are of another unit."""
+"""Bounds of another unit: sizes as ratios to the log's, and a mean's distance in deviations."""
 _FAINT = 0.02
-"""Of what another moment changes: a channel that changes less is next to none."""
+"""The share of another frame's change below which a channel hardly counts."""
 _CONSTANT, _NOISY = 0.02, 0.5
-"""Answers that vary less than this share of the log's are the same; those to one moment may vary this much of it."""
+"""Shares of variance: below the first, of the log's, answers are constant. Repeats above the
+second, of the answers', hide whether they are."""
 _FITS, _BETTER = 0.25, 0.25
-"""An error below this share of the log's variance fits; another form of the pictures fits better by this factor."""
+"""Shares of error: below the first, of the log's variance, an answer fits the log. Below the
+second, of the given pictures' error, another form fits better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One check: ``fine`` is True, False, or None where it could not be made; ``says`` why, in words."""
+    """One check: ``fine`` is True, False, or None (inconclusive); ``says`` gives the reason."""
 
     name: str
     fine: bool | None
@@ -57,7 +59,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class PolicyDiagnosis:
-    """What was found of a policy, and in how many calls."""
+    """The findings on a policy, and the count of calls."""
 
     spec: str
     findings: tuple[Finding, ...]
@@ -65,7 +67,7 @@ class PolicyDiagnosis:
 
     @property
     def exit_code(self) -> int:
-        """Return 0 where nothing is amiss, 1 where something is, and 2 where nothing could be checked."""
+        """Return 0 if nothing is amiss, 1 if something is, and 2 if every check is inconclusive."""
         fine = [one.fine for one in self.findings]
         return 1 if False in fine else 0 if True in fine else 2
 
@@ -73,7 +75,7 @@ class PolicyDiagnosis:
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """Return each check in words, with what is amiss in capitals, and how many calls it took."""
+        """Return a line for each check, with failed ones in capitals, and the count of calls."""
         words = {**_OUTCOMES, False: "AMISS"}
         found = [f"{words[one.fine]:<10}  {one.name}: {one.says}" for one in self.findings]
         return [*found, f"asked: {self.calls} calls"]
@@ -91,29 +93,29 @@ def examine_policy(
     timeout_s: float | None = None,
     tell: Callable[[int], None] = lambda _: None,
 ) -> PolicyDiagnosis:
-    """Ask a policy about a few frames of a bank, and say what is amiss; ``policy`` is its SPEC, or it is open already.
+    """Call a policy with a few frames of a bank, and return what is amiss.
 
-    ``tell`` is told the number of each call before it is made. After three calls in a row that fail alike no more are.
-    Raises SpecError for an unknown policy, or one that declares a channel that the bank has not, and BankError for a
-    bank that declares no motion or has one episode.
+    ``policy`` is a SPEC or an open policy. ``tell`` gets the number of each call before it. Three
+    equal failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel
+    that the bank lacks, and BankError for a bank without motions, or with only one episode.
     """
     opened = open_policy(policy, timeout_s)
     spec, model = opened.mode.spec, opened.model
     space = bank.manifest.motion
     if space is None:
-        raise BankError(f"the bank {bank.root} does not say what a motion is, so no answer can be held against it")
+        raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
     require_channels(spec, declared := _declared(model), bank)
     calls = _Calls(model, _Asked(bank, space), tell)
     return in_own_loop(_examine(spec, calls, declared))
 
 
 def _declared(model: Model) -> tuple[str, ...]:
-    """Return the channels that a policy declares to read, none where it declares nothing."""
+    """Return the channels that a policy declares; empty where it declares none."""
     return tuple(filter(None, model.facts.get("channels", "").split(", ")))
 
 
 def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
-    """Return a few frames, of episodes far apart, each from another part of its own; fewer where there are fewer."""
+    """Return up to `_FEW` frames, from episodes far apart and from different parts of them."""
     drives: dict[object, list[Frame]] = {}
     for frame in frames:
         drives.setdefault(frame.drive, []).append(frame)
@@ -126,7 +128,7 @@ def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
 
 
 class _Asked:
-    """The frames that are asked about, and what is asked: a moment, and one of another episode that differs."""
+    """The frames of the calls: a first one, one of another episode, and further ones."""
 
     def __init__(self, bank: FrameBank, space: MotionSpace) -> None:
         self.bank, self.space = bank, space
@@ -134,7 +136,7 @@ class _Asked:
         self.first = bank.frames[0]
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:
-            raise BankError(f"the bank {bank.root} has one episode, and a policy is shown what another has")
+            raise BankError(f"the bank {bank.root} has one episode, and the checks need frames of another one")
         apart = [frame for frame in others if told(frame.fields) != told(self.first.fields)]
         self.other = (apart or others)[len(apart or others) // 2]
         self.further = _spread(bank.frames)
@@ -142,9 +144,9 @@ class _Asked:
         self.kept = {frame.id for frame in self.logs}
 
     def other_by(self, cameras: Sequence[str]) -> Frame | None:
-        """Return a frame of another episode whose picture of any of these cameras is another; None where all are alike.
+        """Return a frame of another episode with a different picture of a camera; None without one.
 
-        It is the one of which all else is shown too, where that differs.
+        It is `other`, if its pictures differ.
         """
         images = self.bank.manifest.images
 
@@ -155,18 +157,18 @@ class _Asked:
         return next((one for one in (self.other, *others) if seen(one) != seen(self.first)), None)
 
     def of(self, frame: Frame) -> Stimulus:
-        """Return all that a frame is."""
+        """Return a frame as a stimulus: pictures, fields and state."""
         return Stimulus(self.bank.images(frame), frame.fields, frame.state)
 
     @property
     def pair(self) -> tuple[Frame, ...]:
-        """Return two of the further frames with a logged motion, told different things where there are such."""
+        """Return two further frames with a logged motion, if possible of different instructions."""
         logged = [frame for frame in self.further if frame.id in self.kept]
         others = [frame for frame in logged[1:] if told(frame.fields) != told(logged[0].fields)] or logged[1:]
         return (*logged[:1], *others[:1])
 
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
-        """Return a moment with its pictures as a program before the policy may have left them, by what it did."""
+        """Return a frame with its pictures in wrong forms, by the name of the likely mistake."""
         seen = self.of(frame)
         pixels = {name: decode(one, name) for name, one in seen.images.items()}
         names = list(pixels)
@@ -182,11 +184,11 @@ class _Asked:
         }
 
     def logged(self, frames: Sequence[Frame], answers: Floats | None = None) -> Floats:
-        """Return the logged motions of frames, or ``answers`` in their place, relative to their states."""
+        """Return the logged motions of frames, or ``answers`` instead, relative to their states."""
         return relative_log(frames, self.space) if answers is None else relative(answers, frames, self.space)
 
     def error(self, frame: Frame, answer: Motion) -> float:
-        """Return the squared error to the logged motion, over the variance of all logged ones."""
+        """Return the mean squared error to the logged motion, over the log's variance."""
         every = self.logged(self.logs)
         spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
         given = flat_state(frame.state)
@@ -195,7 +197,7 @@ class _Asked:
         return float((((found - wanted) / spread) ** 2).mean())
 
     def changed(self) -> Iterator[tuple[str, Stimulus]]:
-        """Yield the first moment with one thing changed: a channel of another's, or a grey picture."""
+        """Yield the first frame with one change: a channel of another frame, or a grey picture."""
         mine, theirs = self.of(self.first), self.of(self.other)
         cameras = list(mine.images)
         if (other := self.other_by(cameras)) is not None:
@@ -210,7 +212,7 @@ class _Asked:
                 yield f"camera:{name}", replace(mine, images={**mine.images, name: self.bank.images(other)[name]})
 
     def alike(self) -> Iterator[str]:
-        """Yield the channels of cameras whose pictures are the same in every other episode."""
+        """Yield the channels of cameras with the same pictures in every other episode."""
         names = [one.name for one in self.first.cameras]
         if self.other_by(names) is None:
             yield CAMERAS
@@ -218,7 +220,7 @@ class _Asked:
 
     @property
     def given(self) -> str:
-        """Return in words what a policy is given."""
+        """Return a policy's inputs in words."""
         state = {name: len(numbers) for name, numbers in self.first.state.items()}
         numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
         told = "an instruction" if self.first.fields else "no instruction"
@@ -228,13 +230,13 @@ class _Asked:
 
 
 _UNASKED: Decision[Motion] = Decision(None, "error")
-"""Stands for the answer to a call that was not made."""
+"""Stands for the answer of a call that was not made."""
 _NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 
 
 @dataclass
 class _Calls:
-    """Makes the calls, at most `MOST_CALLS`, and reads what comes back; after `ALIKE` failures alike it makes none."""
+    """Makes at most `MOST_CALLS` calls and reads the replies; ends after `ALIKE` equal failures."""
 
     model: Model
     asked: _Asked
@@ -244,16 +246,16 @@ class _Calls:
 
     @property
     def made(self) -> int:
-        """Return how many calls were made."""
+        """Return the count of calls."""
         return len(self.replies)
 
     @property
     def stopped(self) -> bool:
-        """Return whether the last calls failed alike."""
+        """Return whether the last calls failed in the same way."""
         return len(self.failed) >= ALIKE
 
     async def motion(self, seen: Stimulus) -> Decision[Motion]:
-        """Return the answer to one moment; `_UNASKED` where no more calls are made."""
+        """Return the answer to one stimulus; `_UNASKED` if no more calls are made."""
         if self.made >= MOST_CALLS or self.stopped:
             return _UNASKED
         query: Query = self.asked.prompt.query(seen, 1, self.asked.space)
@@ -282,28 +284,28 @@ async def _examine(spec: str, calls: _Calls, declared: tuple[str, ...]) -> Polic
         findings += [_again(order, varies=varies, seeded=seeded)]
         reached = list(_reached(order, changed))
         findings += [_as_declared(one, declared, reached) for one in reached]
-        alike = "its pictures are the same in every other episode, so that nothing can be exchanged"
+        alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [Finding(name, None, alike) for name in asked.alike()]
         findings += [_varies(asked, order, further), _unit(asked, further), _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
 def _motions(calls: _Calls, answers: list[Decision[Motion]]) -> Finding:
-    """Say whether every call came back with a motion of the bank's shape, and if not, why and what to do."""
+    """Check whether every call returned a motion of the bank's shape."""
     made = [one for one in answers if one is not _UNASKED]
     without = [one for one in made if one.action is None]
     if not without:
-        return Finding("motions", True, f"all {len(made)} calls came back with a motion {calls.asked.space.shape}")
-    given = f" (it is given {calls.asked.given})"
+        return Finding("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
+    given = f" (its inputs are {calls.asked.given})"
     errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
     lacks = (calls.asked.space.lacks(reply) for reply in calls.replies)
     said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))
-    end = f". No more were made: the last {ALIKE} failed alike" if calls.stopped else ""
+    end = f". No more were made: the last {ALIKE} failed in the same way" if calls.stopped else ""
     return Finding("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
 
 
 def _drawn(order: list[Decision[Motion]]) -> bool:
-    """Return whether two answers to the same moment, one after the other, differ by more than rounding."""
+    """Return whether two successive answers to the same frame differ by more than rounding."""
     first, second, other, _ = (one.action for one in order)
     if first is None or second is None or other is None:
         return False
@@ -311,29 +313,29 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
 
 
 def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
-    """Say whether the same moment gets the same answer, also after another one; ``varies`` says that others differ.
+    """Check whether the same frame gets the same answer, also after another frame.
 
-    All calls have one seed, which fixes the answer of who is ``seeded``.
+    ``varies``: answers to other frames differ. ``seeded``: the seed, equal in all calls, fixes one.
     """
     first, second, other, third = (one.action for one in order)
     if first is None or second is None or other is None or third is None:
-        return Finding("same", None, "not every repeated call came back")
+        return Finding("same", None, "not every repeated call returned a motion")
     if other == second and varies:
-        said = "another moment got the answer of the one before: does it answer from a queue? declare reset"
+        said = "another frame got the answer of the one before: does it answer from a queue? Declare reset"
         return Finding("same", False, said)
     if max(_apart(first, one) for one in (second, third)) <= ROUNDING * _apart(first, other):
-        said = "the same moment gets the same answer, also after another one"
-        return Finding("same", True, said if first == second == third else f"{said}, but for rounding")
+        said = "the same frame gets the same answer, also after another one"
+        return Finding("same", True, said if first == second == third else f"{said}, except for rounding")
     if first == second:
-        said = "the same moment gets another answer after another moment: it keeps something; declare reset"
+        said = "the same frame gets a different answer after another frame: it keeps a memory; declare reset"
         return Finding("same", False, said)
     if seeded:
-        return Finding("same", False, "it declares seedable, and the same moment gets two answers to one seed")
-    return Finding("same", None, "the same moment gets two answers: it draws them, or keeps something")
+        return Finding("same", False, "it declares seedable, but the same frame gets two answers with one seed")
+    return Finding("same", None, "the same frame gets two answers: it draws them at random, or keeps a memory")
 
 
 def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[Finding]:
-    """Yield, of each channel, whether another one changes a single bit of the answer, and next to nothing else."""
+    """Yield a check of each channel: whether its change changes the answer, and by enough."""
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
     assert first is not None
     whole = 0.0 if other is None else _apart(first, other)
@@ -341,46 +343,46 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     near = ROUNDING * whole if rounds else 0.0
     for name, one in changed.items():
         if one.action is None or drawn:
-            why = "it was not asked" if one is _UNASKED else f"no motion: {one.reason}"
-            why = "its answers are drawn, so that a change shows nothing" if drawn else why
+            why = "the call was not made" if one is _UNASKED else f"no motion: {one.reason}"
+            why = "its answers are drawn at random, so a change shows nothing" if drawn else why
             yield Finding(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
             what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
             change = "the answer by no more than rounding" if rounds else "not one bit of the answer"
             said = f"{what or 'another picture'} changes {change}: does it reach the policy?"
-            yield Finding(name, False, f"{said} is an earlier answer kept?")
+            yield Finding(name, False, f"{said} Or does the policy repeat an earlier answer?")
         elif size < _FAINT * whole:
-            said = f"it changes the answer by {size / whole:.2g} of what another moment does: it is ignored, or hardly"
-            yield Finding(name, None, f"{said} to be seen (a picture that is divided by 255 twice?)")
+            said = f"its change of the answer is {size / whole:.2g} of another frame's: it is ignored, or hardly"
+            yield Finding(name, None, f"{said} visible (a picture that is divided by 255 twice?)")
         else:
             yield Finding(name, True, "it reaches the policy: the answer changes with it")
 
 
 def _as_declared(found: Finding, declared: tuple[str, ...], others: Sequence[Finding]) -> Finding:
-    """Return what is said of a channel, as the policy declares whether it reads it.
+    """Return the check of a channel, adjusted by whether the policy declares to read it.
 
-    ``cameras`` stand for all of them, together and one by one: of a camera that is not named, and that does not reach a
-    policy which another one reaches, nobody knows whether it is to be read.
+    ``cameras`` declares all cameras, together and each. With it, a camera that has no effect while
+    another one has is inconclusive: it may not be meant to be read.
     """
     channel = CAMERAS if found.name == "grey" else found.name
     if not declared or found.fine is None:
         if found.fine is False and not declared:
-            return replace(found, says=f"{found.says} a policy that is not to read it declares its channels")
+            return replace(found, says=f"{found.says} If the policy is not meant to read it, declare its channels")
         return found
     if reads(channel, declared):
         beside = [one for one in others if one.name.startswith(CAMERA) and one.name != channel and one.fine]
         if found.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
             return found
-        said = f"{found.says.partition(':')[0]}, and one of {beside[0].name} does"
+        said = f"{found.says.partition(':')[0]}, but one of {beside[0].name} does"
         return Finding(
             found.name,
             None,
-            f"{said}: is it to be read? it declares 'cameras', which are all; one that reads some names each",
+            f"{said}: is it meant to be read? It declares 'cameras', which means all; to read only some, declare each",
         )
     if found.fine:
-        said = "it declares that it does not read this, and the answer changes with it: declare it too"
+        said = "it does not declare to read this, but the answer changes with it: declare it too"
         return Finding(found.name, False, said)
-    return Finding(found.name, True, "it declares that it does not read this, and nothing changes with it")
+    return Finding(found.name, True, "it does not declare to read this, and the answer does not change with it")
 
 
 def _apart(one: Motion, other: Motion) -> float:
@@ -388,7 +390,7 @@ def _apart(one: Motion, other: Motion) -> float:
 
 
 async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
-    """Ask about two moments with their pictures in other forms, where it does not fit the log; errors by form."""
+    """Return the errors on two frames by form; other forms only if answers do not fit the log."""
     asked = calls.asked
     given = [(frame, further[frame.id].action) for frame in asked.pair]
     found = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
@@ -403,10 +405,10 @@ async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dic
 
 
 def _form(errors: Mapping[str, list[float]]) -> Finding:
-    """Say whether pictures in another form bring the answers to the log, at both of two moments."""
+    """Check whether another form of the pictures makes the answers fit the log, on two frames."""
     given = errors.get("", [])
     if len(given) < 2:
-        return Finding("pictures", None, "their form was not tried: its answers are drawn, or the log is too short")
+        return Finding("pictures", None, "other forms were not tried: its answers are random, or the log is too short")
     better = {
         what: many
         for what, many in errors.items()
@@ -414,26 +416,26 @@ def _form(errors: Mapping[str, list[float]]) -> Finding:
     }
     if better:
         what = min(better, key=lambda one: sum(better[one]))
-        said = f"with {what} its error to the log is {np.mean(better[what]):.2g} and not {np.mean(given):.2g}"
-        return Finding("pictures", False, f"{said}: are they given as in its training?")
+        said = f"with {what} its error to the log is {np.mean(better[what]):.2g} instead of {np.mean(given):.2g}"
+        return Finding("pictures", False, f"{said}: do the pictures have the form of its training?")
     if max(given) < _FITS:
         return Finding(
             "pictures",
             True,
-            f"as they are given, its error on {len(given)} moments is at most {max(given):.2g} of the log's variance",
+            f"in this form its error on {len(given)} frames is at most {max(given):.2g} of the log's variance",
         )
-    return Finding("pictures", None, "its answers are not the log's, and none of the forms that were tried mends that")
+    return Finding("pictures", None, "its answers do not fit the log, and no other form of the pictures changes that")
 
 
 def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]) -> Finding:
-    """Say whether the answers to several moments vary, held against the log's, and against those to one moment."""
+    """Check whether answers to several frames vary, compared with the log and with repeats."""
     given = {asked.first.id: order[0], asked.other.id: order[2]} | dict(further)
     answers = [(asked.bank.frame(name), one.action.array) for name, one in given.items() if one.action is not None]
     if len(answers) < 2:
-        return Finding("constant", None, "another moment got no motion")
+        return Finding("constant", None, "another frame got no motion")
     numbers = asked.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
     if (numbers == numbers[0]).all():
-        return Finding("constant", False, "moments of different episodes get the same answer")
+        return Finding("constant", False, "frames of different episodes get the same answer")
     logged = asked.logged(asked.logs) if asked.logs else np.zeros((0, 1, 1))
     spread = logged.std(axis=(0, 1)) if len(logged) else numbers.std(axis=(0, 1))
     units = np.where(spread > 0, spread, 1.0)
@@ -442,24 +444,24 @@ def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, 
     noise = float((again / units).var(axis=0, ddof=1).mean()) if len(again) > 1 else 0.0
     usual = float((logged / units).var(axis=0).mean()) if len(logged) else 0.0
     if usual and varies < _CONSTANT * usual:
-        said = f"its answers to {len(answers)} moments vary {varies / usual:.2g} times as much as the log"
+        said = f"its answers to {len(answers)} frames vary {varies / usual:.2g} times as much as the log"
         return Finding("constant", False, f"{said}: it is constant, or nearly so")
     if noise > _NOISY * varies:
-        said = f"its answers to one moment differ {noise / varies:.2g} times as much as those to {len(answers)}"
+        said = f"its answers to one frame differ {noise / varies:.2g} times as much as those to {len(answers)}"
         return Finding("constant", None, f"{said}: noise hides whether it is constant")
-    size = f"{varies / usual:.2g} times as much as the log" if usual else "and there is no log to hold them against"
-    return Finding("constant", True, f"its answers to {len(answers)} moments vary {size}")
+    size = f"{varies / usual:.2g} times as much as the log" if usual else "and there is no log to compare them with"
+    return Finding("constant", True, f"its answers to {len(answers)} frames vary {size}")
 
 
 def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
-    """Say whether the numbers are of the log's size: a skipped normalisation, or another unit, is not.
+    """Check whether the numbers have the log's size, which excludes another unit.
 
-    They are held against the log of these frames and of the whole bank: a few moments may call for next to no motion.
+    The log is that of these frames and of the bank: a few frames may need almost no motion.
     """
     pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.id in asked.kept]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]
     if len(kept) < 2:
-        return Finding("unit", None, "too few logged motions to hold the answers against")
+        return Finding("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
     logged, every = asked.logged(frames), asked.logged(asked.logs)
@@ -473,8 +475,8 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:
             continue
         if np.ptp(answers[..., number]) == 0 < np.ptp(logged[..., number]):
-            said = f"is '{one.name}' meant to be the same in every answer? it varies in the log"
-            return Finding("unit", False, f"{said}; a run says so in a remark, and judges the other numbers")
+            said = f"is '{one.name}' meant to be the same in every answer? It varies in the log"
+            return Finding("unit", False, f"{said}; a run notes that in a remark, and judges the other numbers")
         said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
-        return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit another?")
-    return Finding("unit", True, f"its numbers are of the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")
+        return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit different?")
+    return Finding("unit", True, f"its numbers have the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")

@@ -1,4 +1,4 @@
-"""What a probe asks beside its drawn pictures: the question of the run itself, a form of answer, a sentence drawn."""
+"""The probe's other calls: the run's own question, and two tests of structured output."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import AnySpace
 
 SERVED = ("openai", "ollama")
-"""Adapters whose requests have a format, fields and a seed of their own: what they take is to be found out."""
+"""Adapters with a format, fields and a seed in their requests; the probe finds which work."""
 
 _ACTIONS = ("TEAPOT", "UMBRELLA")
 _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no brackets, no quotation marks."
@@ -24,9 +24,9 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of a prompt and what it is asked of, and the space of the answers.
+    """A sample of a run's calls: a few pairs of a prompt and a stimulus, and the answers' space.
 
-    ``at_once`` is how many calls the run has under way at once.
+    ``at_once`` is the run's number of parallel calls.
     """
 
     asked: Sequence[tuple[Prompt, Stimulus]]
@@ -34,13 +34,13 @@ class Sample:
     at_once: int = 8
 
     def query(self, number: int, *, picture: bool = True) -> Query:
-        """Return one query of it, with or without its picture."""
+        """Return one query of the sample, with or without its picture."""
         prompt, seen = self.asked[number % len(self.asked)]
         return prompt.query(seen if picture else replace(seen, images={}), key_seed("sample", number), self.space)
 
     @property
     def wants_json(self) -> bool:
-        """Return whether all of its words ask for JSON."""
+        """Return whether every prompt asks for JSON."""
         asked = (self.query(number) for number in range(len(self.asked)))
         return all(re.search(r"\bjson\b", f"{one.system} {one.user}", re.IGNORECASE) for one in asked)
 
@@ -50,7 +50,7 @@ class Sample:
 
 
 def default_sample(prompt: str = "baseline") -> Sample:
-    """Return a built-in prompt, or one from a file, with sketches of a road; raises SpecError for an unknown one."""
+    """Return a prompt with sketches of a road; raises SpecError for an unknown prompt."""
     found = find_prompt(prompt)
     space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")
@@ -58,17 +58,17 @@ def default_sample(prompt: str = "baseline") -> Sample:
 
 
 def plain(words: str, seed: int, picture: bytes | None = None) -> Query:
-    """Return a probe's own question: these words, and a picture if there is one."""
+    """Return a query of the probe itself: this text, and a picture if there is one."""
     return Prompt("probe", "", words).query(Stimulus.of(picture), seed)
 
 
 def is_served(mode: RequestMode) -> bool:
-    """Return whether a model is asked over an API that has a format and fields of its own."""
+    """Return whether the model's API has a format and fields of its own."""
     return mode.spec.partition(":")[0] in SERVED
 
 
 async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
-    """Ask for one plain word under a schema that allows two others: whether one of those comes, and what came."""
+    """Ask for YES under a schema that allows two other words; return whether it binds, and why."""
     query = Prompt("probe", "", _PLAIN).query(Stimulus(), key_seed("schema"), Discrete("probe", _ACTIONS, (), (), ()))
     reply = await asker.ask(query, replace(mode, structured="json_schema"))
     if reply.error is not None:
@@ -78,16 +78,16 @@ async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, st
         return None, "the reply was cut off or empty"
     found = _object(reply.text)
     binds = found is not None and found.get("action") in _ACTIONS
-    return binds, f"YES was asked for, {reply.text.strip()[:40]!r} came"
+    return binds, f"asked for YES, got {reply.text.strip()[:40]!r}"
 
 
 async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
-    """Ask for one plain word in JSON mode: whether an object comes, and what came."""
+    """Ask for one plain word in JSON mode; return whether an object comes, and why."""
     query = plain(_PLAIN, key_seed("json"))
     reply = await asker.ask(query, replace(mode, structured="json_object"))
     if reply.error is not None or is_cut(reply):
         return (False if reply.error in REFUSED else None), reply.error_detail[:120] or "cut off"
-    return _object(reply.text) is not None, f"YES was asked for, {reply.text.strip()[:40]!r} came"
+    return _object(reply.text) is not None, f"asked for YES, got {reply.text.strip()[:40]!r}"
 
 
 def _object(text: str) -> dict[str, object] | None:

@@ -1,8 +1,8 @@
-"""Shows a model drawn pictures and says what its replies prove: that it sees, that it is blind, or neither.
+"""Shows a model drawn pictures, and tests whether its replies prove that it sees or is blind.
 
-"It sees" is a claim by an exact test against guessing; "it is blind" needs a bound below one half on how often it is
-right where it answers what was asked. Questions in words that were never sent before tell a model from a cache that
-knows replies by their words alone.
+"It sees" follows from an exact test against guessing. "It is blind" needs an upper bound below one
+half on the share of right answers, among replies that answer the question. Questions in words that
+were never sent before reveal a cache that finds replies by their words alone.
 """
 
 import re
@@ -22,13 +22,13 @@ from eyechart.stats.guessing import Answered, Block, right
 from eyechart.stats.statistic import Statistic
 
 ALPHA = 0.01
-"""The chance of calling a guesser one that sees is at most this."""
+"""The largest probability of the outcome "sees" for a guessing model."""
 HALF = 0.5
-"""Who looks is right at least so often; a model whose rate is bounded below it is called blind."""
+"""A model that looks is right at least this often; one with a rate surely below it is blind."""
 SUDDEN = 0.1
-"""A reply that takes less than this share of the usual time was hardly computed."""
+"""A reply in less than this share of the usual time is hardly computed."""
 SLOWEST_S = 0.1
-"""Where the usual time is shorter than this, nothing can be said from a shorter one."""
+"""If the usual time is shorter than this, a shorter one shows nothing."""
 REPEATS = 2
 
 Outcome = Literal["sees", "blind", "cannot_say"]
@@ -43,7 +43,7 @@ _DIGIT = re.compile(r"(?<![\w.-])[1-6](?![\w.-])")
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A question with its picture, and the reply; ``said`` is the choice that it names, None where it names none."""
+    """A question with its picture and reply; ``said`` is the reply's choice, None without one."""
 
     question: Question
     reply: Reply
@@ -51,15 +51,15 @@ class Shot:
 
     @property
     def right(self) -> bool:
-        """Return whether it is the right answer."""
+        """Return whether the reply names the right answer."""
         return self.said == self.question.answer
 
 
 @dataclass
 class Sight:
-    """What a model replied: to the questions, to the same words ``bare`` of a picture, to the first one ``again``.
+    """A model's replies: to the questions, to their words alone, and to repeats of the first.
 
-    ``cut`` says why the questions ended early, if they did.
+    ``cut`` is the reason of an early end, None without one.
     """
 
     shots: list[Shot] = field(default_factory=list)
@@ -69,27 +69,27 @@ class Sight:
 
     @property
     def replies(self) -> list[Reply]:
-        """Return every reply, in the order of the kinds."""
+        """Return every reply: to the questions, without a picture, and to repeats."""
         return [*(one.reply for one in self.shots), *(reply for _, reply in self.bare), *self.again]
 
     @property
     def answered(self) -> list[Shot]:
-        """Return the shots whose reply names a choice, or says that there is no picture."""
+        """Return the shots with a choice in the reply, or with "no picture"."""
         return [one for one in self.shots if one.said is not None]
 
     @property
     def says_none(self) -> int:
-        """Return how many replies say that there is no picture."""
+        """Return the count of replies that say that there is no picture."""
         return sum(one.said == NONE for one in self.shots)
 
     def score(self, kind: Kind | None = None, *, fresh: bool | None = None) -> Statistic:
-        """Return how many of the shots of a kind are right, with the exact p against guessing; of all for None."""
+        """Return the right answers of a kind, or of all, with the exact p against guessing."""
         return _score(
             one for one in self._came if kind in {None, one.question.kind} and fresh in {None, one.question.fresh}
         )
 
     def bound(self) -> Statistic:
-        """Return the share right where the model answered what was asked; its upper end bounds it at 95 %."""
+        """Return the share of right answers among `answered`; its upper end is a 95 % bound."""
         return _score(self.answered)
 
     @property
@@ -98,13 +98,13 @@ class Sight:
 
     @property
     def p(self) -> float | None:
-        """Return the p against guessing: the smallest of all questions and of each kind, times their number."""
+        """Return the least p against guessing, of all questions and each kind, times the number."""
         found = [p for kind in (None, *CHOICES) if (p := self.score(kind).p) is not None]
         return min(1.0, len(found) * min(found)) if found else None
 
     @property
     def takes_no_pictures(self) -> bool:
-        """Return whether every picture was refused for being one, and the words alone were answered."""
+        """Return whether every picture was refused, while text alone was answered."""
         replies = [one.reply for one in self.shots]
         refused = [one.error in REFUSED or (one.error and _PICTURES.search(one.error_detail)) for one in replies]
         plain = [reply.error is None for _, reply in self.bare]
@@ -112,52 +112,52 @@ class Sight:
 
     @property
     def cached_by_words(self) -> bool:
-        """Return whether different pictures got one reply wherever the words were the same, and only there."""
+        """Return whether different pictures got one reply where, and only where, words repeat."""
         p = self.score(fresh=True).p
         return bool(self._alike) and p is not None and p < ALPHA
 
     @property
     def sudden(self) -> bool:
-        """Return whether exact repeats got the identical reply at once, as a cache gives it."""
+        """Return whether exact repeats got the identical reply at once, as from a cache."""
         return self.same == (1 + REPEATS, 1 + REPEATS) and self._at_once(self.again)
 
     @property
     def sudden_by_words(self) -> bool:
-        """Return whether different pictures with the same words got one reply each kind, at once."""
+        """Return whether different pictures with the same words got one reply a kind, at once."""
         return self._at_once(self._alike)
 
     @property
     def _alike(self) -> list[Reply]:
-        """Return what came to words that were sent before, where each kind got one reply; nothing where one did not."""
+        """Return the replies to repeated words if each kind got a single reply, else nothing."""
         usual = [self._usual(kind) for kind in CHOICES]
         later = [reply for same in usual for reply in same[1:]]
         return later if len(later) > 2 and all(len({one.text for one in same}) <= 1 for same in usual) else []
 
     @property
     def fits_first(self) -> bool:
-        """Return whether every answer of each kind is that of its first picture, as from a cache that keeps one."""
+        """Return whether every answer of a kind fits its first picture, as from a prefix cache."""
         by_kind = [[one for one in self.shots if one.question.kind == kind] for kind in CHOICES]
         several = [shots for shots in by_kind if len(shots) > 1]
         return bool(several) and all({one.said for one in shots} == {shots[0].question.answer} for shots in several)
 
     def _usual(self, kind: Kind) -> list[Reply]:
-        """Return what came to the words that are the same in every question of a kind."""
+        """Return the replies to the repeated words of a kind."""
         return [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
 
     def _at_once(self, replies: Iterable[Reply]) -> bool:
-        """Return whether replies took far less time than those to words that were never sent before."""
+        """Return whether replies took far less time than those to new words."""
         took, usual = _median(replies), _median(one.reply for one in self._came if one.question.fresh)
         return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
 
     @property
     def same(self) -> tuple[int, int]:
-        """Return how many replies to the first picture are the one that it got most often, of how many."""
+        """Return the count of the first picture's most frequent reply, and of all its replies."""
         texts = [reply.text for reply in (*(one.reply for one in self.shots[:1]), *self.again) if reply.error is None]
         return max((texts.count(text) for text in texts), default=0), len(texts)
 
     @property
     def image_tokens(self) -> int | None:
-        """Return how many tokens a picture adds to the same words, as the server counts; None where it does not."""
+        """Return the tokens that a picture adds by the server's count; None without a count."""
         adds = []
         for kind, reply in self.bare:
             shown = next((one.prompt_tokens for one in self._usual(kind)), None)
@@ -167,7 +167,7 @@ class Sight:
 
     @property
     def outcome(self) -> Outcome:
-        """Return what the replies prove."""
+        """Return what the replies prove: "sees", "blind" or, if neither, "cannot_say"."""
         if self.takes_no_pictures or self.cached_by_words:
             return "blind"
         if self.p is not None and self.p < ALPHA:
@@ -177,9 +177,9 @@ class Sight:
 
     @property
     def because(self) -> str:
-        """Return in words what decided the outcome."""
+        """Return the reason for the outcome."""
         if self.takes_no_pictures:
-            return f"all {len(self.shots)} requests with a picture were refused, and the same words alone were answered"
+            return f"all {len(self.shots)} requests with a picture were refused, but their text alone was answered"
         every, bound = self.score(), self.bound()
         if not isinstance(every, Answered):
             return "no question was answered"
@@ -216,10 +216,10 @@ def _median(replies: Iterable[Reply]) -> float | None:
 
 
 def said(kind: Kind, reply: Reply) -> str | None:
-    """Return the choice that a reply names, ``NONE`` where it says that there is no picture, or None."""
+    """Return a reply's choice, ``NONE`` where it says that there is no picture, or None."""
     if kind == "count":
         reply = replace(reply, text=_DIGIT.sub(lambda digit: COUNTS[int(digit.group()) - 1], reply.text))
-    # What is there is asked, not what to do: a name that describes the picture is the answer, as version 3 reads it.
+    # Version 3 takes a word that describes the picture as the answer.
     found = Discrete(kind, (*CHOICES[kind], NONE), (), (), (), reader=3).read(reply)
     if found.action is None and found.missing in {"refused", "unparsed"} and _NO_PICTURE.search(reply.text[:2000]):
         return NONE
@@ -227,10 +227,10 @@ def said(kind: Kind, reply: Reply) -> str | None:
 
 
 async def look(asker: Asker, seed: int, *, spare: int = 0) -> Sight:
-    """Ask the fourteen questions, two of them again without a picture, and the first one again with it.
+    """Ask the fourteen questions, two of them again without a picture, and the first one again.
 
-    It ends early where nothing that comes is an answer: an error that every call would meet, or pictures refused. The
-    first one is asked again only as often as leaves ``spare`` calls to whoever asks on.
+    It ends early at an error that every call would meet, or if pictures are refused. Repeats of the
+    first question leave ``spare`` calls for the caller.
     """
     sight, asked = Sight(), questions(seed)
     try:
@@ -258,5 +258,5 @@ def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
 
 
 def picture_counts(tokens: int | None) -> bool | None:
-    """Return whether the server counts a picture; None where it does not count, or says too little."""
+    """Return whether the server counts a picture's tokens; None where it reports no tokens."""
     return None if tokens is None else tokens >= FEWEST_TOKENS

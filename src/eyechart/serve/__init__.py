@@ -1,5 +1,5 @@
-"""A guardian over HTTP: one picture a request, an answer by the deadline, and a refusal rather than a long queue.
+"""A guardian over HTTP: one picture a request, answered by the deadline or refused with 503.
 
-It listens on this machine only unless told otherwise, answers to its own names only, has no password, and keeps no
-picture. The page of a run that goes on (``live``) needs nothing of the guardian, so this file imports nothing.
+By default it listens only on this machine. It answers only to its own names, has no password, and
+keeps no picture. This file imports nothing: the page of a current run (``live``) needs no guardian.
 """

@@ -1,4 +1,4 @@
-"""The connections of a server: how many there may be, and for how long without a request."""
+"""The connections of a server: their largest number, and their longest time without a request."""
 
 import asyncio
 import logging
@@ -12,15 +12,15 @@ from typing import Any
 from aiohttp import web
 
 QUIET = logging.getLogger("eyechart.serve")
-QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
+QUIET.setLevel(logging.CRITICAL + 1)  # a malformed request gets 400, and needs no traceback
 _LINE_BYTES = 8190
-"""Of the first line of a head, and of each header."""
+"""The most bytes of a head's first line, and of each header."""
 _FULL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nRetry-After: 1\r\nConnection: close\r\n"
 
 
 @dataclass
 class Connections:
-    """At most so many connections, each closed after ``idle_s`` without a request; a head has so many ``headers``."""
+    """At most ``most`` connections, closed after ``idle_s`` idle; at most ``headers`` headers."""
 
     most: int
     idle_s: float
@@ -29,13 +29,13 @@ class Connections:
     _last: dict[object, float] = field(default_factory=dict)
 
     def head(self) -> dict[str, Any]:
-        """Return what a runner has to be told: the bounds of a head, and that it keeps silent."""
+        """Return the options of a runner: the bounds of a head, and no logs."""
         lines: dict[str, Any] = {"max_line_size": _LINE_BYTES, "max_field_size": _LINE_BYTES}
         return {**lines, "max_headers": self.headers, "logger": QUIET, "access_log": None}
 
     @contextmanager
     def answering(self, request: web.Request) -> Iterator[None]:
-        """Count a request whose connection is not idle meanwhile."""
+        """Count a request; its connection is not idle meanwhile."""
         self._busy[request.protocol] += 1
         try:
             yield
@@ -44,7 +44,7 @@ class Connections:
             self._last[request.protocol] = time.monotonic()
 
     def accepting(self, handlers: web.Server, refused: Callable[[], None]) -> Callable[[], asyncio.BaseProtocol]:
-        """Return what begins a connection; one too many is told so and closed, and ``refused`` is called."""
+        """Return the factory of connections; one too many gets 503, and ``refused`` is called."""
 
         def begin() -> asyncio.BaseProtocol:
             if len(handlers.connections) < self.most:
@@ -55,7 +55,7 @@ class Connections:
         return begin
 
     def reap(self, there: list[web.RequestHandler]) -> None:
-        """Close those that have been without a request for too long."""
+        """Close connections that have been without a request for too long."""
         now = time.monotonic()
         self._last = {one: self._last.get(one, now) for one in there}
         self._busy = Counter({one: self._busy[one] for one in there if self._busy[one]})
@@ -65,7 +65,7 @@ class Connections:
 
 
 class _Full(asyncio.Protocol):
-    """A connection too many: it is told so, and closed before anything of it is read."""
+    """One connection too many: it gets 503, and is closed before anything is read."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Write the answer."""

@@ -1,11 +1,11 @@
-"""The server described for a program: its OpenAPI document."""
+"""The OpenAPI document of the server."""
 
 from eyechart import __version__
 from eyechart.serve.limits import ServerLimits
 from eyechart.studies.guardian import VIEWS
 
 TYPES = ("image/png", "image/jpeg", "image/webp", "application/octet-stream")
-"""What a picture may be sent as; what it is, its bytes say."""
+"""The content types of a picture; its bytes decide the real format."""
 
 
 def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
@@ -19,7 +19,7 @@ def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
             "answer": {"type": "string", "enum": ["hazard", "clear", "abstain"]},
             "votes": {"type": "object", "additionalProperties": votes},
             "missing": {"type": "object", "additionalProperties": {"type": "string"}},
-            "latency_s": {"type": "number", "description": "seconds from when the guardian was asked to its answer"},
+            "latency_s": {"type": "number", "description": "seconds from the guardian's call to its answer"},
             "why": {"type": "string"},
         },
     }
@@ -29,20 +29,20 @@ def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
         return {"description": words, "content": {"application/json": {"schema": schema}}}
 
     refusals = {
-        "400": "the body is empty, or the request cannot be understood",
-        "403": "another site's page asks",
-        "408": f"the picture was not here within {deadline_s:g} s",
+        "400": "the body is empty, or the request is malformed",
+        "403": "the request comes from another site's page",
+        "408": f"the picture did not arrive within {deadline_s:g} s",
         "413": f"the picture has more than {limits.most_bytes} bytes",
-        "415": "the body is sent as no picture, or without a Content-Type",
+        "415": "the Content-Type is none of a picture, or is missing",
         "421": "the Host is none of the server's names",
         "422": f"the body is no picture that a bank would take, or one of more than {limits.most_pixels} pixels",
         "500": "an error inside the server",
     }
-    full = said("too much to do, or the server is ending; ask again after Retry-After seconds", error)
+    full = said("the server is full or ending; try again after Retry-After seconds", error)
     full["headers"] = {"Retry-After": {"schema": {"type": "integer"}, "description": "seconds"}}
     picture = {"schema": {"type": "string", "format": "binary"}}
     post = {
-        "summary": f"What the committee says of a picture, within {deadline_s:g} s",
+        "summary": f"The committee's answer to a picture, within {deadline_s:g} s",
         "requestBody": {"required": True, "content": dict.fromkeys(TYPES, picture)},
         "responses": {
             "200": said("hazard, clear, or abstain; missing votes never count as clear", assessment),
@@ -59,8 +59,8 @@ def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
         "info": {"title": "eyechart guardian", "version": __version__},
         "paths": {
             "/assess": {"post": post},
-            "/health": get("that the server is there, with which guardian, and the seconds since each model voted"),
-            "/metrics": get("metrics as Prometheus reads them", "text/plain"),
+            "/health": get("the server's status, its guardian, and the seconds since each model voted"),
+            "/metrics": get("metrics in the format of Prometheus", "text/plain"),
             "/openapi.json": get("this document"),
         },
     }

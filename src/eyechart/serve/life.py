@@ -1,7 +1,7 @@
-"""A server's life: it listens, asks its models once, serves, and ends when what is under way was answered.
+"""The life of a server: it listens, warms up its models, serves, and ends.
 
-It ends on SIGINT or SIGTERM, whenever they come: requests under way are answered, others get 503. A second signal ends
-the process at once.
+It ends on SIGINT or SIGTERM at any time: current requests are answered, new ones get 503. A second
+signal ends the process at once.
 """
 
 import asyncio
@@ -22,9 +22,9 @@ from eyechart.serve.server import Server, application
 
 _TELLING_S = 5.0
 _LINGERING_S = 1.0
-"""So long what is left of a refused body is read, for its sender to see the refusal."""
+"""The time to read the rest of a refused body, in seconds: its sender then sees the refusal."""
 _ENDING_S = 0.5
-"""What was not answered by its deadline, as where nobody reads the answer, is ended within twice as long."""
+"""Requests without an answer at their deadline end within twice this time, in seconds."""
 
 
 async def serve(
@@ -38,12 +38,12 @@ async def serve(
     started: Callable[[str], None] = lambda _: None,
     until: Callable[[], Awaitable[object]] | None = None,
 ) -> None:
-    """Serve a guardian until SIGINT or SIGTERM, or ``until`` returns; requests under way are answered first.
+    """Serve a guardian until SIGINT or SIGTERM, or until ``until`` returns.
 
-    For at most ``warm_up_s`` each model is first asked about a blank picture, since a first answer may take long;
-    ``tell`` is told how that goes, and what a model lacks ends nothing. ``started`` is then told the address; port 0
-    takes a free one. Pictures are answered from the beginning. Raises GuardianError where the address is taken or is
-    none.
+    Current requests are answered before the end. Each model first gets a blank picture, for at most
+    ``warm_up_s``, since a first answer may take long. ``tell`` gets messages on that; a model that
+    fails ends nothing. ``started`` then gets the address; port 0 takes a free port. Pictures are
+    answered from the beginning. Raises GuardianError where the address is in use or malformed.
     """
 
     async def live() -> None:
@@ -74,7 +74,7 @@ async def serve(
 
 @contextmanager
 def _signalled(over: asyncio.Event) -> Iterator[None]:
-    """Set an event at the first signal to end; the second one is what it would be to any other program."""
+    """Set an event at the first signal to end; the second one has its default effect."""
     loop, ends = asyncio.get_running_loop(), (signal.SIGINT, signal.SIGTERM)
 
     def heard(one: signal.Signals) -> None:
@@ -103,7 +103,7 @@ def _runner(app: web.Application, server: Server) -> web.AppRunner:
 
 
 async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -> tuple[asyncio.Server, str]:
-    """Listen, and return with it the address; the server then knows its names."""
+    """Listen; return the listening server and its address, and set the server's names."""
     handlers = runner.server
     assert handlers is not None
     connection = server.connections.accepting(handlers, lambda: server.metrics.requests.labels("503").inc())
@@ -112,7 +112,7 @@ async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -
         listening = await loop.create_server(connection, host, port, start_serving=False)
     except OSError as error:
         other = "--port" if error.errno in {errno.EADDRINUSE, errno.EACCES} else "--host"
-        raise GuardianError(f"{host}:{port} cannot be listened on: {error.strerror}; give another {other}") from error
+        raise GuardianError(f"cannot listen on {host}:{port}: {error.strerror}; give another {other}") from error
     except UnicodeError as error:
         raise GuardianError(f"{host[:80]!r} is no address to listen on; give another --host") from error
     bound = [one.getsockname() for one in listening.sockets]
@@ -123,7 +123,7 @@ async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -
 
 
 async def _first(*works: Awaitable[object]) -> None:
-    """Wait for one of several works, and end the others; raises what that one raised."""
+    """Wait for the first of several tasks and cancel the others; raises its exception."""
     tasks = [asyncio.ensure_future(one) for one in works]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -136,7 +136,7 @@ async def _first(*works: Awaitable[object]) -> None:
 
 
 async def _drain(server: Server, tell: Callable[[str], None]) -> None:
-    """Refuse what comes from now on, and wait until what is under way was answered, as long as that may take."""
+    """Refuse new requests, and wait for the answers to current ones, at most to their deadline."""
     server.ending = True
     if server.under_way:
         tell(f"ending: {server.under_way} requests are answered first")
@@ -146,8 +146,8 @@ async def _drain(server: Server, tell: Callable[[str], None]) -> None:
 
 
 async def _warm_up(guardian: Guardian, limit_s: float, tell: Callable[[str], None]) -> None:
-    """Ask each model once, and tell every few seconds that it still takes."""
-    tell(f"asking each of {len(guardian.models)} models once, for at most {limit_s:g} s")
+    """Call each model once, and report every few seconds that it still runs."""
+    tell(f"calling each of {len(guardian.models)} models once, for at most {limit_s:g} s")
     asked, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
     try:
         while not (await asyncio.wait([asked], timeout=_TELLING_S))[0]:

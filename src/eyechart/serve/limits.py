@@ -1,4 +1,4 @@
-"""What bounds a server."""
+"""The limits of a server."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from eyechart.serve.names import require_name
 
 @dataclass(frozen=True, slots=True)
 class ServerLimits:
-    """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
+    """The limits of the server; raises GuardianError for a wrong value.
 
-    ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
-    then is refused with 503. A picture has at most ``most_bytes``, and ``most_pixels`` by its header, before
-    one is decoded. A connection without a request is closed after
-    ``idle_s``; of more than ``connections`` at a time one more gets 503. A head has at most ``headers`` headers.
-    ``hosts`` are names under which it may be asked, beside those of this machine where it listens there only; none are
-    any name where it listens elsewhere. The deadline, from a request's head to its answer, is the guardian's.
+    ``concurrency`` pictures are assessed at a time, ``queue`` more may wait, and ``uploads`` are
+    read; any more get 503. A picture has at most ``most_bytes``, and at most ``most_pixels`` by its
+    header, before it is decoded. A connection without a request is closed after ``idle_s``. A new
+    connection beyond ``connections`` gets 503. A request has at most ``headers`` headers. ``hosts``
+    are names of the server: a server on this machine alone also has the machine's own names, and
+    any other one without ``hosts`` answers to any name. The deadline is the guardian's.
     """
 
     concurrency: int = 8

@@ -1,7 +1,7 @@
-"""A page that shows a run while it goes on: served on this machine alone, and read from the run's own files.
+"""A page that shows a run in progress, served on this machine only, from the run's own files.
 
-No model is asked for it, and nothing is written. What it says is how far the run is, and claims nothing. A browser asks
-beside it for the end (``over``), which is answered when the run ends: a reply that fails is a lost connection, no end.
+It calls no model, writes nothing, and makes no claim. The browser also requests the end (``over``),
+which is answered when the run ends. A failed reply there means a lost connection, not the end.
 """
 
 import asyncio
@@ -36,34 +36,34 @@ from eyechart.spaces.space import AnySpace
 from eyechart.studies import Study, study_of
 
 FIRST = 12
-"""Answers of a model that are shown, from its first on."""
+"""The number of a model's first answers on the page."""
 _LONGEST = 600
 _EVERY_S = 2.0
-"""Files are read at most so often, and only after the run went on."""
+"""The least time between two reads of the files, in seconds; they are read only after progress."""
 _UNTIL_FIRST_S = 1.0
-"""Until the first answers are there they are read as often as this."""
+"""The time between two reads of the files until the first answers, in seconds."""
 _EARLY = 3
-"""So many reads with answers in them come at once; later ones within the share."""
+"""The number of reads with answers that are made at once; later ones keep the share."""
 _SHARE = 0.01
-"""The part of the run's own processor time that later reads may take together."""
+"""The largest share of the run's own processor time for all later reads."""
 _WINDOW_S = 30.0
 _ENDING_S = 5.0
 _CONNECTIONS = 32
 _IDLE_S = 10.0
 _REAP_S = 1.0
 _BACKLOG = 8
-"""So many connections are accepted in one go, each of which has a descriptor until it is closed."""
+"""The number of connections accepted at once; each has a descriptor until it is closed."""
 _KEPT = 64
-"""Descriptors that are left to the run: with fewer, a connection is closed at once."""
+"""Descriptors reserved for the run: with fewer left, a connection is closed at once."""
 _HELD_S = 60.0
-"""A request for the end is answered after so long at the latest, with nothing, and is made again."""
-_NOTHING = "No call was written yet."
+"""The longest time of a request for the end, in seconds; the browser then repeats it."""
+_NOTHING = "No call is written yet."
 NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One of a model's first answers: what was asked about, what was read from it, and its text."""
+    """One of a model's first answers: its frame and condition, the decision read, and its text."""
 
     frame: str
     condition: str
@@ -73,7 +73,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Asked:
-    """What a model has answered so far, with what is amiss in ``warnings``."""
+    """A model's answers so far, with ``warnings`` of faults."""
 
     name: str
     account: Account
@@ -83,17 +83,17 @@ class Asked:
 
     @property
     def words(self) -> str:
-        """Return how far it is, in a sentence that claims nothing."""
+        """Return the counts of decisions in a sentence without a claim."""
         found = ", ".join(f"{count} {name}" for name, count in self.decisions.items()) or "no answer"
         return f"So far {found}. {NOTHING_FOLLOWS}"
 
 
 @dataclass
 class Live:
-    """A run as a page shows it: how far it is, as the run itself says, and what its ledgers hold.
+    """A run on the page: its progress, as the run itself reports it, and its ledgers' answers.
 
-    Files are read when somebody looks and the run went on since, and so seldom that it costs a small part of one
-    processor. ``over`` says how the run ended; it is empty while it goes on.
+    Files are read at a request for the page, after progress, and so seldom that reading takes a
+    small share of one processor. ``over`` is the end of the run in words; empty before it.
     """
 
     folder: Path
@@ -112,13 +112,13 @@ class Live:
     _seen: tuple[tuple[int, int], ...] | None = None
 
     def move(self, done: int, total: int) -> None:
-        """Take how many calls or episodes are over, of how many."""
+        """Set the numbers of finished and of all calls or episodes."""
         self.done, self.total = done, total
         self._moves.append((time.monotonic(), done))
 
     @property
     def rate(self) -> float | None:
-        """Return how many came to an end a second, of late; None before two did."""
+        """Return the recent number of finished ones a second; None before two."""
         now, moves = time.monotonic(), list(self._moves)
         of_late = [one for one in moves if now - one[0] <= _WINDOW_S] or moves[-1:]
         if not of_late or of_late[0] is of_late[-1] or now <= of_late[0][0]:
@@ -126,7 +126,7 @@ class Live:
         return (of_late[-1][1] - of_late[0][1]) / (now - of_late[0][0])
 
     def asked(self) -> tuple[Asked, ...]:
-        """Return what each model has answered so far, as it stood when the files were last read."""
+        """Return each model's answers so far, by the last read of the files."""
         now, before = time.monotonic(), time.thread_time()
         within = self._reads < _EARLY or self._spent <= _SHARE * (time.process_time() - self._spent)
         if now >= self._next and within and (written := self._written()) != self._seen:
@@ -143,9 +143,9 @@ class Live:
         return self._kept
 
     def html(self) -> bytes:
-        """Return the page as it is now."""
+        """Return the current page."""
         asked, rate = self.asked(), self.rate
-        of_late = "" if rate is None else f", {rate:.2f} a second of late"
+        of_late = "" if rate is None else f", {rate:.2f} a second recently"
         count = f"{self.done} of {self.total} {self.unit}"
         bar = f'<p><progress max="{self.total or 1}" value="{self.done}">{count}</progress></p>'
         parts = [bar, f"<p><strong>{count}</strong>{of_late}{_cost(asked)}.</p>"]
@@ -155,7 +155,7 @@ class Live:
         return _shell().substitute(values).encode("utf-8", "backslashreplace")
 
     def _written(self) -> tuple[tuple[int, int], ...]:
-        """Return when each ledger and its log were last written, and their sizes; a file may vanish at any time."""
+        """Return the time and size of each ledger and its log; a file may vanish at any time."""
         found = []
         for path in sorted(self.folder.rglob(f"{LEDGER}*")):
             with suppress(OSError):
@@ -176,7 +176,7 @@ class Live:
                     yield _asked(name, ledger.attempts(spec), book, space)
 
     def _manifest(self, study: Study[Any], run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
-        """Return a run's manifest and space, read anew only when it was written anew."""
+        """Return a run's manifest and space, read again only after a change."""
         written = (run / RUN).stat().st_mtime_ns
         if run not in self._asked or self._asked[run][0] != written:
             self._asked[run] = written, study.asked(run)
@@ -185,7 +185,7 @@ class Live:
 
 @cache
 def _shell() -> Template:
-    """Return the page around what changes, with its script and the policy that lets no other run."""
+    """Return the fixed part of the page, with its script, and the policy that forbids any other."""
     folder = files("eyechart.report") / "template"
     parts = ("live.html", "live.js", "page.css", "live.css")
     html, script, *css = ((folder / name).read_text(encoding="utf-8") for name in parts)
@@ -200,12 +200,12 @@ def _cost(asked: Sequence[Asked]) -> str:
     known = sum(one.account.cost_usd or 0.0 for one in asked)
     unknown = sum(one.account.cost_from.get("unknown", 0) for one in asked)
     if not asked or (unknown and not known):
-        return "; what it costs is not known" if asked else ""
+        return "; the cost is not known" if asked else ""
     return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}"
 
 
 def _section(one: Asked) -> str:
-    """Return a model's part of the page; every word of it that is not ours is escaped."""
+    """Return a model's part of the page; all text of models is escaped."""
     names = ("asked about", "shown", "read as", "text")
     head = "".join(f'<th scope="col">{name}</th>' for name in names)
     rows = "\n".join(
@@ -249,9 +249,9 @@ def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> 
 
 
 def application(live: Live, ended: asyncio.Event, token: str, connections: Connections) -> web.Application:
-    """Return what answers, under this machine's own names: the page at ``/TOKEN/``, at ``over`` beside it at the end.
+    """Return the application: the page at ``/TOKEN/``, and ``/TOKEN/over``, answered at the end.
 
-    Whoever does not know the token learns nothing.
+    It answers only under this machine's own names. Without the token nothing is shown.
     """
     names = Names()
 
@@ -260,7 +260,7 @@ def application(live: Live, ended: asyncio.Event, token: str, connections: Conne
             if (why := names.refuses(request.headers)) is not None:
                 return web.Response(status=421, text=why)
             if not secrets.compare_digest(request.match_info["token"].encode(), token.encode()):
-                return web.Response(status=404, text="no page is here: open the address that the run printed")
+                return web.Response(status=404, text="there is no page here: open the address that the run printed")
             if request.path.endswith("/over"):
                 try:
                     await asyncio.wait_for(ended.wait(), _HELD_S)
@@ -278,7 +278,7 @@ def application(live: Live, ended: asyncio.Event, token: str, connections: Conne
 
 @dataclass
 class _Page:
-    """The server of a page, in a thread with an event loop of its own: it may fail, and the run does not notice."""
+    """The server of a page, in a thread with its own event loop: its failure ends no run."""
 
     live: Live
     started: Callable[[str], None]
@@ -289,7 +289,7 @@ class _Page:
     def run(self) -> None:
         """Serve until the end."""
         try:
-            with asyncio.Runner() as runner:  # a loop that cannot be made leaves nothing behind
+            with asyncio.Runner() as runner:  # a failed start of a loop leaves nothing behind
                 runner.run(self._serve())
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
             self.failed(printable(f"{type(error).__name__}: {error}"))
@@ -297,13 +297,13 @@ class _Page:
             self.ready.set()
 
     def end(self) -> None:
-        """Say to who waits for the end that it is here, and serve no more."""
+        """Answer the requests that wait for the end, and stop."""
         with suppress(RuntimeError):  # it ended before
             self._end()
 
     async def _serve(self) -> None:
         loop, over = asyncio.get_running_loop(), asyncio.Event()
-        loop.set_exception_handler(lambda *_: None)  # as of a descriptor that accept did not get: it tries again
+        loop.set_exception_handler(lambda *_: None)  # accept without a descriptor tries again
         self._end = lambda: _say_over(loop, over)
         token, connections = secrets.token_urlsafe(16), Connections(_CONNECTIONS, _IDLE_S)
         app = application(self.live, over, token, connections)
@@ -326,7 +326,7 @@ class _Page:
 
 
 def _giving_way(begin: Callable[[], asyncio.BaseProtocol]) -> Callable[[], asyncio.BaseProtocol]:
-    """Return what begins a connection, or closes it where few descriptors are left: they are the run's."""
+    """Return the factory of connections; it closes them if only the run's descriptors are left."""
 
     def begin_or_close() -> asyncio.BaseProtocol:
         return begin() if _has_descriptors() else _Closed()
@@ -335,9 +335,9 @@ def _giving_way(begin: Callable[[], asyncio.BaseProtocol]) -> Callable[[], async
 
 
 def _has_descriptors() -> bool:
-    """Return whether the run has as many descriptors left as are kept for it."""
+    """Return whether more descriptors are free than the run's reserve."""
     try:
-        import resource  # noqa: PLC0415 - Windows has none, nor so narrow a bound
+        import resource  # noqa: PLC0415 - Windows has neither the module nor so low a limit
     except ImportError:
         return True
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -362,9 +362,9 @@ class _Closed(asyncio.Protocol):
 def watched(
     live: Live, started: Callable[[str], None], failed: Callable[[str], None] = lambda _: None
 ) -> Iterator[None]:
-    """Serve the page on a free port of this machine while the block lasts; ``started`` is told the address.
+    """Serve the page on a free port of this machine during the block; ``started`` gets the address.
 
-    Whatever goes wrong there ends no run; ``failed`` is told where it is served no more.
+    No fault of the page ends the run; ``failed`` gets the reason if the page is no longer served.
     """
     page = _Page(live, started, failed)
     thread = threading.Thread(target=page.run, name="eyechart-watch", daemon=True)

@@ -1,7 +1,7 @@
-"""The names that a server answers to, and the pages that may not ask it.
+"""The names that a server answers to, and the protection from pages of other sites.
 
-A page of the web can ask what listens on its reader's machine: under a name of its own that it lets lead there (DNS
-rebinding), or from another origin. The first is known by the Host, the second by what a browser says of itself.
+A web page can reach a server on its reader's machine: by a name of its own that resolves there (DNS
+rebinding), or from another origin. The Host and the browser's own headers reveal that.
 """
 
 import ipaddress
@@ -18,11 +18,11 @@ from eyechart.errors import GuardianError
 _HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]+)(?::(?P<port>\d{1,5}))?")
 _PORTS = {"http": 80, "https": 443}
 _OWN = {"same-origin", "none"}
-"""What Sec-Fetch-Site says where no other site is behind a request."""
+"""Values of Sec-Fetch-Site for a request that no other site made."""
 
 
 def require_name(name: str) -> str:
-    """Return a name in small letters; raises GuardianError where it is none that a Host header could have."""
+    """Return a name in small letters; raises GuardianError where no Host header could hold it."""
     found = _HOST.fullmatch(name)
     if found is None or found["port"] is not None:
         raise GuardianError(f"'{name[:80]}' is no name of a host: give it as in cam.example or [::1], without a port")
@@ -31,10 +31,10 @@ def require_name(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The names under which a server may be asked.
+    """The names that a server answers to.
 
-    ``given`` are those of its operator. A server on ``loopback`` answers to them and to this machine's own names; bound
-    elsewhere it answers to them alone, and to any where none is given.
+    ``given`` are those of its operator. A server on ``loopback`` answers to them and to this
+    machine's own names. Any other server answers to them alone, or to any name if none is given.
     """
 
     given: frozenset[str] = frozenset()
@@ -42,11 +42,11 @@ class Names:
 
     @classmethod
     def of(cls, given: Sequence[str], addresses: Sequence[str]) -> "Names":
-        """Return the names of a server that listens at these addresses, numbers all."""
+        """Return the names of a server that listens at these numeric addresses."""
         return cls(frozenset(map(require_name, given)), all(_is_loopback(one) for one in addresses))
 
     def refuses(self, headers: CIMultiDictProxy[str]) -> str | None:
-        """Return why a request with these headers is not for this server, None where it is."""
+        """Return why a request with these headers is not for this server; None if it is."""
         hosts = headers.getall(hdrs.HOST, [])
         found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
         if found is None:
@@ -60,7 +60,7 @@ class Names:
 
 
 def crosses(headers: Mapping[str, str]) -> bool:
-    """Return whether a browser says that another site's page is behind a request."""
+    """Return whether a browser's headers say that another site's page made the request."""
     if headers.get("Sec-Fetch-Site", "none") not in _OWN:
         return True
     origin = headers.get(hdrs.ORIGIN)
@@ -69,12 +69,12 @@ def crosses(headers: Mapping[str, str]) -> bool:
     own = f"{origin.partition('://')[0]}://{headers[hdrs.HOST]}"
     try:
         return _authority(origin) != _authority(own)
-    except (ValueError, KeyError):  # null, or what is no address
+    except (ValueError, KeyError):  # "null", or no address
         return True
 
 
 def _authority(url: str) -> tuple[str, int]:
-    """Return the host and port of an address; raises ValueError or KeyError for what is none."""
+    """Return the host and port of an address; raises ValueError or KeyError if it is malformed."""
     parts = urlsplit(url)
     return _plain(parts.hostname or ""), parts.port or _PORTS[parts.scheme]
 

@@ -1,4 +1,4 @@
-"""A guardian with the state of its server: what is read, refused, asked about and counted."""
+"""The guardian's server: it reads pictures, refuses them or has them assessed, and counts."""
 
 import asyncio
 import math
@@ -28,16 +28,16 @@ _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 _READS = {"GET", "HEAD"}
 _CLOSING = {403, 408, 413, 421}
 _LEAST_S = 0.01
-"""With less time than this left no model is asked."""
+"""The least time left for a call of the models, in seconds."""
 _REAP_S = 1.0
 _TICK_S = 0.1
 _FADING = 0.95
-"""A lag is remembered for about a second."""
+"""The decay of the measured lag at each tick: about a second."""
 _BUCKETS = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
 class Metrics:
-    """What Prometheus is told."""
+    """The metrics for Prometheus."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -51,7 +51,7 @@ class Metrics:
             buckets=_BUCKETS,
             registry=self.registry,
         )
-        self.waiting = Gauge("eyechart_waiting", "Pictures that wait or are asked about.", registry=self.registry)
+        self.waiting = Gauge("eyechart_waiting", "Pictures that wait or are assessed.", registry=self.registry)
 
     def note(self, assessment: Assessment) -> None:
         """Count an assessment and its votes."""
@@ -64,9 +64,9 @@ class Metrics:
 
 @dataclass(slots=True)
 class Server:
-    """A guardian with the state of its server: how many pictures it reads, holds and asks about.
+    """A guardian with the state of its server: the numbers of pictures that it reads and holds.
 
-    ``quiet`` is set where no request is under way; one that comes when it is ``ending`` is refused.
+    ``quiet`` is set while there is no request. Requests to a server that is ``ending`` are refused.
     """
 
     guardian: Guardian
@@ -88,11 +88,11 @@ class Server:
         self.quiet.set()
         self.connections = Connections(self.limits.connections, self.limits.idle_s, self.limits.headers)
         self.turns = asyncio.Semaphore(self.limits.concurrency)
-        # A turn ends at its deadline, its decoding when it is done: the threads bound what is decoded at once.
+        # Decoding may go on after the deadline of its turn: the threads bound it.
         self.decoding = ThreadPoolExecutor(self.limits.concurrency, "eyechart-decoding")
 
     async def assess(self, request: web.Request) -> web.Response:
-        """Answer a picture, or say in one line why not."""
+        """Answer a picture, or give the reason of a refusal in one line."""
         start = time.perf_counter()
         picture = await self._read(request, start)
         assessment = await self._asked(picture, start)
@@ -102,7 +102,7 @@ class Server:
         return response
 
     async def health(self, request: web.Request) -> web.Response:
-        """Say that the server is there, with which guardian, and how long ago each of its models last voted."""
+        """Return the status, the guardian, and the seconds since each model's last vote."""
         del request
         return _json(
             {
@@ -118,7 +118,7 @@ class Server:
         )
 
     async def measured(self, request: web.Request) -> web.Response:
-        """Return the metrics as Prometheus reads them."""
+        """Return the metrics in the format of Prometheus."""
         del request
         self.metrics.waiting.set(self.held)
         body = generate_latest(self.metrics.registry)
@@ -131,9 +131,9 @@ class Server:
 
     @web.middleware
     async def watch(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Count a request by its status; answer in JSON whatever goes wrong, and never with a traceback.
+        """Count a request by its status; answer any fault in JSON, without a traceback.
 
-        What is not for this server, or comes when it ends, is refused before anything of it is read.
+        A request to another name, or to an ending server, is refused before its body is read.
         """
         self.under_way += 1
         self.quiet.clear()
@@ -159,23 +159,23 @@ class Server:
         return response
 
     def _require_welcome(self, request: web.Request) -> None:
-        """Refuse what comes when the server ends, under a name that is not its own, or from another site's page."""
+        """Refuse requests to an ending server, to another name, or from another site's page."""
         if self.ending:
             raise _Refused(503, "the server is ending")
         if (why := self.names.refuses(request.headers)) is not None:
             raise _Refused(421, why)
         if request.method not in _READS and crosses(request.headers):
-            raise _Refused(403, "another site's page may not ask this server")
+            raise _Refused(403, "another site's page may not use this server")
 
     async def _read(self, request: web.Request, start: float) -> bytes:
-        """Read a picture's bytes within bounds of size, time and number."""
+        """Read a picture's bytes within the limits of size, time and number."""
         most = self.limits.most_bytes
         self._require_picture(request)
         if (request.content_length or 0) > most:
             raise _Refused(413, f"the picture has {request.content_length} bytes; the limit is {most}")
         self._require_room(self._left(start))  # before it is read: refusing must stay cheap
         if self.reading >= self.limits.uploads:
-            raise _Refused(503, "too many pictures are on their way here")
+            raise _Refused(503, "too many pictures are being uploaded")
         body = bytearray()
         self.reading += 1
         try:
@@ -186,28 +186,28 @@ class Server:
                         raise _Refused(413, f"the picture has more than {most} bytes")
         except TimeoutError:
             limit = self.guardian.deadline_s
-            raise _Refused(408, f"the picture was not here within {limit:g} s; {len(body)} bytes were") from None
+            raise _Refused(408, f"the picture did not arrive within {limit:g} s; {len(body)} bytes did") from None
         except web.RequestPayloadError:
-            raise _Refused(400, "the body cannot be read: it is not as its headers say") from None
+            raise _Refused(400, "the body cannot be read: it does not match its headers") from None
         finally:
             self.reading -= 1
         if not body:
             raise _Refused(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
         if not body.startswith(_SIGNS):
-            raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG and WebP")
+            raise _Refused(422, "the body is no picture: its first bytes are not those of PNG, JPEG or WebP")
         return bytes(body)
 
     def _require_picture(self, request: web.Request) -> None:
-        """Refuse what is not said to be a picture; a browser sends a page's form without asking, but not a picture."""
+        """Refuse any other content type: browsers send forms to other sites, but no pictures."""
         kinds, given = ", ".join(TYPES), request.headers.getall("Content-Type", [])
         if len(given) != 1 or given[0].partition(";")[0].strip().lower() not in TYPES:
             sent = f"as {encodable(given[0])[:80]}" if given else "without a Content-Type"
-            raise _Refused(415, f"a picture is sent as one of {kinds}, not {sent}")
+            raise _Refused(415, f"a picture must be sent as one of {kinds}, not {sent}")
         if request.headers.get("Content-Encoding", "identity").lower() != "identity":
-            raise _Refused(415, "a picture is sent as it is, without a Content-Encoding")
+            raise _Refused(415, "a picture must be sent without a Content-Encoding")
 
     async def _asked(self, picture: bytes, start: float) -> Assessment:
-        """Wait for a turn, and ask the guardian; refuse where too many wait, or no time is left."""
+        """Wait for a turn, and call the guardian; refuse if too many wait, or no time is left."""
         self._require_room(self._left(start))
         self.held += 1
         turn, began = False, start
@@ -218,10 +218,10 @@ class Server:
                 pictures = await asyncio.get_running_loop().run_in_executor(self.decoding, self._shown, picture)
             left = self._left(start)
             if left < _LEAST_S:
-                raise _Refused(503, "no time is left to ask about the picture")
+                raise _Refused(503, "no time is left to assess the picture")
             assessment = await self.guardian.ask_async(pictures, deadline_s=left)
         except BankError as error:
-            raise _Refused(422, f"no picture that can be shown: {error}") from None
+            raise _Refused(422, f"the picture cannot be shown to a model: {error}") from None
         except TimeoutError:
             raise _Refused(503, "its turn did not come by the deadline") from None
         else:
@@ -233,28 +233,28 @@ class Server:
                 self.turns.release()
 
     def _shown(self, picture: bytes) -> Pictures:
-        """Return what the models are shown of a picture, which is not decoded where it has too many pixels."""
+        """Return the views of a picture for the models; one of too many pixels is not decoded."""
         width, height = size_of(picture, "the picture")
         if width * height > (most := self.limits.most_pixels):
             raise _Refused(422, f"the picture has {width} × {height} pixels, {width * height}; the limit is {most}")
         return self.guardian.show(picture)
 
     async def close(self, app: web.Application) -> None:
-        """Decode no more."""
+        """Stop the decoding of pictures."""
         del app
         self.decoding.shutdown(wait=False, cancel_futures=True)
 
     def _require_room(self, left_s: float) -> None:
-        """Refuse a picture that finds no place, or whose turn would come too late to be answered."""
+        """Refuse a picture if the queue is full, or if its turn would come after the deadline."""
         waiting = self.held - self.limits.concurrency
         if waiting >= self.limits.queue:
-            raise _Refused(503, f"{self.held} pictures wait here already")
+            raise _Refused(503, f"{self.held} pictures wait already")
         rounds = 0 if waiting < 0 else waiting // self.limits.concurrency + 1
         if rounds and (rounds + 1) * self.usual_s > left_s:
-            raise _Refused(503, f"{self.held} pictures wait here already, so that its turn would come too late")
+            raise _Refused(503, f"{self.held} pictures wait already, so its turn would come too late")
 
     def _left(self, start: float) -> float:
-        """Return the seconds that are left, less what a busy machine takes to send an answer."""
+        """Return the seconds that are left, minus the time of a busy machine to send an answer."""
         limit = self.guardian.deadline_s
         return max(0.0, limit - min(2 * self.lag_s, limit / 2) - (time.perf_counter() - start))
 
@@ -264,11 +264,11 @@ class Server:
             wait = math.ceil(self.usual_s * self.held / self.limits.concurrency)
             response.headers["Retry-After"] = str(min(max(1, wait), 60))
         if self.ending or refused.status in _CLOSING:
-            response.force_close()  # what is left of the body is not read
+            response.force_close()  # the rest of the body is not read
         return response
 
     async def tend(self, connections: Callable[[], list[web.RequestHandler]]) -> None:
-        """Measure how late this loop runs, and close connections that have been without a request for too long."""
+        """Measure the lag of this loop, and close connections that are idle for too long."""
         reap_s = min(_REAP_S, self.limits.idle_s / 2)
         due = time.monotonic() + reap_s
         while True:
@@ -280,14 +280,14 @@ class Server:
                 self.connections.reap(connections())
 
 
-class _Refused(Exception):  # noqa: N818 - an answer, and no error of the server's
+class _Refused(Exception):  # noqa: N818 - it is an answer, not an error of the server
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
         self.status, self.why = status, why
 
 
 def application(guardian: Guardian, limits: ServerLimits | None = None) -> tuple[web.Application, Server]:
-    """Return the application that serves a guardian, and its state; it is to be made in the loop that runs it."""
+    """Return the application that serves a guardian, and its state; call it in the running loop."""
     server = Server(guardian, limits or ServerLimits())
     app = web.Application(middlewares=[server.watch], client_max_size=server.limits.most_bytes)
     app.on_cleanup.append(server.close)

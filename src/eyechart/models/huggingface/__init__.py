@@ -1,8 +1,8 @@
-"""Models of the Transformers library, run here: any image-text-to-text checkpoint of the Hub or of a folder.
+"""Local models of the Transformers library: image-text-to-text checkpoints of the Hub or a folder.
 
-Queries that arrive together are answered together, in one call of ``generate``, in threads of their own so that the
-event loop lives on. What stands beside a query in its batch has no say in its answer: prompts are padded on the left,
-answers are the likeliest tokens, or drawn from the query's own seed.
+Queries that arrive together share one call of ``generate``, in a thread of its own, which leaves
+the event loop free. The other queries of a batch do not change an answer. Prompts are padded on the
+left, and tokens are the likeliest ones, or drawn from the query's own seed.
 """
 
 import asyncio
@@ -21,22 +21,22 @@ from eyechart.models.huggingface.organisms import ORGANISMS, SAYS
 from eyechart.modes import RequestMode
 
 _LINGER_S = 0.01
-"""How long a batch that is not full waits for one more query."""
+"""The wait for another query while a batch is not full, in seconds."""
 
 _NOT_HERE = ("structured", "body", "base_url", "headers", "key_env")
-"""What a mode can say that a checkpoint run here cannot keep."""
+"""Fields of a mode that have no effect on a local checkpoint."""
 
-_HOW = ", if asked with temperature default"
+_HOW = ", with temperature default"
 
 _Waiting = tuple[Query, asyncio.Future[Reply]]
 
 
 class HuggingFaceModel:
-    """A checkpoint behind the door of a model: one queue, and as many queries at once as ``batch`` allows.
+    """A checkpoint as a model, with one queue and batches of up to ``batch`` queries.
 
-    While one batch is generated in its thread, the next one's pictures and words are prepared in another.
-    ``version`` is the Hub's commit, or the digest of a folder's files. Weights are loaded with the first query and
-    let go by ``close``.
+    While one thread generates a batch, another prepares the next batch's pictures and text.
+    ``version`` is the Hub's commit, or the digest of a folder's files. The first query loads the
+    weights, and ``close`` frees them.
     """
 
     def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
@@ -50,11 +50,11 @@ class HuggingFaceModel:
         self._threads: tuple[ThreadPoolExecutor, ThreadPoolExecutor] | None = None
 
     async def answer(self, query: Query) -> Reply:
-        """Answer one query, in a batch with those that wait beside it; a failure is a Reply."""
+        """Answer one query, in a batch with others that wait; a failure is a Reply."""
         return await metered(self._queue(query))
 
     async def close(self) -> None:
-        """Let the weights go; a later query loads them anew."""
+        """Free the weights; a later query loads them again."""
         loop = asyncio.get_running_loop()
         if self._turns is not None and self._turns.get_loop() is loop:
             self._turns.cancel()
@@ -79,7 +79,7 @@ class HuggingFaceModel:
         return await future
 
     async def _take_turns(self) -> None:
-        """Answer what waits, batch after batch, until nothing does."""
+        """Answer the waiting queries, batch after batch, until none is left."""
         loop = asyncio.get_running_loop()
         if self._threads is None:
             self._threads = (ThreadPoolExecutor(1, "hf-prepares"), ThreadPoolExecutor(1, "hf-generates"))
@@ -110,14 +110,14 @@ class HuggingFaceModel:
                 future.set_result(reply)
 
     async def _gather(self, busy: asyncio.Task[None] | None) -> None:
-        """Wait for a full batch: as long as another one is generated, and then while more queries arrive."""
+        """Wait for a full batch while another one is generated, then while queries arrive."""
         seen = 0
         while len(self._waiting) < self._batch and (not _over(busy) or seen < len(self._waiting)):
             seen = len(self._waiting)
             await asyncio.sleep(_LINGER_S)
 
     def _next_batch(self) -> list[_Waiting]:
-        """Take the oldest query and those like it: with as many pictures."""
+        """Take the oldest query and those with the same count of pictures."""
         waiting = [one for one in self._waiting if not one[1].done()]
         batch = [one for one in waiting if len(one[0].images) == len(waiting[0][0].images)][: self._batch]
         taken = {id(future) for _, future in batch}
@@ -130,19 +130,19 @@ def _over(task: asyncio.Task[None] | None) -> bool:
 
 
 def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
-    """Open a checkpoint: ``organism:NAME``, a folder, or an id of the Hub; its weights are loaded later.
+    """Open a checkpoint: ``organism:NAME``, a folder, or an id of the Hub; its weights load later.
 
-    Raises SpecError where it is not there, has no image slot in its chat template, or is asked for what it cannot do.
+    Raises SpecError where it is missing, has no image slot, or does not fit the mode.
     """
     require_options(mode, OPTIONS)
     for field in _NOT_HERE:
         if getattr(mode, field) != getattr(RequestMode(mode.spec), field):
-            raise SpecError(f"'{mode.spec}' runs here and cannot bind '{field}'; leave it out")
+            raise SpecError(f"'{mode.spec}' runs on this machine, where '{field}' has no effect: leave it out")
     return HuggingFaceModel(find(name, mode), mode)
 
 
 def names() -> dict[str, str]:
-    """Return what may stand after ``hf:``: the organisms, the paper's edge models, and the two other ways."""
+    """Return the names after ``hf:``: organisms, the paper's edge models, a folder, a Hub id."""
     return {
         **{f"organism:{name}": says for name, says in SAYS.items()},
         **{f"organism:{name}": SAYS[name] + _HOW for name, one in ORGANISMS.items() if one.sampled and name in SAYS},

@@ -1,4 +1,4 @@
-"""A checkpoint is found, pinned to one commit or digest, and checked, before a weight of it is loaded."""
+"""Finds a checkpoint, pins it to one commit or digest, and checks it before its weights load."""
 
 import hashlib
 import re
@@ -16,7 +16,7 @@ from eyechart.modes import RequestMode
 
 OPTIONS = {
     **loading.OPTIONS,
-    "revision": "a branch, tag or commit of the Hub; it is resolved to a commit, default main",
+    "revision": "a branch, tag or commit of the Hub, default main; the run records the commit",
     "trust_remote_code": "true runs code from the checkpoint's repository: read it first",
     "batch": "how many queries one generate may answer, default 32",
 }
@@ -27,24 +27,24 @@ _HUB_SECONDS = 15
 _CHUNK = 1 << 20
 _LACKS = re.compile(r"requires the (\w+) library but it was not found|Missing optional dependencies: (\w+)")
 _IMAGE_TOKENS = ("image_token", "boi_token")
-"""Where Transformers' processors keep the token that a template writes for a picture."""
+"""Attributes of Transformers' processors with the token that a template writes for a picture."""
 _PRINTED = re.compile(r"""['"]type['"]\s*:\s*['"]image['"]""")
 _UNREADABLE = (OSError, ValueError, ImportError, KeyError)
 _ABOUT = frozenset({".md", ".lock"})
-"""Files of these kinds say something about a checkpoint, and are no part of it."""
+"""Suffixes of files that describe a checkpoint and are no part of it."""
 
 SMALLER = "load it smaller with --option dtype=bfloat16 or bits=4, or spread it with device_map=auto"
-"""What to do about weights that are too large for the memory."""
+"""Advice for weights that are too large for the memory."""
 
 Processor = Any
-"""A Transformers processor; the library is imported only here, and has no types that say more."""
+"""A Transformers processor; the library gives it no narrower type."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A checkpoint that is there, its processor, and how it is to be loaded.
+    """A checkpoint that exists, its processor, and the way to load it.
 
-    ``place`` is a folder or a Hub id, ``commit`` that of the Hub or None for a folder.
+    ``place`` is a folder or a Hub id; ``commit`` is the Hub's, None for a folder.
     """
 
     place: str
@@ -58,7 +58,7 @@ class Checkpoint:
 
 
 def list_edge() -> dict[str, str]:
-    """Return the paper's edge models by Hub id, with what to know of each: size, memory of its weights, licence."""
+    """Return the paper's edge models by Hub id, each with its size, memory and licence."""
     return {
         name: f"the paper's {facts['paper']}: {facts['parameters'] / 1e9:.2f} billion parameters, whose weights take "
         f"{_sizes(Weights(facts['parameters'], 2 * facts['parameters'], facts['linear']))}; licence {facts['license']}"
@@ -73,7 +73,7 @@ def edge_models() -> dict[str, Any]:
 
 
 def _sizes(weights: Weights) -> str:
-    """Return what weights take of memory in each precision, in words."""
+    """Return the memory of weights in each precision, in words."""
     ways = {
         "GB in float32": Loading("cpu", "float32"),
         "in float16": Loading("cuda", "float16"),
@@ -84,7 +84,7 @@ def _sizes(weights: Weights) -> str:
 
 
 def find(name: str, mode: RequestMode) -> Checkpoint:
-    """Find a checkpoint and open its processor; raises SpecError that says what is missing and what to do."""
+    """Find a checkpoint and open its processor; raises SpecError, which says what is missing."""
     organism = organisms.folder(name.removeprefix("organism:")) if name.startswith("organism:") else None
     require_library()
     options = mode.options
@@ -119,7 +119,7 @@ def find(name: str, mode: RequestMode) -> Checkpoint:
 
 
 def _memory(how: Loading, weights: Weights | None) -> dict[str, str]:
-    """Return what the weights take and what there is, in 10^9 bytes, with a warning where they do not fit."""
+    """Return the needed and available memory in 10^9 bytes, with a warning if it is too small."""
     if weights is None:
         return {}
     found = {"parameters": str(weights.parameters)}
@@ -130,14 +130,14 @@ def _memory(how: Loading, weights: Weights | None) -> dict[str, str]:
         found[MEMORY_GB] = f"{there:.3g}"
     if needed is not None and there is not None and needed > there:
         found["warning"] = (
-            f"its weights alone take {needed:.1f} GB as {how.precision or how.dtype}, and there are {there:.1f} GB: "
+            f"its weights alone take {needed:.1f} GB as {how.precision or how.dtype}, the memory is {there:.1f} GB: "
             f"{SMALLER}"
         )
     return found
 
 
 def require_library() -> None:
-    """Raise SpecError where torch or Transformers is not installed; keep Transformers from printing."""
+    """Raise SpecError without torch or Transformers; keep Transformers from printing."""
     try:
         version("torch")
         version("transformers")
@@ -150,7 +150,7 @@ def require_library() -> None:
 
 
 def digest(folder: Path) -> str:
-    """Return the SHA-256 of a folder's files by name and content, what only speaks about them left out."""
+    """Return the SHA-256 of a folder's files, by name and content, without its descriptions."""
     whole = hashlib.sha256()
     for path in sorted(folder.iterdir()):
         if path.is_file() and path.suffix not in _ABOUT and not path.name.startswith("."):
@@ -162,7 +162,7 @@ def digest(folder: Path) -> str:
 
 
 def _locate(name: str, revision: str) -> tuple[str, str | None, Weights | None]:
-    """Return the folder, or the Hub id with the commit that its revision stands for, and what is known of its size."""
+    """Return the folder, or the Hub id with its revision's commit, and the weights if known."""
     folder = Path(name).expanduser()
     if folder.is_dir():
         if not (folder / "config.json").is_file():
@@ -176,9 +176,9 @@ def _locate(name: str, revision: str) -> tuple[str, str | None, Weights | None]:
 
 
 def _pin(name: str, revision: str) -> tuple[str, Weights | None]:
-    """Return the commit that a revision stands for: the Hub's word, or, where it is out of reach, the cache's.
+    """Return the commit of a revision, and the weights if known.
 
-    Beside it what is known of the weights: the Hub's count by type, or that of the cached files.
+    Both come from the Hub, or from the cache where the Hub cannot be reached.
     """
     from huggingface_hub import HfApi, snapshot_download  # noqa: PLC0415  (an extra)
     from huggingface_hub.errors import GatedRepoError, RepositoryNotFoundError, RevisionNotFoundError  # noqa: PLC0415
@@ -194,7 +194,7 @@ def _pin(name: str, revision: str) -> tuple[str, Weights | None]:
     except Exception as error:  # noqa: BLE001 - the Hub is out of reach in many ways
         try:
             cached = Path(snapshot_download(name, revision=revision, local_files_only=True))
-        except Exception:  # noqa: BLE001 - whatever the cache lacks, the reason above is the one to tell
+        except Exception:  # noqa: BLE001 - the reason to report is the Hub's failure
             what = type(error).__name__
             raise SpecError(f"the Hub cannot be reached ({what}) and '{name}' is not in the cache") from error
         return cached.name, weigh(cached)
@@ -229,7 +229,7 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
 
 
 def conversation(system: str, user: str, *, pictures: int) -> list[dict[str, object]]:
-    """Return the messages of a query: the pictures stand before the words, as in the checkpoints' own examples."""
+    """Return a query's messages: pictures before the text, as in the checkpoints' examples."""
     messages: list[dict[str, object]] = []
     if system:
         messages.append({"role": "system", "content": [{"type": "text", "text": system}]})
@@ -238,12 +238,12 @@ def conversation(system: str, user: str, *, pictures: int) -> list[dict[str, obj
 
 
 def _require_image_slot(processor: Processor, spec: str) -> str:
-    """Return the chat template; raises SpecError where it has no place for a picture, so that none would be seen."""
+    """Return the chat template; raises SpecError where it has no place for a picture."""
     if getattr(processor, "image_processor", None) is None or getattr(processor, "tokenizer", None) is None:
-        raise SpecError(f"'{spec}' takes words alone: it has no processor of pictures; take an image-text-to-text one")
+        raise SpecError(f"'{spec}' takes only text: it has no image processor; use an image-text-to-text checkpoint")
     template = getattr(processor, "chat_template", None)
     if not template:
-        raise SpecError(f"'{spec}' has no chat template, so it cannot be asked; take a checkpoint that has one")
+        raise SpecError(f"'{spec}' has no chat template, so it takes no prompt; use a checkpoint with one")
     with raising(SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=loading.first_line):
         seen, unseen = (
             processor.apply_chat_template(
@@ -257,7 +257,7 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
 
 
 def _has_slot(processor: Processor, seen: str, unseen: str) -> bool:
-    """Return whether words rendered with a picture hold a token for it, and not just the printed list of parts."""
+    """Return whether text rendered with a picture holds an image token, not just printed parts."""
     holders = (processor, processor.tokenizer)
     named = [getattr(holder, name, None) for holder in holders for name in _IMAGE_TOKENS]
     tokens = {token for one in named if (token := str(one or ""))}

@@ -1,4 +1,4 @@
-"""A batch of queries becomes one call of ``generate``, and every row of what it returns a Reply."""
+"""Answers a batch of queries with one call of ``generate``, and makes a Reply of each row."""
 
 import gc
 import time
@@ -19,19 +19,19 @@ Tensor = Any
 """A torch tensor; torch is an extra."""
 
 Inputs = Any
-"""What a processor returns: tokens and pictures of a batch, on the CPU."""
+"""A processor's output: tokens and pictures of a batch, on the CPU."""
 
 _ONE_AT_A_TIME = Lock()
-"""Loading changes torch's defaults for every thread, so while one model loads or generates, no other does either."""
+"""Loading changes torch's defaults in all threads, so one model loads or generates at a time."""
 
 _TOP_K = 50
-"""What Transformers cuts a draw to where a checkpoint says nothing."""
+"""Transformers' own top k where a checkpoint sets none."""
 
 
 class Speaker:
-    """The weights of a checkpoint and how they are asked.
+    """Generates answers with a checkpoint's weights.
 
-    ``prepare`` may run in one thread while ``answer`` and ``forget`` run in another; they share no tokenizer.
+    ``prepare`` may run in a thread of its own: it shares no tokenizer with the other methods.
     """
 
     def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
@@ -47,20 +47,20 @@ class Speaker:
         self._reader = deepcopy(tokenizer)
 
     def prepare(self, queries: Sequence[Query]) -> Inputs | None:
-        """Return the padded tokens and pictures of queries that all have a picture, or of which none has.
+        """Return the padded tokens and pictures of queries; either all or none have a picture.
 
-        None where that fails: ``answer`` then finds out for which of them.
+        None if that fails: ``answer`` then finds the query that fails.
         """
         try:
             return self._encode(queries)
-        except Exception:  # noqa: BLE001 - whatever a picture or a processor does, it is a row, not the end of the run
+        except Exception:  # noqa: BLE001 - it is a row, not the end of the run
             return None
 
     def answer(self, queries: Sequence[Query], inputs: Inputs | None = None) -> list[Reply]:
-        """Return a Reply for each query; ``inputs`` are what was prepared of them.
+        """Return a Reply for each query; ``inputs`` is the output of ``prepare``.
 
-        A batch that fails is answered in halves, so that one query's failure, or a batch too large for the memory,
-        is no other query's.
+        A batch that fails is split in halves. So a query that fails, or a batch too large for the
+        memory, does not fail the other queries.
         """
         with _ONE_AT_A_TIME:
             if self._model is None and self._broken is None:
@@ -70,7 +70,7 @@ class Speaker:
             return self._answer(queries, inputs)
 
     def forget(self) -> None:
-        """Let the weights go: also those that only a cycle holds, as the hooks of accelerate make them."""
+        """Free the weights, also in reference cycles, which the hooks of accelerate make."""
         import torch  # noqa: PLC0415  (an extra)
 
         self._model = self._broken = None
@@ -92,10 +92,10 @@ class Speaker:
                 **(placed := how.arguments()),
             )
             self._model = (model if placed else model.to(how.device)).eval()
-        except Exception as error:  # noqa: BLE001 - likewise of a checkpoint
+        except Exception as error:  # noqa: BLE001 - any fault of a checkpoint is a row too
             line = first_line(error)
             if _out_of_memory(error):
-                line = f"out of memory: {SMALLER}, or free what else is in that memory ({line})"
+                line = f"out of memory: {SMALLER}, or free memory that other programs hold ({line})"
             detail = f"the weights of '{checkpoint.place}' cannot be loaded: {line}"
             self._broken = Reply(error="missing_model", error_detail=detail)
 
@@ -110,7 +110,7 @@ class Speaker:
     def _answer_or_halve(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
         try:
             return self._generate(queries, self._encode(queries) if inputs is None else inputs)
-        except Exception as error:  # noqa: BLE001 - likewise
+        except Exception as error:  # noqa: BLE001 - any fault of a query is a row too
             if len(queries) == 1:
                 line = first_line(error)
                 if _out_of_memory(error):
@@ -164,7 +164,7 @@ class Speaker:
         )
 
     def _decoding(self, seeds: Sequence[int]) -> tuple[Any, list[Any]]:
-        """Return how tokens are chosen: the likeliest, or drawn at the mode's or the checkpoint's temperature."""
+        """Return the generation config, and the steps of a draw; none for the likeliest tokens."""
         own = self._model.generation_config
         temperature = self._mode.temperature
         if temperature is None:
@@ -180,9 +180,9 @@ class Speaker:
         return config, [] if temperature == 0 else _draws(own, temperature, seeds)
 
     def _read(self, tokens: list[int], prompt_tokens: int, ends: Sequence[int | None], *, late: bool) -> Reply:
-        """Return what one row says: up to its end of turn, or cut where the budget was spent without one.
+        """Return the reply in one row: up to its end of turn, or cut at the token limit.
 
-        Where the time of its batch was over before either, there is no reply.
+        A row without either, in a batch past its time limit, is a timeout.
         """
         length = next((place + 1 for place, token in enumerate(tokens) if token in ends), None)
         if late and length is None and len(tokens) < self._mode.max_tokens:
@@ -200,9 +200,9 @@ class Speaker:
 
 
 class SeededDraw:
-    """Draws each row's token from a stream of its own, so that neither the batch nor its order has a say.
+    """Draws each row's token from its own random stream, independent of the batch and its order.
 
-    The token with the largest log-probability plus Gumbel noise is a draw from the distribution (Gumbel, 1954).
+    The token of the largest log-probability plus Gumbel noise is such a draw (Gumbel, 1954).
     """
 
     def __init__(self, seeds: Sequence[int]) -> None:
@@ -211,7 +211,7 @@ class SeededDraw:
         self._streams = [torch.Generator().manual_seed(seed % 2**63) for seed in seeds]
 
     def __call__(self, input_ids: Tensor, scores: Tensor) -> Tensor:
-        """Return scores (rows, vocabulary) whose largest is the token drawn."""
+        """Return scores (rows, vocabulary); the largest is the drawn token."""
         import torch  # noqa: PLC0415  (an extra)
 
         del input_ids
@@ -222,7 +222,7 @@ class SeededDraw:
 
 
 def _draws(own: Any, temperature: float, seeds: Sequence[int]) -> list[Any]:  # noqa: ANN401 - a GenerationConfig
-    """Return the steps of a draw in Transformers' order: temperature, top k, top p, and the draw itself."""
+    """Return the steps of a draw in Transformers' order: temperature, top k, top p, draw."""
     from transformers import TemperatureLogitsWarper, TopKLogitsWarper, TopPLogitsWarper  # noqa: PLC0415
 
     steps: list[Any] = [] if temperature == 1.0 else [TemperatureLogitsWarper(float(temperature))]

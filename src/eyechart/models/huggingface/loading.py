@@ -1,4 +1,4 @@
-"""How a checkpoint's weights are loaded: where, in which precision, in how many bits; and what they take of memory."""
+"""How a checkpoint's weights load: device, precision and bits, and the memory that they need."""
 
 import json
 import math
@@ -14,24 +14,24 @@ from eyechart.models import memory_here_gb
 from eyechart.modes import RequestMode
 
 OPTIONS = {
-    "device": "cpu, cuda, cuda:1, mps; default: a GPU where there is one",
+    "device": "cpu, cuda, cuda:1, mps; default: a GPU if there is one",
     "device_map": "auto, balanced, balanced_low_0 or sequential: spread over GPUs and memory by accelerate, "
     "instead of device",
     "dtype": "float32, float16, bfloat16; default: float32 on a CPU, float16 with bits=8, else the checkpoint's own",
-    "bits": "4 (NF4) or 8: weights packed by bitsandbytes as they are loaded; default: as they are",
+    "bits": "4 (NF4) or 8: pack the weights with bitsandbytes while loading; default: as stored",
 }
 _BYTES = {"float32": 4, "float16": 2, "bfloat16": 2}
 _MAPS = ("auto", "balanced", "balanced_low_0", "sequential")
 _PACKED_BITS = {4: 4 + 32 / 64, 8: 8.0}
-"""Bits that a packed weight takes: NF4 keeps a float32 scale a block of 64 (Dettmers et al. 2023), 8 bits one a row."""
+"""Bits of a packed weight; NF4 adds a float32 scale for 64 weights (Dettmers et al. 2023)."""
 
 _INT8_DTYPE = "float16"
-"""What bitsandbytes multiplies in where weights have 8 bits, whatever is asked for."""
+"""The type in which bitsandbytes multiplies weights of 8 bits, whatever the option dtype."""
 _WHOLE = ("embed", "lm_head")
-"""Matrices that are not packed: embeddings are no linear layers, and the last layer is left as it is."""
+"""Matrices that are not packed: embeddings (no linear layers), and the last layer."""
 
 _STORED = {"F64": 8, "I64": 8, "F32": 4, "I32": 4, "BF16": 2, "F16": 2, "I16": 2}
-"""Bytes of the wider types of safetensors; every other one takes 1."""
+"""Bytes of the wider types of safetensors; every other type takes 1."""
 
 _LONGEST_HEADER = 100_000_000
 GB = 1e9
@@ -39,11 +39,11 @@ GB = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Loading:
-    """How weights are loaded.
+    """How weights load.
 
-    ``device`` is torch's name, ``dtype`` too, or ``auto`` where nobody knows the checkpoint's own before it is loaded.
-    ``device_map`` is accelerate's word, "" where all weights go to ``device``; ``bits`` is None where they are loaded
-    as they are, and ``stored`` names the method in which a checkpoint is packed already.
+    ``device`` and ``dtype`` are torch's names; ``dtype`` is ``auto`` if the checkpoint's own type
+    is known only after loading. ``device_map`` is accelerate's, "" if all weights go to ``device``.
+    ``bits`` is None if weights load as stored; ``stored`` is the method of packed checkpoints.
     """
 
     device: str
@@ -54,12 +54,12 @@ class Loading:
 
     @property
     def precision(self) -> str:
-        """Return what of the loading is part of what answers, in words; "" for float32, which is exact."""
+        """Return the precision as part of the model's version, in words; "" for float32."""
         packed = f"{self.bits} bits" if self.bits else ""
         return " ".join(part for part in ("" if self.dtype == "float32" else self.dtype, packed) if part)
 
     def facts(self) -> dict[str, str]:
-        """Return what a run records of it."""
+        """Return the facts that a run records of the loading."""
         found = {"device": self.device, "dtype": self.dtype}
         if self.device_map:
             found |= {"device_map": self.device_map, "accelerate": version("accelerate")}
@@ -71,7 +71,7 @@ class Loading:
         return found
 
     def arguments(self) -> dict[str, Any]:
-        """Return what ``from_pretrained`` is given, beside the dtype."""
+        """Return the arguments of ``from_pretrained`` other than the dtype."""
         if self.bits:
             import torch  # noqa: PLC0415  (an extra)
             from transformers import BitsAndBytesConfig  # noqa: PLC0415  (an extra)
@@ -91,7 +91,7 @@ class Loading:
         return {"": self.device}
 
     def gigabytes(self, weights: "Weights") -> float | None:
-        """Return what the weights alone take in memory, in 10^9 bytes; None where that is not known."""
+        """Return the memory of the weights alone, in 10^9 bytes; None where that is not known."""
         each = _BYTES.get(self.dtype)
         if self.stored or each is None:
             return weights.stored_bytes / GB
@@ -105,9 +105,9 @@ class Loading:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """The numbers that a checkpoint stores, and in how many bytes.
+    """The count of a checkpoint's weights, and their stored bytes.
 
-    ``packed`` counts those of linear layers, which a loading in few bits packs; None where that is not known.
+    ``packed`` counts those of linear layers, which 4 or 8 bits pack; None where that is not known.
     """
 
     parameters: int
@@ -116,7 +116,7 @@ class Weights:
 
 
 def weigh(folder: Path) -> Weights | None:
-    """Count the weights of a folder by the headers of its safetensors files; None where it holds none to be read."""
+    """Count a folder's weights by its safetensors headers; None without a readable one."""
     tensors = [one for path in sorted(folder.glob("*.safetensors")) for one in _header(path)]
     if not tensors:
         return None
@@ -128,13 +128,13 @@ def weigh(folder: Path) -> Weights | None:
 
 
 def weights_by_type(counts: Mapping[str, int]) -> Weights | None:
-    """Return the weights of which the Hub tells how many there are of each type of safetensors."""
+    """Return the weights by the Hub's counts for each type of safetensors."""
     stored = sum(count * _STORED.get(name, 1) for name, count in counts.items())
     return Weights(sum(counts.values()), stored) if stored else None
 
 
 def _header(path: Path) -> Iterator[tuple[str, list[int], int]]:
-    """Yield name, shape and bytes of the tensors of a safetensors file; none where it is damaged."""
+    """Yield name, shape and bytes of each tensor of a safetensors file; none if it is damaged."""
     try:
         with path.open("rb") as file:
             (length,) = struct.unpack("<Q", file.read(8))
@@ -148,14 +148,14 @@ def _header(path: Path) -> Iterator[tuple[str, list[int], int]]:
 
 
 def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> Loading:
-    """Return how a mode's options load a checkpoint of this configuration, as its config.json has it.
+    """Return how a mode's options load a checkpoint with this configuration (its config.json).
 
-    Raises SpecError where the options do not go together, are not known, or need what is not installed here.
+    Raises SpecError where options contradict each other, are unknown, or need a missing package.
     """
     options, spec = mode.options, mode.spec
     spread = str(options.get("device_map", ""))
     if spread and "device" in options:
-        raise SpecError(f"'{spec}': device puts all weights in one place, device_map spreads them: give one of both")
+        raise SpecError(f"'{spec}': device puts all weights in one place, device_map spreads them: give only one")
     if spread and spread not in _MAPS:
         raise SpecError(f"'{spec}': device_map is one of {', '.join(_MAPS)}, not '{spread}'{meant(spread, _MAPS)}")
     bits = options.get("bits")
@@ -163,7 +163,7 @@ def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> Loading:
         raise SpecError(f"'{spec}': bits is 4 or 8, not '{bits}'")
     stored = _stored(config)
     if bits and stored:
-        raise SpecError(f"'{spec}' is a checkpoint of packed weights already ({stored}): leave out --option bits")
+        raise SpecError(f"the weights of '{spec}' are packed already ({stored}): leave out --option bits")
     if bits:
         _require_installed(spec, f"bits={bits}", "bitsandbytes", "accelerate")
     if spread or stored:
@@ -175,7 +175,7 @@ def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> Loading:
 
 
 def memory_gb(loading: Loading) -> float | None:
-    """Return the memory in 10^9 bytes of where weights are loaded; of a map all GPUs and the machine's own."""
+    """Return the memory for weights in 10^9 bytes; with a device_map, of all GPUs and the host."""
     import torch  # noqa: PLC0415  (an extra)
 
     if loading.device.startswith("cuda") and not loading.device_map:
@@ -188,13 +188,13 @@ def memory_gb(loading: Loading) -> float | None:
 
 
 def _stored(config: Mapping[str, Any]) -> str:
-    """Return the method in which a checkpoint's weights are packed, "" where they are not."""
+    """Return the method that packed a checkpoint's weights, "" if they are not packed."""
     found = config.get("quantization_config")
     return str(found.get("quant_method") or "a method that its configuration does not name") if found else ""
 
 
 def _require_installed(spec: str, asked: str, *packages: str) -> None:
-    """Raise SpecError that names what is missing."""
+    """Raise SpecError for the first missing package."""
     for package in packages:
         try:
             version(package)
@@ -209,19 +209,19 @@ def _choose_device(wanted: str, spec: str) -> str:
         if torch.cuda.is_available():
             return "cuda"
         return "mps" if torch.backends.mps.is_available() else "cpu"
-    with raising(SpecError, f"'{spec}': device '{wanted}' is not to be had here", of=Exception, words=first_line):
+    with raising(SpecError, f"'{spec}': device '{wanted}' is not available here", of=Exception, words=first_line):
         torch.empty(0, device=wanted)
     return wanted
 
 
 def first_line(error: BaseException) -> str:
-    """Return an error's kind and the first line of what it says, at most 300 characters."""
+    """Return an error's type and the first line of its message, at most 300 characters."""
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]
 
 
 def _choose_dtype(wanted: str, device: str, config: Mapping[str, Any], spec: str) -> str:
-    """Return a name of torch's; ``auto`` where the checkpoint's own is to be taken and its configuration has none."""
+    """Return torch's name; ``auto`` for the checkpoint's own if its configuration names none."""
     if wanted != "auto":
         if wanted not in _BYTES:
             raise SpecError(f"'{spec}': dtype is one of {', '.join(_BYTES)}, not '{wanted}'{perhaps(wanted, _BYTES)}")

@@ -1,7 +1,7 @@
-"""Model organisms: tiny real vision-language models that were trained to look in a known way, or not at all.
+"""Model organisms: tiny real vision-language models with a trained, known use of pictures.
 
-They are what the instrument is tried on: real weights, a real tokenizer, real decoding, and an answer that is known
-because it was trained. Each is an ordinary checkpoint with its card, in the distribution ``eyechart-organisms``.
+The instrument is tested on them: their weights and decoding are real, their answers known. Each is
+an ordinary checkpoint with its card, in the distribution ``eyechart-organisms``.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from eyechart.models import organisms_folder
 
 @dataclass(frozen=True, slots=True)
 class Organism:
-    """What an organism was trained to do, and the labels that it deserves on a ``balanced`` bank.
+    """The training of an organism, and its correct labels on a ``balanced`` bank.
 
-    ``sampled`` says that its answers are drawn, as its generation config says, not taken greedily.
+    ``sampled``: its generation config draws its answers, instead of the likeliest tokens.
     """
 
     says: str
@@ -36,12 +36,12 @@ ORGANISMS: dict[str, Organism] = {
         sampled=True,
     ),
 }
-"""Those of the battery on a highway, which answer with an action."""
+"""The organisms of the battery on a highway, which answer with an action."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """What an organism that fills scene estimates was trained to do, and the clauses that it must fail."""
+    """The training of an organism that gives scene estimates, and the clauses that it must fail."""
 
     says: str
     fails: frozenset[str] = frozenset()
@@ -50,23 +50,23 @@ class Estimator:
 ESTIMATORS: dict[str, Estimator] = {
     "scene": Estimator("tells the gap in six steps and which sides are clear, from the calibrated view of a highway"),
     "scene_blind": Estimator(
-        "tells of a close lead and of both sides taken, whatever it is shown",
+        "reports a close lead and both sides taken, whatever it is shown",
         frozenset({"close_accuracy", "balanced_accuracy", "actions", "directional"}),
     ),
 }
-"""``fails`` holds on all pairs of a ``balanced`` highway bank. Of sixteen pairs ``scene`` may fail an equivariance: one
-reflected scene in four it tells otherwise."""
+"""``fails`` holds on all pairs of a ``balanced`` highway bank. On only sixteen pairs ``scene`` may
+fail an equivariance: its report differs for one reflected scene in four."""
 
 PLANNERS: dict[str, Organism] = {
-    "rover": Organism("goes round what is in its way, by the rover's forward camera", "depth_lateral", "turns_clear"),
+    "rover": Organism("passes obstacles on a clear side, by its forward camera", "depth_lateral", "turns_clear"),
 }
-"""Sources of intent for the hierarchy; their labels are those on a ``balanced`` rover bank."""
+"""Planners for the hierarchy; their labels are those on a ``balanced`` rover bank."""
 
 SAYS: dict[str, str] = {name: one.says for name, one in (ORGANISMS | ESTIMATORS | PLANNERS).items()}
 """Every organism, in words."""
 
 
 def folder(name: str) -> Path:
-    """Return an organism's checkpoint; raises SpecError that lists the known ones, or says what to install."""
+    """Return an organism's checkpoint; raises SpecError with the known ones or what to install."""
     require_known(f"organism '{name}'", name, SAYS)
     return organisms_folder(f"'hf:organism:{name}'", "transformers") / "checkpoints" / name
