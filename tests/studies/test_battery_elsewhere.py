@@ -316,8 +316,8 @@ def test_an_import_says_what_else_a_run_is_asked_now(
     more = Asking(conditions=("real", "blank"), extent=Extent(limit=8, controls="auto"))
     words = elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", more).widened
     assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
-        "it is now asked blank too",
-        "it is now of 8 frames",
+        "it now has blank too",
+        "it now has 8 frames",
         "its controls are now 'auto'",
     ]
     assert elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", few).widened == ()

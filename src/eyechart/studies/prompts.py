@@ -431,9 +431,7 @@ CELLS = Axis(
     ),
 )
 """The labels of a cell's scene dependence; each p is corrected over the cells of its model."""
-_GRID = (
-    "Bits of the answer about the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link"
-)
+_GRID = "Bits of the answer about the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link"
 
 
 @dataclass(frozen=True)

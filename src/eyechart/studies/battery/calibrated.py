@@ -281,7 +281,7 @@ class Found(Mapping[str, Statistic]):
 
 
 def _standardised(found: Statistic) -> Statistic:
-    """Return the trend in standard deviations of its null; negative means less braking when nearer."""
+    """Return the trend in standard deviations of its null; negative: less braking when nearer."""
     if not isinstance(found, Trend) or found.value is None or found.null_sd == 0:
         return found
     method = f"standard deviations from the null; {found.method}"

@@ -176,13 +176,11 @@ class Battery(Planned):
     def _controls(self) -> list[str]:
         """Return how many control calls may follow, and what a shard does about them."""
         if self.manifest.controls == "auto" and self.manifest.shard is not None:
-            return [
-                "controls: none in a shard, because they depend on all answers; merge the shards and resume"
-            ]
+            return ["controls: none in a shard, because they depend on all answers; merge the shards and resume"]
         more = sum(self.more_by_model().values())
-        return [
-            f"controls: up to {counted(more, 'call')} more, only for models that seem to use what a control could refute"
-        ][: more > 0]
+        return [f"controls: up to {counted(more, 'call')} more, for models with a claim that controls can refute"][
+            : more > 0
+        ]
 
     def _out_of_reach(self) -> list[str]:
         """Return the verdicts that so few frames cannot give, before they are paid for.
@@ -445,8 +443,8 @@ def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
         begun, asked = (f"--controls {one.controls}" for one in (before, now))
     if begun != asked:
         raise LedgerError(
-            f"this run was begun with {begun}, now {asked} was given; the early stop depends on all calls of a run, "
-            "so give the same options to resume it, or another --out for another run"
+            f"this run was begun with {begun}, now {asked} was given. An early stop depends on all calls of a run: "
+            "give the same options to resume it, or another --out for another run"
         )
 
 

@@ -58,8 +58,8 @@ def _words(wrong: list[CallKey]) -> str:
     _, model, _, frame, condition, _ = map(printable, map(str, wrong[0]))
     more = f", as do {len(wrong) - 1} other calls" if len(wrong) > 1 else ""
     return (
-        f"the call of {model} about frame '{frame}' under {condition} asked something else than this run asks{more}: "
-        "the ledger was made with another bank, prompt or seed than run.json says; restore the ledger or run.json from "
+        f"the call of {model} about frame '{frame}' under {condition} asked something else than this run asks{more}. "
+        "The ledger was made with another bank, prompt or seed than run.json says. Restore the ledger or run.json from "
         "a copy, or run anew with another --out"
     )
 

@@ -204,8 +204,8 @@ def require_scorable(
     """Raise LedgerError or SpecError where a run may not be scored so, see ``score``."""
     if manifest.study != STUDY:
         raise LedgerError(
-            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'; in Python, "
-            "eyechart.api.read_policies reads policies, and eyechart.studies.study_of finds the study of any run"
+            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'; in "
+            "Python, eyechart.api.read_policies reads policies, and eyechart.studies.study_of finds any run's study"
         )
     manifest.require_reader(path, READERS, reread=reread)
     if (
