@@ -126,7 +126,7 @@ def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_doe
     assert "completes 32 of 32 with real pictures and 0 of 32 with blank ones" in first.sentence
     assert (second.finding, second.paired.changed) == ("identical", ())
     assert "the same to the last digit" in second.sentence
-    assert "completing these worlds needs no picture, so that completion says nothing of the camera" in second.sentence
+    assert "completing these worlds needs no picture, so completion says nothing about the camera" in second.sentence
 
 
 def test_no_difference_comes_with_the_bound_that_the_data_allow(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_no_difference_comes_with_the_bound_that_the_data_allow(tmp_path: Path) 
     episodes = [*drive("random", tossing("a")), *drive("random", tossing("b"), condition="blank")]
     (found,) = score(make_run(tmp_path, episodes)).blind
     assert found.finding == "no_difference_found"
-    assert "That is not none: the data bound it" in found.sentence
+    assert "There may still be one: the data bound it" in found.sentence
     low, high = (100 * end for end in found.paired.differences["crash_rate"].ci or (0, 0))
     assert f"[{low:+.1f}, {high:+.1f}]" in found.sentence
     assert found.paired.differences["distance_m"].ci is None
@@ -154,7 +154,7 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     real, blank = drive("m", always("SLOW")), drive("m", always("LEFT"), condition="blank")
     (alone,) = score(make_run(tmp_path / "alone", [*real, *blank], models=["m"])).blind
     assert (alone.finding, alone.asks, alone.label.family) == ("differs", "whether there is a picture", "partly")
-    assert "So its driving depends on whether there is a picture; for better" in alone.sentence
+    assert "So its driving depends on whether there is a picture; the signs" in alone.sentence
     unasked = "Whether it depends on what the camera shows was not asked"
     assert unasked in alone.sentence
     same = drive("m", always("SLOW"), condition="shuffled")
@@ -162,7 +162,7 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     assert "depends on whether there is a picture;" in first.sentence
     assert "what the camera shows" not in first.sentence, "the other comparison answers that"
     assert (second.finding, second.label.family) == ("identical", "blind")
-    assert "In these worlds what the camera shows has no say in how it drives." in second.sentence
+    assert "In these worlds what the camera shows has no influence on how it drives." in second.sentence
 
 
 @pytest.mark.parametrize("condition", sorted(set(OF_WORLDS) - {"real"}))
@@ -222,7 +222,7 @@ def test_completing_with_wrong_pictures_does_not_say_that_none_is_needed(
     episodes = [*drive("m", always("SLOW")), *drive("m", always("LEFT"), condition=condition)]
     (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
     assert ("completing these worlds needs no picture" in found.sentence) == needless
-    assert ("completion does not show that it reads what the camera shows rightly" in found.sentence) != needless
+    assert ("completion does not show that it reads what the camera shows correctly" in found.sentence) != needless
 
 
 def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> None:

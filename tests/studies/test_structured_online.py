@@ -237,4 +237,4 @@ def test_a_report_with_other_drives_beside_is_one_of_drives_whichever_is_named_f
     other = make_run(tmp_path / "other", drive("constant:SLOW", always("SLOW"), seeds=[0]))
     for runs in ([driven, other], [other, driven]):
         made = study_of(runs[0], "report").report(runs, [], Reading(driven=False), lambda _: None)
-        assert "Who drives well, and who by sight?" in made.page.html.decode()
+        assert "Which policies drive well, and which by sight?" in made.page.html.decode()
