@@ -73,7 +73,7 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
         assert all((step.executed_action, step.decision.missing) == ("SLOW", "unparsed") for step in silent)
     monkeypatch.setattr("eyechart.studies.structured.online.vet_worlds", None)
     assert len(online.plan("short", [CONTROL, BLIND], out, episodes=1).episodes.left()) == 0
-    with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were asked for"):
+    with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were given"):
         online.plan("short", [CONTROL, BLIND], out, episodes=6)
     monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out), "--all"])
     with pytest.raises(SystemExit) as left:
