@@ -150,7 +150,7 @@ def test_the_fail_safe_is_credited_to_no_model(tmp_path: Path) -> None:
 
     (twins,) = score(make_run(tmp_path / "b", [*drive("m", nearly), *drive("n", nearly)], models=["m", "n"])).twins
     assert "all of them take SLOW at 98% of the steps at least" in twins.words
-    assert "At 5% of them m decides nothing, and SLOW is the fail-safe's" in twins.words
+    assert "At 5% of them m decides nothing, and SLOW comes from the fail-safe" in twins.words
 
 
 def test_other_words_for_one_command_are_aliases(tmp_path: Path) -> None:

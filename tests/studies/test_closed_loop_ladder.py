@@ -112,7 +112,7 @@ def test_the_papers_rows_stand_beside_ours(tmp_path: Path) -> None:
     assert leads(found.ladder)["crash_rate"] == ["constant:STOP", "constant:SLOW"]
     assert unlike([slow, left]) == ""
     (few,) = beside_paper(score(make_run(tmp_path / "few", drive("constant:SLOW", always("SLOW"), seeds=[0]))).ladder)
-    assert "the paper's rows are of 32 episodes in four scenarios, these of 4" in unlike([few])
+    assert "the paper's rows have 32 episodes in four scenarios, these have 4" in unlike([few])
 
 
 def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_does_not(tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_like_drives_by_the_fail_safe_are_no_evidence_of_blindness(tmp_path: Pat
     episodes = [*drive("m", seldom), *drive("m", seldom, condition="blank")]
     (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
     assert found.finding == finding
-    assert ("no say in how it drives" in found.sentence) == (finding == "identical")
+    assert ("no influence on how it drives" in found.sentence) == (finding == "identical")
 
 
 def test_who_never_decides_without_pictures_is_not_compared_with_the_fail_safe(tmp_path: Path) -> None:

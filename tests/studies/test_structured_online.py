@@ -123,7 +123,7 @@ def test_a_vetting_without_a_world_is_refused(tmp_path: Path) -> None:
     """An empty record would be a run of no episodes."""
     (tmp_path / "vetting.json").write_text("[]")
     for use in (lambda: online.plan("short", [CONTROL], tmp_path, episodes=1), lambda: online.score(tmp_path)):
-        with pytest.raises(LedgerError, match="it has none that passed"):
+        with pytest.raises(LedgerError, match="no world in it passed"):
             use()
 
 

@@ -33,7 +33,7 @@ from eyechart.studies.battery.published import Resampling, Statistics
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
 
 SAME = ("real", "real_repeat", "mirrored", "recoloured")
-"""Pictures of a frame that call for one answer: mirrored for its reflection, the rest unchanged."""
+"""Pictures of a frame that call for one answer; the mirrored picture calls for its reflection."""
 
 LIKE_CONTENT = ("shuffled", "recoloured", "lead_absent")
 """Pictures with other content; changing the answer more than a repeat does is ``content``."""

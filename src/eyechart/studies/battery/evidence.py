@@ -263,7 +263,7 @@ def _differs(name: str, level: str) -> Claim:
             process.add(real, blank)
 
     what = "decisions" if level == "action" else "outputs"
-    against = "within every frame the answers to real and to blank might as well be exchanged"
+    against = "within every frame the answers to real and to blank are exchangeable"
     return Claim(name, f"real and blank get other {what}", against, process, observe)
 
 

@@ -183,7 +183,7 @@ def pair_words(counts: tuple[int, int, int]) -> str:
     harder, alike, softer = counts
     if not sum(counts):
         return "no counterfactual pair has two decisions"
-    return f"{harder} of {sum(counts)} pairs are braked harder near, {softer} harder far, {alike} alike"
+    return f"{harder} of {sum(counts)} pairs are braked harder near, {softer} harder far, {alike} equally"
 
 
 def noise_floor(everyone: Sequence[Subject]) -> Drawing:
@@ -457,7 +457,7 @@ def agreement_down(everyone: Sequence[Subject]) -> list[Drawing]:
                     cell(axes, x, y, share, number(share, 2), colours)
             grid(axes, [plain(who.label, 22) for who in some], [plain(name, 20) for name in conditions], rotation=40)
             title = "Agreement with the action given to the real frame"
-            says = "The same numbers as in the wide figure, a row a condition and a column a model."
+            says = "The same numbers as in the wide figure, a row per condition and a column per model."
             drawn.append(Drawing(f"agreement-down-{number_of}", title, says, figure))
     return drawn
 

@@ -140,6 +140,6 @@ def draw(card: Card, frame: str, specs: Sequence[str], height: int, number: int)
     for row, spec in enumerate(specs):
         top = y + (2 + row) * _LINE
         pen.text((10, top), plain(short(spec), 48), fill=MUTED, font=font(14))
-        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "not asked"), 44), fill=INK, font=font(15))
+        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "no call"), 44), fill=INK, font=font(15))
     pen.text((WIDTH - 10, y), plain(f"frame {frame}", 40), fill=MUTED, font=font(13), anchor="ra")
     return page

@@ -18,7 +18,7 @@ MODELS_SHOWN = 4
 
 OTHERS = {
     "lead_near": "the same moment, the lead near",
-    "lane_own": "the same moment, the near one in the own lane",
+    "lane_own": "the same moment, the near vehicle in the own lane",
     "lead_absent": "the same moment without the lead",
     "mirrored": "the same picture, reflected",
     "shuffled": "the picture of another episode",

@@ -178,9 +178,7 @@ class Battery(Planned):
         if self.manifest.controls == "auto" and self.manifest.shard is not None:
             return ["controls: none in a shard, because they depend on all answers; merge the shards and resume"]
         more = sum(self.more_by_model().values())
-        return [f"controls: up to {counted(more, 'call')} more, for models with a claim that controls can refute"][
-            : more > 0
-        ]
+        return [f"controls: up to {counted(more, 'call')} more, if a model's answers call for them"][: more > 0]
 
     def _out_of_reach(self) -> list[str]:
         """Return the verdicts that so few frames cannot give, before they are paid for.

@@ -230,7 +230,7 @@ class Published:
 
     def _median(self, values: Floats, of: Mask) -> Statistic:
         if not self.how.intervals:
-            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval asked for")
+            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval computed")
         return median_over_episodes(values[of], self._episodes[of])
 
     def _diversity(self) -> Statistics:
@@ -277,7 +277,7 @@ class Published:
         if not have_one.any() or not have_other.any():
             return cannot_say("no frame has both answers")
         if not self.how.intervals:
-            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval asked for")
+            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval computed")
         columns = np.zeros((len(have_one), 4))
         columns[have_one, 0], columns[:, 1] = one, have_one
         columns[have_other, 2], columns[:, 3] = other, have_other

@@ -41,11 +41,11 @@ KEYS = ("call", "repeat")
 _ENDINGS = {"image/png": "png", "image/jpeg": "jpg", "image/webp": "webp", "image/bmp": "bmp"}
 _HOW = """These are the calls of a battery of eyechart, to be made elsewhere.
 
-asked.jsonl   one call per line, in the order in which a run would make them. Keep this order:
-              else a drift of the model over time looks like an effect of a condition
-asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it
-asked.json    the prompt, and the schema of an answer
-pictures/     the pictures, named by their content; what a file is called says nothing of what it shows
+asked.jsonl   one call per line, in the order in which a run would make them. Keep this order: else
+              a drift of the model over time looks like an effect of a condition.
+asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it.
+asked.json    the prompt, and the schema of an answer.
+pictures/     the pictures, named by their content; what a file is called says nothing about what it shows.
 
 Make each call alone: the system words, the user's words, and the picture, or none where that is empty. Answers come
 back as a table (CSV, JSON lines or Parquet). It has the columns call and repeat as they are here, and text with the

@@ -161,7 +161,7 @@ def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
     decided = actions != ""
     seed = key_seed("audit", drives.driver.simulator, drives.driver.policy, drives.driver.condition)
     entropy = entropy_bits(actions[decided])
-    naive = cannot_say("the truth of these drives tells no lead_gap_m")
+    naive = cannot_say("the truth of these drives has no lead_gap_m")
     safe = naive
     if scene.geometry:
         naive = _naive(actions[decided], scene.codes[decided], seed, resamples)

@@ -114,7 +114,7 @@ _ANSWERS = {
 
 
 def opening(score: ClosedLoopScore) -> Opening:
-    """Return the opening of a page of drives: who drives by sight, and the best by score."""
+    """Return the opening of a page of drives: which drive by sight, and the best by score."""
     told = by_sight(score)
     said = [
         Said(who, one.label.says, one.label.family, shows, why, "blind")

@@ -301,7 +301,7 @@ def _truth_words(told: Told, place: int) -> str:
 
 def _words(reply: SceneDecision | None) -> str:
     if reply is None:
-        return "not asked"
+        return "no call"
     one = reply.action
     if one is None:
         return _missing(reply)
