@@ -233,7 +233,7 @@ def test_a_settled_label_stays_whatever_is_asked_of_the_run_later(tmp_path: Path
     assert settled is not None
     assert settled.label == "image_invariant"
     assert study.plan(moved.root, [STEADY], tmp_path / "more", extent=EARLY).more_by_model()[STEADY] > 0
-    with pytest.raises(LedgerError, match="begun with --controls none, now --controls auto was asked for"):
+    with pytest.raises(LedgerError, match="begun with --controls none, now --controls auto was given"):
         study.plan(moved.root, [STEADY], out, extent=replace(extent, controls="auto"))
     for models in ([LOSING], [STEADY, LOSING], [STEADY]):
         study.run(study.plan(moved.root, models, out, extent=extent), concurrency=4)
@@ -388,8 +388,8 @@ def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"extent": study.Extent(10, stop_early=True)}, "begun with all frames, now --limit 10 was asked for"),
-        ({"extent": EARLY, "conditions": NEEDED}, "now --conditions real,real_repeat,blank was asked for"),
+        ({"extent": study.Extent(10, stop_early=True)}, "begun with all frames, now --limit 10 was given"),
+        ({"extent": EARLY, "conditions": NEEDED}, "now --conditions real,real_repeat,blank was given"),
     ],
 )
 def test_a_run_that_stops_early_is_not_resumed_with_other_frames_or_conditions(
