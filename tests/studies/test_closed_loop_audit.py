@@ -329,4 +329,4 @@ def test_one_model_that_decides_alike_under_two_conditions_is_no_cache(tmp_path:
     scored = score(make_run(tmp_path / "run", episodes, models=["m"]))
     (found,) = scored.twins
     assert not scored.suspect
-    assert "decides alike with real and mirrored pictures" in found.words
+    assert "makes the same decisions with real and mirrored pictures" in found.words
