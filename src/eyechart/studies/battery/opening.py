@@ -95,7 +95,7 @@ def _example(
     ]
     more = _beside(evidence, everyone, who, asked)
     caption = (
-        f"Frame {run.frames[best].id}, one of {len(far)} {how}. Beside an answer: on how many of them it was given."
+        f"Frame {run.frames[best].id}, one of {len(far)} {how}. Numbers: how many of these frames got that answer."
     )
     return [one.label for one in who], shots, caption + more
 
@@ -107,7 +107,7 @@ def _beside(
     left = len(everyone) - len(who)
     more = f" {counted(left, 'more model', 'stand')} below." if left else ""
     others = ", ".join(one.name for one in evidence if not any(one is each for each in asked))
-    more += f" Of other frames or conditions: {others}." if others else ""
+    more += f" Runs with other frames or conditions: {others}." if others else ""
     return more
 
 
@@ -153,7 +153,7 @@ def _far(who: Subject, frames: int) -> tuple[list[int], str]:
     gaps = who.model.answers.gaps
     if gaps is None or not np.isfinite(gaps).any():
         return list(range(frames)), "frames"
-    return [int(at) for at in np.flatnonzero(gaps >= np.median(gaps))], "whose gap is no smaller than the median"
+    return [int(at) for at in np.flatnonzero(gaps >= np.median(gaps))], "frames with a gap of at least the median"
 
 
 def _answers(who: Subject, condition: str) -> list[str]:

@@ -310,7 +310,9 @@ def not_covered(run: Evidence) -> list[str]:
     if len(run.frames) < len(bank):
         lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not used (--limit)")
     if manifest.shard is not None:
-        lines.append(f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the others are not here")
+        lines.append(
+            f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the other shards are not here"
+        )
     for spec, one in run.score.models.items():
         if one.stopped is not None:
             lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")

@@ -270,8 +270,12 @@ def statistics_table(everyone: Sequence[Judged]) -> Table:
 GROUPS: Mapping[str, re.Pattern[str]] = {
     "distance": re.compile("depth_|lane_net|holes|place_|sensitivity|specificity|order|rise|file|drawn_|repeat"),
     "left and right": re.compile("turns_|bound_mirrored"),
-    "what of the picture counts": re.compile("content_|scene_cue|presence|bound_(?!kappa)|image_token$|refusal_effect"),
-    "whether it repeats itself, and is read": re.compile("unparsed_(reference|controls)|self_|(bound_)?kappa"),
+    "which content of the picture counts": re.compile(
+        "content_|scene_cue|presence|bound_(?!kappa)|image_token$|refusal_effect"
+    ),
+    "whether it repeats itself, and its replies can be read": re.compile(
+        "unparsed_(reference|controls)|self_|(bound_)?kappa"
+    ),
     "settled early": re.compile("early[.]"),
     "as the paper has it, of all answers": re.compile("(?!.*[.]decision$)"),
     "as the paper has it, of parsed decisions": re.compile(""),
@@ -281,8 +285,8 @@ MAIN: Mapping[str, str] = {
     **{name: ASKS[name] for name in FIRST},
     "depth_interventional": "whether it brakes harder for the near lead than for the far one",
     "content_shuffled": "whether another episode's picture changes its answer",
-    "presence": "whether a blank picture does",
-    "self_disagreement": "how often it answers the same picture otherwise",
+    "presence": "whether a blank picture changes its answer",
+    "self_disagreement": "how often it answers the same picture differently",
     "unparsed_reference": "how many replies hold no decision",
 }
 """Further statistics of the short table, with what each asks, in order of preference."""
