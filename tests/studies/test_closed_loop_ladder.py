@@ -155,7 +155,7 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     (alone,) = score(make_run(tmp_path / "alone", [*real, *blank], models=["m"])).blind
     assert (alone.finding, alone.asks, alone.label.family) == ("differs", "whether there is a picture", "partly")
     assert "So its driving depends on whether there is a picture; the signs" in alone.sentence
-    unasked = "Whether it depends on what the camera shows was not asked"
+    unasked = "Whether it depends on what the camera shows was not tested"
     assert unasked in alone.sentence
     same = drive("m", always("SLOW"), condition="shuffled")
     first, second = score(make_run(tmp_path / "both", [*real, *blank, *same], models=["m"])).blind
@@ -179,7 +179,7 @@ def test_each_condition_says_what_it_asks(tmp_path: Path, condition: str) -> Non
     (alike,) = score(
         make_run(tmp_path / "same", [*real, *drive("m", always("SLOW"), condition=condition)], models=["m"])
     ).blind
-    assert ("the picture has no say" in alike.sentence) == (condition in {"blank", "text_only", "noise"})
+    assert ("the picture has no influence" in alike.sentence) == (condition in {"blank", "text_only", "noise"})
     assert ("repeats itself" in alike.sentence) == (condition == "real_repeat")
 
 
