@@ -110,7 +110,7 @@ def test_what_cannot_be_compared_is_refused(bank: FrameBank, report: PromptsRepo
     for prompts, why in (
         (["baseline"], "two prompts or more"),
         ("baseline", "two prompts or more"),
-        (["baseline", "baseline"], "asked for twice"),
+        (["baseline", "baseline"], "given twice"),
         (["baseline", "shouting"], "shouting"),
     ):
         with pytest.raises(SpecError, match=why):

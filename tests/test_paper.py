@@ -144,7 +144,7 @@ def test_every_table_says_of_how_many_it_is(out: Path) -> None:
         "t-degeneracy": r"\d+( or | to )?\d* decisions per cell",
     }.items():
         assert re.search(says, captions[stem]), captions[stem]
-    assert "the paper's rows are of 32 episodes" in (out / "baselines-beside.md").read_text(encoding="utf-8")
+    assert "the paper's rows have 32 episodes" in (out / "baselines-beside.md").read_text(encoding="utf-8")
 
 
 def test_runs_of_other_sizes_say_theirs_in_a_row(tmp_path: Path) -> None:

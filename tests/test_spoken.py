@@ -149,7 +149,7 @@ def test_who_follows_a_text_that_goes_with_the_gap_is_not_taken_for_one_who_sees
     battery.run(battery.plan(near.root, specs, tmp_path / "real", prompt=str(ask(said)), conditions=BATTERY))
     unasked = battery.score(tmp_path / "real", resamples=200).models["driver:looks"].statistics["depth_observational"]
     assert unasked.p is None
-    assert "text_swapped must be asked too" in unasked.note
+    assert "text_swapped is needed too" in unasked.note
 
 
 def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameBank, ask: Ask, tmp_path: Path) -> None:

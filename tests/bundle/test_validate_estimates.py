@@ -83,7 +83,7 @@ def test_a_changed_point_of_a_figure_is_named_and_nothing_else(packed: Path, tmp
         page.write_text(text)
 
     (line,) = said(validate(repacked(packed, tmp_path, change))).splitlines()
-    assert re.match(r"report\.html, gaps, figure 'Told and true gap: .*', use x: printed '1'", line)
+    assert re.match(r"report\.html, gaps, figure 'Estimated and true gap: .*', use x: printed '1'", line)
 
 
 _CHANGE = """UPDATE replies SET text = replace(text, '"close": true', '"close": false') WHERE call = (SELECT calls.id

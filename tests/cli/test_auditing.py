@@ -89,7 +89,7 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
     named, chosen = (" ".join(say(*words, *more).stdout.split()) for more in (("--against", "oracle"), ()))
     assert "tiny: policy less oracle" in named
     assert "the p are not exact" not in named
-    assert "so that the differences lean to its side and the p are not exact" in chosen
+    assert "so the differences lean to its side and the p are not exact" in chosen
 
 
 def test_a_ladder_of_more_worlds_than_a_machine_holds_is_refused() -> None:
@@ -153,7 +153,7 @@ def test_the_report_of_drives_is_written_with_figures_and_tables(constants: Path
     assert told.exit_code == 0
     assert "does not drive again here" in told.stderr
     page = (tmp_path / "p.html").read_text()
-    assert "Who drives well, and who by sight?" in page
+    assert "Which policies drive well, and which by sight?" in page
     assert "Beware: the reference is the best constant of these same episodes" in page
     assert {file.name for file in (tmp_path / "f").iterdir()} >= {"ladder-distance_m.svg", "drives-information.pdf"}
     assert (tmp_path / "t" / "degeneracy.csv").exists()

@@ -255,7 +255,7 @@ def test_one_word_of_two_models_that_decide_alike_is_no_suspicion(
     (tmp_path / "run" / "ledger.sqlite").unlink()
     code, told, _ = audit(tmp_path, capsys, monkeypatch)
     assert code == 0
-    assert "no reply of both is at hand to be compared" in told
+    assert "no replies of both can be compared" in told
 
 
 def audit(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Said:

@@ -119,4 +119,4 @@ def test_an_online_run_is_refused_where_it_proves_nothing(
     (tmp_path / "vetting.json").write_text("[]")
     (tmp_path / "run.json").write_text('{"simulator": "rover", "policies": {}}')
     code, _, why = say(capsys, monkeypatch, "gate", tmp_path)
-    assert (code, why.count("\n"), "it has none that passed" in why) == (2, 1, True)
+    assert (code, why.count("\n"), "no world in it passed" in why) == (2, 1, True)

@@ -49,7 +49,7 @@ def test_who_is_constant_is_its_own_marginal_and_who_sees_is_not(tmp_path: Path)
         SILENT: "identical",
     }
     assert "nothing in them needs a picture" in by_policy[ONWARD].sentence
-    assert "it matters when it does what" in by_policy[LOOK].sentence
+    assert "the timing of its actions matters" in by_policy[LOOK].sentence
     assert decisions(tmp_path / "run", f"marginal:{SILENT}").keys() == {"no decision: empty"}
     driven = {one.key.condition for one in read_episodes(tmp_path / "run") if one.key.policy.startswith("marginal:")}
     assert driven == {"real"}, "it looks at no picture, so that other pictures change nothing"

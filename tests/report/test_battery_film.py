@@ -65,7 +65,7 @@ def test_the_command_writes_a_gif_and_says_what_it_needs(run: Path, tmp_path: Pa
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
     with pytest.raises(SpecError, match=r"a film of a battery is written as \.gif"):
         write_film(run, tmp_path / "a.mp4")
-    with pytest.raises(SpecError, match="--frame 'nope' names no frame that was answered"):
+    with pytest.raises(SpecError, match="--frame 'nope' names no frame with an answer"):
         cards(run, "nope")
     with pytest.raises(SpecError, match="--episode is of drives"):
         CliRunner().invoke(

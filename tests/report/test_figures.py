@@ -104,7 +104,7 @@ def test_the_counterfactual_pairs_are_counted(bank: Path, tmp_path: Path) -> Non
     pairs = len(one.model.answers.both("lead_near", "lead_far", "decision")[0])
     assert pairs > 5
     assert (pair_counts(one), pair_counts(other)) == ((pairs, 0, 0), (0, pairs, 0))
-    assert pair_words((pairs, 0, 0)) == f"{pairs} of {pairs} pairs are braked harder near, 0 harder far, 0 alike"
+    assert pair_words((pairs, 0, 0)) == f"{pairs} of {pairs} pairs are braked harder near, 0 harder far, 0 equally"
     assert pair_words((0, 0, 0)) == "no counterfactual pair has two decisions"
     (drawing,) = figures([one, other])["pairs"]
     assert f"standin:steady: 0 of {pairs} pairs" in drawing.description

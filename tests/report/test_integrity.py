@@ -73,9 +73,9 @@ def test_what_is_not_covered_is_named(weak_run: Path) -> None:
     """Conditions that were not chosen or cannot be shown, frames and calls left, and tests that cannot say."""
     (run,) = read_evidence([weak_run])
     said = "\n".join(not_covered(run))
-    assert "condition mirrored was not asked: it was not chosen" in said
-    assert "condition text_swapped was not asked: prompt 'baseline' says nothing of a frame" in said
-    assert "6 of the bank's 18 frames were not asked about (--limit)" in said
+    assert "condition mirrored was not run: it was not chosen" in said
+    assert "condition text_swapped was not run: prompt 'baseline' says nothing of a frame" in said
+    assert "6 of the bank's 18 frames were not used (--limit)" in said
     assert re.search(r"standin:weak: \d+ of 4\d planned calls are not finished", said)
     assert re.search(r"cannot say: .*depth_interventional.* \(0 counterfactual pairs", said)
     assert said.endswith("not tested by any run: other prompts, other cameras, closed loop")
@@ -120,7 +120,7 @@ def test_an_imported_bank_says_by_name_what_it_lacks(rover: Path, tmp_path: Path
     assert "Cannot say: the run has no answers to counterfactual pictures, so distance was not tested" in html
     assert "Cannot say: no action of this space exchanges under reflection." in html
     assert re.search(r"cannot say: .*depth_observational.* \(the bank records no gap\)", html)
-    assert "condition mirrored was not asked: no frame has a mirror axis" in html
+    assert "condition mirrored was not run: no frame has a mirror axis" in html
     assert "HALT, GO" in html
     assert "none is exchanged by reflection" in html
     assert data_of(html)["runs"][0]["actions"] == ["HALT", "GO"]

@@ -316,8 +316,8 @@ def test_an_import_says_what_else_a_run_is_asked_now(
     more = Asking(conditions=("real", "blank"), extent=Extent(limit=8, controls="auto"))
     words = elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", more).widened
     assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
-        "it is now asked blank too",
-        "it is now of 8 frames",
+        "it now has blank too",
+        "it now has 8 frames",
         "its controls are now 'auto'",
     ]
     assert elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", few).widened == ()
@@ -414,7 +414,7 @@ def test_a_run_of_imported_answers_says_so_and_its_guards_cannot_say(
     held = {one.name: one.holds for one in found.guards["elsewhere:vlm"]}
     unseen = dict.fromkeys(("calls", "picture", "cache", "served"))
     assert held == unseen | {"outcomes": True, "geometry": True, "degeneracy": True, "truncation": True}
-    assert "asked elsewhere and not by eyechart" in judge(found)["elsewhere:vlm"].scope
+    assert "called elsewhere and not by eyechart" in judge(found)["elsewhere:vlm"].scope
     unsaid = [{name: value for name, value in row.items() if name != "finish_reason"} for row in rows]
     imported(bank.root, json_lines(tmp_path / "b.jsonl", unsaid), tmp_path / "b", ALL)
     (guard,) = (

@@ -42,7 +42,7 @@ def test_few_frames_are_said_to_be_few_and_how_many_would_do(half: FrameBank) ->
     assert len(few) == 24
     one = reached(few)["depth"]
     assert not one.reached
-    assert "who deserves it gets depth_associated" in one.lacks
+    assert "a model that deserves it gets depth_associated" in one.lacks
     assert one.more is not None
     assert 24 < one.more <= 72
     assert one.words == f"with about {one.more} more frames"

@@ -118,8 +118,8 @@ def test_the_run_prints_its_guarantee_the_most_the_typical_and_the_saved(highway
     promise = next(line for line in said if "a false early verdict" in line)
     assert "at most 0.05 a model, however often one looks" in promise
     assert any("frames in random order" in line and "episode" in line for line in said)
-    typical = next(line for line in said if "never wavers" in line)
-    assert "at most 2894 calls a model" in typical
+    typical = next(line for line in said if "never varies" in line)
+    assert "at most 2894 calls per model" in typical
     assert "1687 (depth)" in typical
     assert any(line.startswith("scripted:depth: stopped early after ") and "calls saved (3" in line for line in said)
     total = next(line for line in said if line.startswith("calls saved: "))
@@ -233,7 +233,7 @@ def test_a_settled_label_stays_whatever_is_asked_of_the_run_later(tmp_path: Path
     assert settled is not None
     assert settled.label == "image_invariant"
     assert study.plan(moved.root, [STEADY], tmp_path / "more", extent=EARLY).more_by_model()[STEADY] > 0
-    with pytest.raises(LedgerError, match="begun with --controls none, now --controls auto was asked for"):
+    with pytest.raises(LedgerError, match="begun with --controls none, now --controls auto was given"):
         study.plan(moved.root, [STEADY], out, extent=replace(extent, controls="auto"))
     for models in ([LOSING], [STEADY, LOSING], [STEADY]):
         study.run(study.plan(moved.root, models, out, extent=extent), concurrency=4)
@@ -388,8 +388,8 @@ def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"extent": study.Extent(10, stop_early=True)}, "begun with all frames, now --limit 10 was asked for"),
-        ({"extent": EARLY, "conditions": NEEDED}, "now --conditions real,real_repeat,blank was asked for"),
+        ({"extent": study.Extent(10, stop_early=True)}, "begun with all frames, now --limit 10 was given"),
+        ({"extent": EARLY, "conditions": NEEDED}, "now --conditions real,real_repeat,blank was given"),
     ],
 )
 def test_a_run_that_stops_early_is_not_resumed_with_other_frames_or_conditions(
@@ -436,7 +436,7 @@ def test_a_dry_run_says_the_most_and_the_typical_and_asks_nothing(bank: FrameBan
     words = ["run", "battery", "--model", STEADY, "--frames", str(bank.root), "--out", str(tmp_path / "run")]
     said = CliRunner().invoke(app, [*words, "--stop-early", "--dry-run"])
     assert said.exit_code == 0
-    assert "at most 648 calls a model; of a controller that never wavers" in said.stderr
+    assert "at most 648 calls per model; a model that never varies takes about" in said.stderr
     assert "(image_invariant)" in said.stderr
     assert not (tmp_path / "run").exists()
 

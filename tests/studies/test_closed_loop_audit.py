@@ -150,7 +150,7 @@ def test_the_fail_safe_is_credited_to_no_model(tmp_path: Path) -> None:
 
     (twins,) = score(make_run(tmp_path / "b", [*drive("m", nearly), *drive("n", nearly)], models=["m", "n"])).twins
     assert "all of them take SLOW at 98% of the steps at least" in twins.words
-    assert "At 5% of them m decides nothing, and SLOW is the fail-safe's" in twins.words
+    assert "At 5% of them m decides nothing, and SLOW comes from the fail-safe" in twins.words
 
 
 def test_other_words_for_one_command_are_aliases(tmp_path: Path) -> None:
@@ -329,4 +329,4 @@ def test_one_model_that_decides_alike_under_two_conditions_is_no_cache(tmp_path:
     scored = score(make_run(tmp_path / "run", episodes, models=["m"]))
     (found,) = scored.twins
     assert not scored.suspect
-    assert "decides alike with real and mirrored pictures" in found.words
+    assert "makes the same decisions with real and mirrored pictures" in found.words

@@ -112,7 +112,7 @@ def test_the_papers_rows_stand_beside_ours(tmp_path: Path) -> None:
     assert leads(found.ladder)["crash_rate"] == ["constant:STOP", "constant:SLOW"]
     assert unlike([slow, left]) == ""
     (few,) = beside_paper(score(make_run(tmp_path / "few", drive("constant:SLOW", always("SLOW"), seeds=[0]))).ladder)
-    assert "the paper's rows are of 32 episodes in four scenarios, these of 4" in unlike([few])
+    assert "the paper's rows have 32 episodes in four scenarios, these have 4" in unlike([few])
 
 
 def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_does_not(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_doe
     assert "completes 32 of 32 with real pictures and 0 of 32 with blank ones" in first.sentence
     assert (second.finding, second.paired.changed) == ("identical", ())
     assert "the same to the last digit" in second.sentence
-    assert "completing these worlds needs no picture, so that completion says nothing of the camera" in second.sentence
+    assert "completing these worlds needs no picture, so completion says nothing about the camera" in second.sentence
 
 
 def test_no_difference_comes_with_the_bound_that_the_data_allow(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_no_difference_comes_with_the_bound_that_the_data_allow(tmp_path: Path) 
     episodes = [*drive("random", tossing("a")), *drive("random", tossing("b"), condition="blank")]
     (found,) = score(make_run(tmp_path, episodes)).blind
     assert found.finding == "no_difference_found"
-    assert "That is not none: the data bound it" in found.sentence
+    assert "There may still be one: the data bound it" in found.sentence
     low, high = (100 * end for end in found.paired.differences["crash_rate"].ci or (0, 0))
     assert f"[{low:+.1f}, {high:+.1f}]" in found.sentence
     assert found.paired.differences["distance_m"].ci is None
@@ -154,15 +154,15 @@ def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> 
     real, blank = drive("m", always("SLOW")), drive("m", always("LEFT"), condition="blank")
     (alone,) = score(make_run(tmp_path / "alone", [*real, *blank], models=["m"])).blind
     assert (alone.finding, alone.asks, alone.label.family) == ("differs", "whether there is a picture", "partly")
-    assert "So its driving depends on whether there is a picture; for better" in alone.sentence
-    unasked = "Whether it depends on what the camera shows was not asked"
+    assert "So its driving depends on whether there is a picture; the signs" in alone.sentence
+    unasked = "Whether it depends on what the camera shows was not tested"
     assert unasked in alone.sentence
     same = drive("m", always("SLOW"), condition="shuffled")
     first, second = score(make_run(tmp_path / "both", [*real, *blank, *same], models=["m"])).blind
     assert "depends on whether there is a picture;" in first.sentence
     assert "what the camera shows" not in first.sentence, "the other comparison answers that"
     assert (second.finding, second.label.family) == ("identical", "blind")
-    assert "In these worlds what the camera shows has no say in how it drives." in second.sentence
+    assert "In these worlds what the camera shows has no influence on how it drives." in second.sentence
 
 
 @pytest.mark.parametrize("condition", sorted(set(OF_WORLDS) - {"real"}))
@@ -179,7 +179,7 @@ def test_each_condition_says_what_it_asks(tmp_path: Path, condition: str) -> Non
     (alike,) = score(
         make_run(tmp_path / "same", [*real, *drive("m", always("SLOW"), condition=condition)], models=["m"])
     ).blind
-    assert ("the picture has no say" in alike.sentence) == (condition in {"blank", "text_only", "noise"})
+    assert ("the picture has no influence" in alike.sentence) == (condition in {"blank", "text_only", "noise"})
     assert ("repeats itself" in alike.sentence) == (condition == "real_repeat")
 
 
@@ -203,7 +203,7 @@ def test_like_drives_by_the_fail_safe_are_no_evidence_of_blindness(tmp_path: Pat
     episodes = [*drive("m", seldom), *drive("m", seldom, condition="blank")]
     (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
     assert found.finding == finding
-    assert ("no say in how it drives" in found.sentence) == (finding == "identical")
+    assert ("no influence on how it drives" in found.sentence) == (finding == "identical")
 
 
 def test_who_never_decides_without_pictures_is_not_compared_with_the_fail_safe(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_completing_with_wrong_pictures_does_not_say_that_none_is_needed(
     episodes = [*drive("m", always("SLOW")), *drive("m", always("LEFT"), condition=condition)]
     (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
     assert ("completing these worlds needs no picture" in found.sentence) == needless
-    assert ("completion does not show that it reads what the camera shows rightly" in found.sentence) != needless
+    assert ("completion does not show that it reads what the camera shows correctly" in found.sentence) != needless
 
 
 def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> None:

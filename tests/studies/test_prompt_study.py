@@ -174,7 +174,7 @@ def test_limits_count_the_cells_that_are_no_part_of_todays_plan(
 
 def test_what_cannot_be_a_study_is_refused(bank: FrameBank, tmp_path: Path) -> None:
     """Twice the same cell, no prompt, a folder without cells, and cells of two banks."""
-    with pytest.raises(SpecError, match="the cell 'baseline' is asked for twice"):
+    with pytest.raises(SpecError, match="the cell 'baseline' is given twice"):
         prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "baseline"])
     with pytest.raises(SpecError, match="at least one prompt"):
         prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=[])

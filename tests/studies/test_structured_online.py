@@ -73,7 +73,7 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
         assert all((step.executed_action, step.decision.missing) == ("SLOW", "unparsed") for step in silent)
     monkeypatch.setattr("eyechart.studies.structured.online.vet_worlds", None)
     assert len(online.plan("short", [CONTROL, BLIND], out, episodes=1).episodes.left()) == 0
-    with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were asked for"):
+    with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were given"):
         online.plan("short", [CONTROL, BLIND], out, episodes=6)
     monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out), "--all"])
     with pytest.raises(SystemExit) as left:
@@ -123,7 +123,7 @@ def test_a_vetting_without_a_world_is_refused(tmp_path: Path) -> None:
     """An empty record would be a run of no episodes."""
     (tmp_path / "vetting.json").write_text("[]")
     for use in (lambda: online.plan("short", [CONTROL], tmp_path, episodes=1), lambda: online.score(tmp_path)):
-        with pytest.raises(LedgerError, match="it has none that passed"):
+        with pytest.raises(LedgerError, match="no world in it passed"):
             use()
 
 
@@ -237,4 +237,4 @@ def test_a_report_with_other_drives_beside_is_one_of_drives_whichever_is_named_f
     other = make_run(tmp_path / "other", drive("constant:SLOW", always("SLOW"), seeds=[0]))
     for runs in ([driven, other], [other, driven]):
         made = study_of(runs[0], "report").report(runs, [], Reading(driven=False), lambda _: None)
-        assert "Who drives well, and who by sight?" in made.page.html.decode()
+        assert "Which policies drive well, and which by sight?" in made.page.html.decode()

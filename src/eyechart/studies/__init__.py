@@ -1,4 +1,4 @@
-"""The studies, a module or package each, one door for all: a kind of run, how it is scored, and what comes of it."""
+"""The kinds of run ("studies"), a module or package each: how each is scored and reported."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -33,18 +33,18 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs n
     from eyechart.verdicts import Label, Ruling, Verdict
 
 Tell = Callable[[str], None]
-"""Is told in words what is under way, for whoever waits."""
+"""Receives a line of progress for the user who waits."""
 
 
 class Score(Protocol):
-    """What a study makes of a run."""
+    """The results that a study computes from a run."""
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
 
 
 class Course(Protocol):
-    """Models of several runs in the order of a training, and what changed from each to the next."""
+    """The models of several runs in training order, and what changed from each to the next."""
 
     @property
     def replicated(self) -> bool:
@@ -65,11 +65,11 @@ NO_DRIVES = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Reading:
-    """How runs are read: what is declared of their frames and replies, and what drives are held ``against``.
+    """How runs are read: what is declared of frames and replies, and the policy to compare with.
 
-    Where not ``driven``, a page of drives shows no picture, because no world is opened for one.
-    ``steps`` says of policies, by SPEC, how far their training had come. ``frames`` are those of a bank that a battery
-    is scored on; empty for all that were asked about.
+    Without ``driven``, the page of a run of episodes opens no world and shows no picture. ``steps``
+    gives the training steps of each policy, by SPEC. A battery is scored on ``frames`` of its bank;
+    empty means every frame of the run.
     """
 
     independent: bool = False
@@ -80,19 +80,19 @@ class Reading:
     steps: Mapping[str, int] = field(default_factory=dict)
     frames: Sequence[str] = ()
     prices: Prices | None = None
-    """What a token costs, where a file of one's own says so; None for the table alone."""
+    """The token prices of the user's own file; None for the built-in table alone."""
 
 
 @dataclass
 class Took:
-    """What calls took by model and condition, whether their guards hold, and what probes before the run took."""
+    """The calls' cost by model and condition, the guards, and the cost of probes before the run."""
 
     accounts: dict[str, dict[str, Account]] = field(default_factory=dict)
     guards: "dict[str, tuple[Guard, ...]]" = field(default_factory=dict)
     probes: dict[str, Spent] = field(default_factory=dict)
 
     def add(self, part: str, other: "Took") -> None:
-        """Add what a part of a study took; one that stands alone has no name."""
+        """Add the costs of one part of a study; a run that stands alone has the name ``""``."""
         where = f" in {part}" if part else ""
         self.accounts |= {f"{spec}{where}": found for spec, found in other.accounts.items()}
         self.guards |= {f"{spec}{where}": found for spec, found in other.guards.items()}
@@ -105,7 +105,7 @@ class Took:
 
 @dataclass(frozen=True)
 class Packed:
-    """A run in a bundle: its name, what its manifest, its bank and its ledger say, and the bank with its pictures."""
+    """A bundled run: name, manifest, bank, ledger, and the bank with its pictures."""
 
     name: str
     manifest: RunManifest
@@ -116,7 +116,7 @@ class Packed:
 
 @dataclass(frozen=True)
 class Made:
-    """A report: its page, its tables, and what is to be said of it."""
+    """A report: its page, its tables, and lines to print."""
 
     page: "Page"
     tables: "Sequence[Table]"
@@ -125,10 +125,10 @@ class Made:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a run says of one model, in a word and the estimate that decided it; ``state`` says what keeps it open.
+    """The answer of a run for one model, in a word, with the estimate that decided it.
 
-    ``tone`` is that of a ``Mark`` of a table, ``answer`` what it comes to where the tone does not say it. ``marks``
-    are the guards that failed, in words.
+    ``state`` says what keeps the answer open. ``tone`` is that of a ``Mark`` of a table; ``answer``
+    is the reply where the tone does not give it. ``marks`` are the guards that failed, in words.
     """
 
     label: str
@@ -141,7 +141,7 @@ class Finding:
 
     @classmethod
     def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "Finding":
-        """Return what an index says by a ruling, whose label this is."""
+        """Return the finding that an index shows for a ruling and its label."""
         return cls(ruling.label, label.family, ruling.decided_by, ruling.statistic, state, marks)
 
 
@@ -149,10 +149,11 @@ NO_VERDICT = Finding("no verdict", "")
 
 
 class Study(ABC, Generic[S]):
-    """A kind of run, of which a report speaks as ``runs_are``, and which answers a ``question``.
+    """A kind of run; a report calls its runs ``runs_are``, and they answer a ``question``.
 
-    ``refuses`` says of each thing that it cannot do why, in words that follow a run's name. ``requirements`` are what a
-    gate may ask of its models, with what each means, ``required`` the one that it does ask.
+    ``refuses`` maps each command that the study does not have to the reason, which follows a run's
+    name in an error. ``requirements`` maps what a gate may require to its meaning; ``required`` is
+    the default.
     """
 
     runs_are: ClassVar[str] = ""
@@ -161,20 +162,23 @@ class Study(ABC, Generic[S]):
     requirements: ClassVar[Mapping[str, str]] = {}
     required: ClassVar[str] = ""
     callables: ClassVar[bool] = False
-    """Whether who is asked is a callable, which counts no tokens and reports no cost."""
+    """Whether the subject is a callable, which counts no tokens and reports no cost."""
     counted: ClassVar[tuple[str, str]] = ("look", "model")
-    """What its findings say yes to, and of whom: an index counts the findings of one kind together."""
+    """The verb and the noun of its findings; an index counts findings with one pair together."""
 
     @abstractmethod
     def holds(self, folder: Path) -> bool:
-        """Return whether a folder is a run of this study; it raises nothing."""
+        """Return whether a folder is a run of this study; never raises."""
 
     @abstractmethod
     def score(self, folder: Path, reading: Reading) -> S:
-        """Score a run, finished or not; raises LedgerError, BankError or SpecError where it cannot be."""
+        """Score a run, finished or not.
+
+        Raises LedgerError, BankError or SpecError where it cannot be scored.
+        """
 
     def plan(self, bank: Path, modes: "Sequence[RequestMode]", out: Path, *, seed: int, limit: int | None) -> "Planned":
-        """Plan a run of models on a bank, for the command of its name, where a study has no other of its own."""
+        """Plan a run of models on a bank, for a study that has no command of its own."""
         raise NotImplementedError
 
     @abstractmethod
@@ -182,12 +186,12 @@ class Study(ABC, Generic[S]):
         """Yield the tables and lines that ``eyechart score --all`` prints."""
 
     def brief(self, score: S) -> "Iterator[Table | str]":
-        """Yield what ``eyechart score`` prints: what decided first; all where a study is short."""
+        """Yield the output of ``eyechart score``, deciding numbers first; by default all of it."""
         return self.printed(score)
 
     @abstractmethod
     def took_run(self, run: Path, prices: Prices) -> Took:
-        """Return what the calls of one run took, at these prices."""
+        """Return the costs of one run's calls, at these prices."""
 
     def scored(self, runs: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[tuple[str, S]]:
         """Yield the score of each of several folders with its name."""
@@ -196,13 +200,13 @@ class Study(ABC, Generic[S]):
             yield name, self.score(run, reading)
 
     def runs(self, folder: Path) -> Mapping[str, Path]:
-        """Return the runs that a folder of this study holds, by name; one that stands alone has none: ``""``."""
+        """Return the runs in a folder of this study, by name; a single run has the name ``""``."""
         return {"": folder}
 
     def began(self, folder: Path) -> str:
-        """Return when the first call of a folder's runs was sent, by their ledgers; where none was, the day they say.
+        """Return when the first call was sent, by the ledgers; else the day in ``run.json``.
 
-        A day alone comes before all times of that day.
+        A day alone sorts before all times of that day.
         """
         sent, said = [], []
         for run in self.runs(folder).values():
@@ -213,14 +217,14 @@ class Study(ABC, Generic[S]):
         return min(filter(None, sent or said), default=min(filter(None, said), default=""))
 
     def took(self, folder: Path, prices: Prices) -> Took:
-        """Return what the calls of all runs of a folder took."""
+        """Return the costs of all runs of a folder."""
         found = Took()
         for name, run in self.runs(folder).items():
             found.add(name, self.took_run(run, prices))
         return found
 
     def deployment(self, runs: Sequence[Path], reading: Reading) -> "Table | None":
-        """Return what decisions of runs cost and take, in the paper's units; None where no model was asked.
+        """Return cost and time per decision, in the paper's units; None where no model was called.
 
         A model of several runs is named with its run.
         """
@@ -236,10 +240,10 @@ class Study(ABC, Generic[S]):
 
     @abstractmethod
     def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
-        """Return the manifest of one run, and the space by which its replies are read."""
+        """Return the manifest of one run, and the space that reads its replies."""
 
     def models(self, folder: Path) -> list[str]:
-        """Return the SPECs of the models that the runs of a folder asked."""
+        """Return the SPECs of all models in a folder's runs."""
         asked = (self.manifest(run).models for run in self.runs(folder).values())
         return list(dict.fromkeys(spec for models in asked for spec in models))
 
@@ -259,12 +263,12 @@ class Study(ABC, Generic[S]):
         return found
 
     def verdicts(self, score: S) -> "Mapping[str, Verdict]":
-        """Return the verdict on each model, none where a study has none."""
+        """Return the verdict on each model; empty for a study without verdicts."""
         del score
         return {}
 
     def findings(self, score: S) -> Mapping[str, Finding]:
-        """Return what an index of runs says of each model, none where a study has no verdict."""
+        """Return each model's finding for an index of runs; empty for a study without verdicts."""
         del score
         return {}
 
@@ -277,16 +281,19 @@ class Study(ABC, Generic[S]):
         raise NotImplementedError
 
     def gate(self, score: S, require: Sequence[str], **terms: "Unpack[Terms]") -> "Gate":
-        """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
+        """Check a score against ``requirements``; a study without any refuses earlier."""
         raise NotImplementedError
 
     def course(self, scores: Sequence[S], reading: Reading) -> Course | None:
-        """Return the models of several runs in the order of a training; None where runs are compared one by one."""
+        """Return several runs as a training course; None where runs are compared one by one."""
         del scores, reading
         return None
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
-        """Return the report of runs: what ``score`` prints. Pictures, if any, are in ``banks`` or where they were."""
+        """Return the report of runs, from ``printed``.
+
+        Pictures, if any, are in ``banks`` or where the runs recorded them.
+        """
         from eyechart.report.page import Section, page_of  # noqa: PLC0415 - a score needs no templates
 
         del banks
@@ -307,27 +314,27 @@ class Study(ABC, Generic[S]):
         return Made(page, [table for one in sections for table in one.tables], page.notes)
 
     def answer(self, scores: Mapping[str, S]) -> "Opening | None":
-        """Return what such a report says first of runs, by name; None where it begins with its tables."""
+        """Return the opening of the report, from scores by run; None to begin with the tables."""
         del scores
         return None
 
     def paper(
         self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
     ) -> "Iterator[Table | Drawing]":
-        """Yield the paper's tables and figures that runs determine, by its labels; nothing where there is none."""
+        """Yield the paper's tables and figures that these runs determine, by the paper's labels."""
         del runs, banks, reading, tell
         yield from ()
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
-        """Raise LedgerError or SpecError where a run that is to be bundled may not be read so."""
+        """Raise LedgerError or SpecError where a run may not be bundled under this reading."""
         raise NotImplementedError
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[S, Made]:
-        """Return the score and the report of a run on a bank that is in a bundle."""
+        """Return the score and the report of a run whose bank is in the bundle."""
         raise NotImplementedError
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[S, Made]:
-        """Return the score and the report of drives, or of a folder of several runs, that are in a bundle."""
+        """Return score and report of a bundled run of episodes, or of a folder of several runs."""
         raise NotImplementedError
 
 
@@ -340,9 +347,9 @@ STUDIES: dict[str, str] = {
     "prompts": "eyechart.studies.prompts:Prompts",
     "policy": "eyechart.studies.policy.study:Policies",
 }
-"""What a study's name means: ``module:class``, imported when it is opened."""
+"""The class of each study: ``module:class``, imported when it is opened."""
 OF_SEVERAL = ("hierarchy", "prompts")
-"""The studies whose folders hold runs and are none themselves: of a run they are asked last."""
+"""Studies whose folders hold runs and no ``run.json``; for a single run they are tried last."""
 
 
 def open_study(name: str) -> Study[Any]:
@@ -353,9 +360,9 @@ def open_study(name: str) -> Study[Any]:
 
 
 def study_of(folder: Path, to: str = "") -> Study[Any]:
-    """Return the study whose run a folder is; the battery, which says what is wrong with it, where it is none.
+    """Return the study of a run folder; falls back to the battery for its error message.
 
-    Raises SpecError in the study's own words where it refuses what it is asked ``to`` do.
+    Raises SpecError, in the study's words, where the study refuses the command ``to``.
     """
     begun = any((folder / name).is_file() for name in (RUN, *BESIDE))
     opened = map(open_study, sorted(STUDIES, key=lambda name: begun == (name in OF_SEVERAL)))
@@ -366,7 +373,7 @@ def study_of(folder: Path, to: str = "") -> Study[Any]:
 
 
 def each_once(runs: Iterable[Path]) -> list[Path]:
-    """Return folders in their order, each once, by the first of the names under which it was given."""
+    """Return the folders in order, each once, under the first name given for it."""
     found: dict[Path, Path] = {}
     for one in runs:
         found.setdefault(one.resolve(), one)
@@ -374,7 +381,7 @@ def each_once(runs: Iterable[Path]) -> list[Path]:
 
 
 def names_of(runs: Sequence[Path]) -> list[str]:
-    """Return the runs' folder names, numbered where two are the same."""
+    """Return the runs' folder names; equal names are numbered."""
     names = [path.resolve().name or "run" for path in runs]
     return [
         name if names.count(name) == 1 else f"{name} ({1 + names[:place].count(name)})"
@@ -383,9 +390,9 @@ def names_of(runs: Sequence[Path]) -> list[str]:
 
 
 def run_json(folder: Path) -> Mapping[str, object]:
-    """Return what a folder's ``run.json`` says, nothing where there is none, or what stands there is none.
+    """Return a folder's ``run.json``; empty where there is none or it is not a JSON object.
 
-    Raises LedgerError where the system does not let it be read: the run would be taken for one of another study.
+    Raises LedgerError where the system denies reading: the run would pass for one of another study.
     """
     file = folder / RUN
     try:

@@ -1,4 +1,4 @@
-"""Remote models without a mode file are probed before a run, once; its rest is asked in the mode that it recorded."""
+"""Probes of remote models without a mode file: once, before the run that uses the modes found."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,28 +17,31 @@ from eyechart.modes import RequestMode
 from eyechart.planned import Allowed, Planned
 from eyechart.studies import is_episodes
 
-if TYPE_CHECKING:  # who reads what a run took probes nothing
+if TYPE_CHECKING:  # reading the costs of a run needs no probe
     from eyechart.probe import Found, ProbeError, Sample
 
 PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system", "stream")
-"""The fields of a mode that a probe may set, where no option did."""
+"""The mode fields that a probe may set, unless an option did."""
 
 _LEDGERS = ("", "*/", "*/*/")
-"""Where the ledgers of a run stand in its folder: a study of prompts has one a cell."""
+"""The places of a run's ledgers in its folder: a study of prompts has one per cell."""
 
 P = TypeVar("P", bound=Planned)
-"""A study's plan."""
+"""The plan of a study."""
 
 Ask = Callable[[RequestMode, "Sample", float | None, Callable[[Spent], None]], "Found | ProbeError"]
-"""Probes a model with a sample for at most so many US dollars; what that takes is told as it is spent.
+"""Probes a model with a sample, for at most so many US dollars, and reports the spending.
 
-A ProbeError that is returned leaves the model out.
+Returns a ProbeError to leave the model out.
 """
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The modes of a run's models. ``by_option`` names those that no file gave, ``given`` what the options set."""
+    """The modes of a run's models; ``by_option`` names models without a mode file.
+
+    ``given`` are the fields that the options set.
+    """
 
     modes: Sequence[RequestMode]
     by_option: frozenset[str]
@@ -46,14 +49,15 @@ class Asked:
 
 
 NOBODY = Asked((), frozenset(), {})
-"""Of a run without models."""
+"""The modes of a run without models."""
 
 
 @dataclass(frozen=True)
 class Planner(Generic[P]):
-    """How a study plans a run of models, and the ``runs`` that may be there already.
+    """How a study plans a run of models, and the ``runs`` that may exist already.
 
-    ``others`` says that something is run beside the models, ``whole`` that modes without measured replies do not count.
+    ``others`` is set where something besides the models is run. With ``whole``, a recorded mode
+    counts only if its replies were measured.
     """
 
     plan: Callable[[Sequence[RequestMode]], P]
@@ -65,12 +69,12 @@ class Planner(Generic[P]):
 def plan_probed(
     study: Planner[P], asked: Asked, allowed: Allowed, ask: Ask, tell: Callable[[str], None] = lambda _: None
 ) -> tuple[P | None, dict[str, str]]:
-    """Plan a study, probe what is to be probed first, and plan it anew with what was found.
+    """Plan a study, probe the models that need it, and plan again with the modes found.
 
-    Returns the plan, None where no model is left to ask, and why models were left out of it. A model is probed where it
-    is served elsewhere, no file says how it is asked, and no run of the study knows it. What a probe takes is in the
-    run before its calls come back, so that no end of this process loses it. Raises SpecError where there is no room for
-    a probe.
+    Returns the plan (None where no model is left), and why each left-out model was left out. A
+    model is probed if it is served elsewhere, has no mode file, and no run of the study knows it.
+    The cost of a probe is recorded in the run before its calls come back, so a killed process loses
+    nothing. Raises SpecError where the limits leave no room for a probe.
     """
     if allowed.moved and not allowed.dry_run:
         move(study.runs, asked.modes)
@@ -91,8 +95,8 @@ def plan_probed(
 def _found(
     planned: Planned, unprobed: Sequence[RequestMode], ask: Ask, allowed: Allowed, cost: float
 ) -> "dict[str, RequestMode | ProbeError]":
-    """Probe models one after another; return the mode of each, or why it has none. ``cost`` was spent before."""
-    from eyechart.probe import ProbeError  # noqa: PLC0415 - who reads what a run took probes nothing
+    """Probe models one after another; return their modes or errors. ``cost`` was spent before."""
+    from eyechart.probe import ProbeError  # noqa: PLC0415 - reading the costs of a run needs no probe
 
     found: dict[str, RequestMode | ProbeError] = {}
     sample = replace(planned.sample(), at_once=allowed.concurrency)
@@ -113,8 +117,8 @@ def _found(
 
 
 def _known(study: Planner[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
-    """Return the modes that were asked for, as the runs know them, and the models that are to be probed first."""
-    from eyechart.probe import is_served  # noqa: PLC0415 - who reads what a run took probes nothing
+    """Return the modes, as the runs know them, and the models that must be probed first."""
+    from eyechart.probe import is_served  # noqa: PLC0415 - reading the costs of a run needs no probe
 
     modes, unprobed = [], []
     for mode in asked.modes:
@@ -128,9 +132,9 @@ def _known(study: Planner[P], asked: Asked, allowed: Allowed) -> tuple[list[Requ
 def recorded(
     runs: Iterable[Path], mode: RequestMode, given: Collection[str], *, whole: bool = False
 ) -> RequestMode | None:
-    """Return the mode in which one of these runs asks a model already, one as it was probed first; None if none does.
+    """Return the mode that one of these runs uses for a model, preferably one as probed; else None.
 
-    Fields that a probe set before the run are taken from its manifest, unless they are ``given`` now.
+    Fields that a probe set are taken from the run's manifest, unless they are ``given`` now.
     """
     found = []
     for run in runs:
@@ -143,7 +147,7 @@ def recorded(
 
 
 def move(runs: Iterable[Path], modes: Sequence[RequestMode]) -> None:
-    """Record in runs that are begun that their models are now asked at the addresses of these modes."""
+    """Record in the runs already begun that their models have the addresses of these modes now."""
     for run in runs:
         if is_run(run):
             with alone_in(run):
@@ -151,7 +155,7 @@ def move(runs: Iterable[Path], modes: Sequence[RequestMode]) -> None:
 
 
 def accept_losses(out: Path) -> Iterator[tuple[Path, Written]]:
-    """Accept that calls are missing from what ``out`` holds; yield each ledger that lacks some, and how many.
+    """Accept that calls are missing under ``out``; yield each ledger that lacks some, and how many.
 
     Raises LedgerError where a ledger is damaged, or another process writes to it.
     """
@@ -164,23 +168,23 @@ def accept_losses(out: Path) -> Iterator[tuple[Path, Written]]:
 
 
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
-    """Return what the calls and the probes of these runs took so far; nothing for those that are not begun."""
+    """Return the cost of the calls and probes of these runs so far; a run not begun counts 0."""
     return Spent.together(spent(run, manifest_of(run), prices) for run in runs if is_run(run))
 
 
 def beside(runs: Iterable[Path], part: Planned, how: Allowed) -> Allowed:
-    """Return how one of a study's ``runs`` may be made, where limits bound all of them together, planned now or not."""
+    """Return the limits of one ``part``, where limits bound all of a study's runs together."""
     bounded = (how.max_calls, how.max_cost) != (None, None)
     return replace(how, before=spent_on((one for one in runs if bounded and one != part.out), how.prices))
 
 
 def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Spent:
-    """Return what a run's probes and the attempts in its ledger took; one of unknown outcome has no known cost."""
+    """Return the cost of a run's probes and attempts; an unknown outcome has no known cost."""
     made = manifest.spent_before()
     with Ledger(run / LEDGER, absent=True) as ledger:
         for spec in manifest.models:
             for one in ledger.attempts(spec):
-                if one.reply is None or one.reply.error not in UNASKED:  # which never went out
+                if one.reply is None or one.reply.error not in UNASKED:  # UNASKED attempts were never sent
                     cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
                     made = made.plus(one.reply or Reply(), cost)
     return made

@@ -1,7 +1,8 @@
-"""The prompt study: the same frames and models under several prompts, and what each does to diversity and to grounding.
+"""The prompt study: what each of several prompts does to the diversity and grounding of answers.
 
-A cell is a battery of its own, of real and blank pictures, so that it resumes, is accounted for and is scored like any.
-Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
+All prompts get the same frames and models. A cell is a battery of real and blank pictures; it is
+resumed, accounted for and scored like any other battery. Source: paper, section Prompt formulation
+gates measured grounding and Table t:prompts.
 """
 
 import json
@@ -41,23 +42,23 @@ if TYPE_CHECKING:
     from eyechart.report.page import Grid, Opening
 
 FRAMES = 100
-"""Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
+"""Frames per cell, each shown real and blank: the paper's 100 queries and the same 100 blank."""
 
-NO_FLOOR = "s and IDI_adj need the same picture twice: ask for it with --conditions real,real_repeat,blank"
+NO_FLOOR = "s and IDI_adj need the same picture twice: run with --conditions real,real_repeat,blank"
 
 _ALIKE = ("study", "models", "fingerprint", "conditions", "limit", "seed")
-"""What the manifests of the cells of one study have in common."""
+"""The fields that the manifests of all cells of one study share."""
 CONDITIONS = ("real", "blank")
 LEVEL = 0.05
-"""Below it a corrected p is called significant at the head of the page."""
+"""A corrected p below this is called significant at the head of the page."""
 
 DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
-"""What a cell says of scene dependence, which diversity is not; each p is corrected over the cells of its model."""
+"""The tests of scene dependence; each p is corrected over the cells of its model."""
 
 
 @dataclass(frozen=True)
 class PromptStudy(Planned):
-    """A prompt study that was planned and not yet run: one battery a cell, by the name of its folder."""
+    """A prompt study, planned but not yet run: one battery per cell, by the name of its folder."""
 
     cells: Mapping[str, battery.Battery]
     out: Path
@@ -68,11 +69,11 @@ class PromptStudy(Planned):
         return next(iter(self.cells.values()))
 
     def sample(self) -> "Sample":
-        """Return what the cells will ask, with the prompt of each."""
+        """Return a sample of the cells' queries, with the prompt of each."""
         return battery.sample_of(self.cells.values())
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield how many cells and calls there are, and what each cell is expected to take."""
+        """Yield how many cells and calls there are, and the expected cost of each cell."""
         calls, finished, unknown = self.counts()
         more = sum(sum(cell.more_by_model().values()) for cell in self.cells.values())
         up_to = f", and up to {more} of controls" if more else ""
@@ -85,9 +86,9 @@ class PromptStudy(Planned):
         yield from forecast(self.keeper.manifest, self.keeper.models, (), how)
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Make the calls that are left, cell after cell, in limits of all cells together.
+        """Make the remaining calls, cell after cell, within limits for all cells together.
 
-        Returns what was set aside in any cell, and the limit that stopped it, if one did.
+        Returns the models set aside in any cell, and the limit that stopped the run, if one did.
         """
         planned = {name: cell.counts()[0] for name, cell in self.cells.items()}
         start, total, uncounted = 0, sum(planned.values()), 0
@@ -111,28 +112,28 @@ class PromptStudy(Planned):
         return Outcome(set_aside, None, uncounted, lasting=lasting)
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield how the calls ended, and whose replies are empty."""
+        """Yield how the calls ended, and which models gave empty replies."""
         calls, finished, _ = self.counts()
         yield calls_ended(outcome, failed, calls - finished)
         yield empty(cells_in(self.out))
 
     def counts(self) -> tuple[int, int, int]:
-        """Return how many calls are planned, finished, and sent with unknown outcome, over all cells."""
+        """Return how many calls of all cells are planned, finished, and of unknown outcome."""
         planned, finished, unknown = zip(*(cell.counts() for cell in self.cells.values()), strict=True)
         return sum(planned), sum(finished), sum(unknown)
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A setting of the request that the study varies beside the prompt: None leaves a model's mode as it is."""
+    """A request setting that varies beside the prompt; None leaves a model's mode unchanged."""
 
     max_tokens: int | None = None
     structured: str | None = None
 
     def applied(self, mode: RequestMode | Opened) -> RequestMode | Opened:
-        """Return a model's mode under this setting; what replies took under another is not kept.
+        """Return a model's mode under this setting, without token and time measurements.
 
-        A model that is open already is asked as it was opened.
+        A model that is already open keeps its mode.
         """
         if isinstance(mode, Opened):
             return mode
@@ -144,7 +145,7 @@ class Factor:
 
     @property
     def suffix(self) -> str:
-        """Return what tells the cell's folder from that of the prompt alone."""
+        """Return the suffix of the cell's folder name after the prompt's name."""
         return "".join(f"--{value}" for value in (self.max_tokens, self.structured) if value is not None)
 
 
@@ -159,10 +160,11 @@ def plan(
     limit: int | None = FRAMES,
     seed: int = 0,
 ) -> PromptStudy:
-    """Plan every cell, or the rest of a study that ``out`` holds already; nothing is written or asked yet.
+    """Plan every cell, or the rest of a study in ``out``; writes nothing and makes no call.
 
-    ``prompts`` are names or TOML files, ``factors`` the settings that are crossed with them, ``limit`` the frames a
-    cell, the same in each. Raises what `battery.plan` raises, and SpecError where two cells would be the same.
+    ``prompts`` are names or TOML files, ``factors`` the settings crossed with them, ``limit`` the
+    frames per cell, the same in each. Raises what `battery.plan` raises, and SpecError where two
+    cells would be the same.
     """
     modes = [RequestMode(one) if isinstance(one, str) else one for one in specs]
     cells: dict[str, battery.Battery] = {}
@@ -170,7 +172,7 @@ def plan(
         for factor in factors:
             name = f"{Path(prompt).stem if prompt.endswith('.toml') else prompt}{factor.suffix}"
             if name in cells:
-                raise SpecError(f"the cell '{name}' is asked for twice; give each prompt and setting once")
+                raise SpecError(f"the cell '{name}' is given twice; give each prompt and setting once")
             asked = [factor.applied(mode) for mode in modes]
             cells[name] = battery.plan(
                 bank_path,
@@ -187,17 +189,17 @@ def plan(
 
 
 def cells_in(out: Path) -> list[Path]:
-    """Return the folders of a study's cells, as far as they are begun."""
+    """Return the folders of the cells that are begun."""
     return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
 
 
 def _asked_in(out: Path) -> list[Path]:
-    """Return the folders of the cells in which a model was asked, and not only how it is to be asked."""
+    """Return the folders of the cells with at least one model in their manifest."""
     return [one for one in cells_in(out) if run_json(one).get("models")]
 
 
 def _read_cells(folder: Path) -> list[Mapping[str, object]]:
-    """Return what the runs in a folder say of themselves; none where one cannot be read, which its scoring says."""
+    """Return the manifests of a folder's runs; empty where one cannot be read (scoring says so)."""
     try:
         return [run_json(one) for one in _asked_in(folder)] if not is_run(folder) else []
     except LedgerError:
@@ -205,14 +207,20 @@ def _read_cells(folder: Path) -> list[Mapping[str, object]]:
 
 
 def is_study(folder: Path) -> bool:
-    """Return whether a folder's runs are the cells of one study: the same models and frames, each asked otherwise."""
+    """Return whether a folder's runs are the cells of one study.
+
+    Cells have the same models and frames, and no two have the same prompt and modes.
+    """
     cells = _read_cells(folder)
     alike = {json.dumps([one.get(name) for name in _ALIKE], sort_keys=True) for one in cells}
     return len(alike) == 1 < len(cells) == len({repr([one.get("prompt"), one.get("modes")]) for one in cells})
 
 
 def may_be_study(folder: Path) -> bool:
-    """Return whether runs in a folder may be cells of one study that ask other models: each has a prompt of its own."""
+    """Return whether runs in a folder may be cells of one study that have different models.
+
+    Each cell has a prompt of its own.
+    """
     cells = _read_cells(folder)
     alike = {json.dumps([one.get(name) for name in _ALIKE if name != "models"], sort_keys=True) for one in cells}
     return len(alike) == 1 < len(cells) == len({repr(one.get("prompt")) for one in cells})
@@ -227,10 +235,10 @@ def run(
     progress: Progress | None = None,
     **how: Any,  # noqa: ANN401 - those of Allowed
 ) -> Outcome:
-    """Make the calls that are left, cell after cell; a cut study is resumed by running it again.
+    """Make the remaining calls, cell after cell; run it again to resume a cut study.
 
-    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included.
-    With ``again``, those of each cell that ended in a failure of the road are made once more before its others.
+    ``calls`` and ``cost_usd`` limit the requests and the cost of all cells together, earlier days
+    included. With ``again``, each cell first repeats its calls that failed in transport.
     ``sequential`` is that of `battery.run`.
     """
     allowed = Allowed(prices or read_prices(), max_calls=calls, max_cost=cost_usd, **how)
@@ -239,9 +247,9 @@ def run(
 
 @dataclass(frozen=True)
 class CellScore(Written):
-    """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells.
+    """One model under one prompt and setting. ``holm`` maps a test to its p over the model's cells.
 
-    ``took`` says what its calls took, ``guards`` whether they are to be believed.
+    ``took`` is the cost of its calls; ``guards`` say whether the calls can be relied on.
     """
 
     name: str
@@ -259,23 +267,23 @@ class CellScore(Written):
 
     @property
     def state(self) -> str:
-        """Return in words how far a cell is that is not finished; empty where it is."""
+        """Return how far an unfinished cell is, in words; empty where it is finished."""
         return unfinished(self.answered, self.planned)
 
     @property
     def marks(self) -> tuple[str, ...]:
-        """Return the guards that failed, in words: with one of them the cell is not to be relied on."""
+        """Return the guards that failed, in words: with one of them the cell is not reliable."""
         return tuple(guard.mark for guard in self.guards if guard.holds is False)
 
     @cached_property
     def label(self) -> Label:
-        """Return what its answers hold of the scene."""
+        """Return the label that says whether the answers depend on the scene."""
         found = {name: replace(self.statistics[name], p=self.holm[name]) for name in DEPENDENCE}
         return PROMPTED[CELLS.evaluate({**self.statistics, **found}).label]
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
-    """Score every cell of a study, finished or not: by model, and in the order of the built-in prompts.
+    """Score every cell of a study, finished or not, by model and in the built-in prompts' order.
 
     Raises LedgerError where the folder holds no study, or cells of several banks.
     """
@@ -283,12 +291,12 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
 
 
 def _batteries(path: Path, *, resamples: int, reread: bool) -> dict[str, battery.BatteryScore]:
-    """Return what each cell's run shows, by the cell's name, in the order of the built-in prompts."""
+    """Return each cell's battery score by the cell's name, in the order of the built-in prompts."""
     if is_run(path) or not (cells := _asked_in(path)):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
     scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
-        raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot stand side by side")
+        raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot be compared")
     order = {name: place for place, name in enumerate(PROMPTS)}
     places = {name: order.get(one.manifest.prompt.name, len(order)) for name, one in scored.items()}
     return {name: scored[name] for name in sorted(scored, key=lambda name: (places[name], name))}
@@ -322,10 +330,10 @@ def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> l
 
 
 def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
-    """Return a cell's numbers: the diversity of its outputs, as the paper counts it, and its scene dependence.
+    """Return a cell's numbers: the diversity of its outputs, and its scene dependence.
 
-    Diversity counts UNPARSED as an output of its own, as in Table t:prompts: a cell there has six outputs, of five
-    actions.
+    Diversity counts UNPARSED as an output of its own, as the paper's Table t:prompts does: a cell
+    with five actions has six outputs.
     """
     outputs = score.answers.responses("real")
     names, counts = np.unique(outputs[outputs != ""], return_counts=True)
@@ -346,10 +354,10 @@ def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
 
 
 def prompts_table(cells: Sequence[CellScore]) -> Table:
-    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
+    """Return Table t:prompts: the diversity of the answers, and their scene dependence."""
     note = (
-        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
-        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
+        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence. V (real against blank) and "
+        "I(A;g) in bits measure scene dependence; p is corrected by Holm over these cells. — cannot say"
     )
     rows = []
     for cell in cells:
@@ -373,7 +381,7 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
 
 
 def paper_table(scores: Mapping[str, Sequence[CellScore]]) -> Table:
-    """Return Table t:prompts in the paper's form, of the cells of studies by name, a row a cell."""
+    """Return Table t:prompts in the paper's form, for cells by study, a row per cell."""
     made = stacked({name: _as_published(cells) for name, cells in scores.items()})
     counts = [cell.statistics["modal_share"].n for cells in scores.values() for cell in cells]
     return made.counted(counts, "queries", "with the real picture per cell").labelled("t:prompts")
@@ -395,13 +403,13 @@ def _as_published(cells: Sequence[CellScore]) -> Table:
 
 @dataclass(frozen=True)
 class PromptsScore:
-    """Every cell of a prompt study, by model, and the ``batteries`` that they are, by name."""
+    """Every cell of a prompt study, by model, and their ``batteries`` by name."""
 
     cells: tuple[CellScore, ...]
     batteries: Mapping[str, battery.BatteryScore]
 
     def measured(self) -> tuple[Measured, ...]:
-        """Return the statistics of every model under every prompt and setting, a place each."""
+        """Return the statistics of every model under every prompt and setting."""
         return tuple(
             replace(each, where=f"{each.where} under {name}")
             for name, one in self.batteries.items()
@@ -422,29 +430,28 @@ CELLS = Axis(
         Rule("no_link", "mutual_information"),
     ),
 )
-"""What the answers of a cell hold of the scene; each p is corrected over the cells of its model."""
-_GRID = (
-    "Bits of the answer that tell the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link shown"
-)
+"""The labels of a cell's scene dependence; each p is corrected over the cells of its model."""
+_GRID = "Bits of the answer about the gap. ● significant; ◐ only a picture from a blank; ○ one answer; ? no link"
 
 
 @dataclass(frozen=True)
 class Held:
-    """One model under every prompt: under which its answers go with the gap."""
+    """One model under every prompt, and the prompts under which its answers depend on the gap."""
 
     model: str
     cells: tuple[CellScore, ...]
 
     @property
     def seeing(self) -> list[CellScore]:
-        """Return the cells whose answers go with the gap."""
+        """Return the cells whose answers depend on the gap."""
         return [one for one in self.cells if one.label.family == "sees"]
 
     @property
     def tone(self) -> str:
-        """Return sees where it looks under every prompt, partly where under some; blind where its answer never varies.
+        """Return "sees" if it looks under every prompt, "partly" if under some.
 
-        A cell in which no link is shown may yet have one.
+        "blind" means one answer to every picture. In a cell where no link is shown there may still
+        be one: "open".
         """
         tones = {one.label.family for one in self.cells}
         if "sees" in tones:
@@ -463,7 +470,7 @@ class Held:
 
     @property
     def words(self) -> str:
-        """Return the most that its answers tell of the gap, and under which prompt."""
+        """Return the largest information about the gap in its answers, and the prompt."""
         best = self.best
         found, modal = best.statistics["mutual_information"], best.statistics["modal_share"]
         often = "—" if modal.value is None else f"{100 * modal.value:.0f} %"
@@ -475,12 +482,12 @@ class Held:
 
     @property
     def best(self) -> CellScore:
-        """Return the cell with the smallest p of the gap, the first of those that are alike."""
+        """Return the cell with the smallest p for the gap, the first of several equal ones."""
         return min(self.cells, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
 
     @property
     def why_not(self) -> str:
-        """Return why it is not shown to look under more prompts; empty where it is under all."""
+        """Return why it is not shown to look under more prompts; empty if it looks under all."""
         rest = [one for one in self.cells if one not in self.seeing]
         told = []
         for tone in ("partly", "blind", "open"):
@@ -498,32 +505,32 @@ class Held:
 
 
 _MOST_LISTED = 4
-"""Models that the sentence at the head of a page names each."""
+"""The most models that the sentence at the head of a page names one by one."""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 _MOST_NAMED = 3
 _WHY = {
-    "partly": "a picture is told from a blank, and no link to the gap is shown (smallest p {p} after Holm, n {n})",
+    "partly": "it tells a picture from a blank, but no link to the gap is shown (smallest p {p} after Holm, n {n})",
     "blind": "it gives one answer to every picture",
     "open": "no link to its pictures is shown (smallest p {p} after Holm, n {n})",
 }
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as words list them."""
+    """Return names as a list in words: "a, b and c"."""
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def by_model(cells: Sequence[CellScore]) -> list[Held]:
-    """Return what each model's cells hold together."""
+    """Return the cells of each model together."""
     models = dict.fromkeys(one.model for one in cells)
     return [Held(spec, tuple(one for one in cells if one.model == spec)) for spec in models]
 
 
-_CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"
+_CELLS = "is a prompt study, with one run per cell: name a cell, as RUN/CELL"
 
 
 def _sentence(everyone: Mapping[str, Held]) -> str:
-    """Return in one sentence under which prompts each model looks; of many models, how many under all and some."""
+    """Return in one sentence under which prompts each model looks; for many models, only counts."""
     if len(everyone) <= _MOST_LISTED:
         return "; ".join(f"{who}: {one.label}" for who, one in everyone.items()) + "."
     tones = [one.tone for one in everyone.values()]
@@ -538,7 +545,7 @@ def _sentence(everyone: Mapping[str, Held]) -> str:
 
 
 def _grid(everyone: Mapping[str, Held]) -> "Grid":
-    """Return a grid of prompts and models: what the answers of each tell of the gap."""
+    """Return a grid of prompts and models: each cell's information about the gap."""
     from eyechart.report.page import Grid  # noqa: PLC0415 - a score needs no templates
 
     names = list(dict.fromkeys(cell.name for one in everyone.values() for cell in one.cells))
@@ -554,7 +561,7 @@ def _told(cell: CellScore) -> tuple[str, str, str]:
 
 
 class Prompts(OfFrames[PromptsScore]):
-    """A battery a prompt and setting, in the folders of one."""
+    """One battery per prompt and setting, each in a folder of its own."""
 
     names = ()
     runs_are = "prompts"
@@ -566,7 +573,7 @@ class Prompts(OfFrames[PromptsScore]):
     }
 
     def holds(self, folder: Path) -> bool:
-        """Return whether a folder is no run itself, but holds one run or more in its folders."""
+        """Return whether a folder is not a run itself but holds at least one run."""
         return not is_run(folder) and bool(cells_in(folder))
 
     def runs(self, folder: Path) -> Mapping[str, Path]:
@@ -582,11 +589,11 @@ class Prompts(OfFrames[PromptsScore]):
         return PromptsScore(_of_batteries(found), found)
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:
-        """Return the score and the report of a study in a bundle."""
+        """Return the score and the report of a bundled study."""
         return self.score(folder, reading), self.report([folder], [], reading, tell)
 
     def findings(self, score: PromptsScore) -> Mapping[str, Finding]:
-        """Return under which prompts each model looks, by the cell with the smallest p of the gap."""
+        """Return under which prompts each model looks, by the cell with the smallest p."""
         found = {}
         for one in by_model(score.cells):
             by, marks = f"mutual_information, {one.best.name}", [mark for cell in one.cells for mark in cell.marks]
@@ -597,7 +604,7 @@ class Prompts(OfFrames[PromptsScore]):
         return found
 
     def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
-        """Return under which prompts each model looks, a line a model, and a grid of models and prompts."""
+        """Return under which prompts each model looks, and a grid of models and prompts."""
         from eyechart.report.page import MOST_SAID, Opening, Said  # noqa: PLC0415 - a score needs no templates
 
         everyone = {
@@ -620,7 +627,7 @@ class Prompts(OfFrames[PromptsScore]):
         yield paper_table({name: one.cells for name, one in self.scored(runs, reading, tell)})
 
     def printed(self, score: PromptsScore) -> Iterator[Table | str]:
-        """Yield a table a model, the marks of its cells, and what each took."""
+        """Yield a table per model, the marks of its cells, and the cost of each."""
         yield from prompts_table(score.cells).split()
         for cell in score.cells:
             yield from marked(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))

@@ -1,7 +1,7 @@
-"""The input-ablation battery: run() asks about every frame under every condition, score() reads what came back.
+"""The input-ablation battery: every frame under every condition; run() calls, score() reads.
 
-Answers that were made elsewhere come in by `eyechart.studies.battery.elsewhere`.
-Source: paper, section The Input-Ablation Battery.
+`eyechart.studies.battery.elsewhere` imports answers that were made elsewhere. Source: paper,
+section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.answers import read_answers, read_columns

@@ -1,4 +1,4 @@
-"""An album holds every distinct picture of a report once, small enough that the page can be sent by mail."""
+"""An album of every distinct picture of a report, small enough to send the page by mail."""
 
 import base64
 import hashlib
@@ -16,34 +16,34 @@ from eyechart.studies import Tell
 from eyechart.studies.battery.subjects import Evidence
 
 NO_PICTURE = -1
-"""The condition shows none."""
+"""The condition shows no picture."""
 LEFT_OUT = -2
 """The picture is not in the album."""
 
 BUDGET_BYTES = 7_500_000
-"""Of so many encoded bytes an album is made; base64 makes a third more of them."""
+"""The encoded bytes of an album at most; base64 adds a third."""
 LEAST_BYTES = 2_000_000
-"""As many at least, in a page whose replies take nearly all of its room."""
+"""The same at least, where the replies take nearly all room of the page."""
 
 RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55), (160, 45))
-"""Largest width in pixels, and WebP quality: the first rung on which the album fits its budget is taken."""
+"""Largest width in pixels, and WebP quality; the first rung that fits the budget is used."""
 
 _PLAIN = 1 / 16
-"""Bits a pixel: what is coded exactly in fewer is kept so, without a try whether a lossy code is smaller."""
+"""Bits per pixel: a lossless code below this is kept without trying a lossy one."""
 
 _WIDEST_VIEW = 640
 
 _NOISE = (240, 5)
 _SAMPLE = 12
 _FILL = 0.92
-"""A sample may be mistaken; so much of the budget is meant to be filled."""
+"""The share of the budget to fill, because the sample gives only an estimate."""
 _LENT = ("real_repeat", "shuffled", "cross_scenario", "text_swapped")
-"""Conditions whose pictures are other frames', or the frame's own once more."""
+"""Conditions whose pictures belong to other frames, or are the frame's own again."""
 
 
 @dataclass(frozen=True)
 class Album:
-    """Pictures as data URIs; ``places[run][condition]`` holds, per frame, the picture's number or why there is none."""
+    """Pictures as data URIs; ``places[run][condition]`` has each frame's picture number or code."""
 
     uris: tuple[str, ...]
     places: tuple[dict[str, tuple[int, ...]], ...]
@@ -57,10 +57,10 @@ def make_album(
     budget: int = BUDGET_BYTES,
     tell: Tell = lambda _: None,
 ) -> Album:
-    """Return the pictures of the ``shown`` frames of every run under every condition, as large as the budget allows.
+    """Return the pictures of the ``shown`` frames under every condition, as large as fits.
 
-    A sample of the frames decides how large they are; where not even the smallest fit, frames evenly taken have
-    theirs.
+    A sample of the frames decides their size. Where not even the smallest fit, only some frames,
+    evenly taken, have pictures.
     """
     codes: dict[tuple[str, int, int], bytes] = {}
     for rung in RUNGS:
@@ -83,7 +83,7 @@ def _cost(
     rung: tuple[int, int],
     codes: dict[tuple[str, int, int], bytes],
 ) -> float:
-    """Return the bytes that a frame's own pictures take on a rung, in the mean over a sample; partners have theirs."""
+    """Return the mean bytes of a frame's own pictures on a rung, over a sample of frames."""
     binder, frames = _Binder(*rung, budget=1 << 62, codes=codes), 0
     for run, places in zip(evidence, shown, strict=True):
         if run.pictures is not None:
@@ -95,7 +95,7 @@ def _cost(
 
 @dataclass
 class _Binder:
-    """Encodes pictures on one rung, each distinct one once, until the budget is spent; ``codes`` are shared."""
+    """Encodes each distinct picture once on a rung, up to the budget; ``codes`` are shared."""
 
     width: int
     quality: int
@@ -110,7 +110,7 @@ class _Binder:
     tell: Tell = lambda _: None
 
     def places(self, run: Evidence, taken: Sequence[int], *, own: bool = False) -> dict[str, tuple[int, ...]]:
-        """Return where each picture of a run stands in the album; ``own`` leaves out what another frame lends."""
+        """Return each picture's place in the album; ``own`` leaves out pictures of other frames."""
         nothing = {name: [NO_PICTURE if name == "text_only" else LEFT_OUT] * len(run.frames) for name in run.conditions}
         for name, column in nothing.items():
             if run.pictures is None or (own and name in _LENT):
@@ -149,7 +149,7 @@ class _Binder:
         return self.seen[digest]
 
     def notes(self, frames_left: int) -> tuple[str, ...]:
-        """Return in words what was changed or left out; ``frames_left`` counts the frames without their pictures."""
+        """Return in words what was changed or left out; ``frames_left`` frames have no picture."""
         found = {
             f"{len(self.uris)} distinct pictures, {self.spent / 1e6:.2f} MB before base64, as WebP.": 1,
             f"{self.scaled} pictures were scaled to at most {self.width} pixels wide; the models saw the originals.": (
@@ -157,15 +157,15 @@ class _Binder:
             ),
             f"{self.noises} noise pictures are shown at {_NOISE[0]} pixels and strongly compressed; the models saw "
             "every pixel.": self.noises,
-            f"The pictures of {frames_left} frames do not fit into the page and were left out; frames evenly taken "
-            "have theirs.": frames_left,
+            f"The pictures of {frames_left} frames do not fit into the page and were left out, evenly over the "
+            "frames.": frames_left,
             f"{self.left_out} pictures do not fit into the page and were left out.": self.left_out,
         }
         return tuple(words for words, count in found.items() if count)
 
 
 def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes:
-    """Return a picture, shape (h, w, 3), as WebP of at most ``width`` pixels: the smaller of lossless and lossy."""
+    """Return a picture (h, w, 3) as WebP of at most ``width`` pixels, lossless if smaller."""
     image = Image.fromarray(rgb)
     if image.width > width:
         image = image.resize((width, max(1, round(image.height * width / image.width))), Image.Resampling.LANCZOS)
@@ -184,12 +184,12 @@ def webp(image: Image.Image, **how: int) -> bytes:
 
 
 def data_uri(webp: bytes) -> str:
-    """Return a picture in WebP as a page holds it."""
+    """Return a WebP picture as a data URI."""
     return f"data:image/webp;base64,{base64.b64encode(webp).decode()}"
 
 
 def view_uri(picture: bytes) -> str:
-    """Return an encoded picture as a data URI, at most 640 pixels wide; raises BankError for what is no picture."""
+    """Return a picture as a data URI, at most 640 pixels wide; raises BankError for no picture."""
     image = Image.fromarray(decode(picture, "a view"))
     if image.width > _WIDEST_VIEW:
         image = image.resize((_WIDEST_VIEW, round(image.height * _WIDEST_VIEW / image.width)))

@@ -1,4 +1,4 @@
-"""What one model answered: its decisions, frame by frame and condition by condition, beside the ground truth."""
+"""One model's answers: its decisions by frame and condition, and the ground truth."""
 
 import math
 from collections import Counter
@@ -23,24 +23,24 @@ Codes = NDArray[np.int64]
 Paired = tuple[Floats, Mask]
 
 D = TypeVar("D")
-"""What a reply is read as."""
+"""The type of a reply once it is read."""
 
 ABSENT = ""
-"""The symbol of a call that was not planned or has not come back."""
+"""The symbol of a call without a reply."""
 
 _FEW = 100
-"""With fewer actions, counting the pairs of a column is quicker than sorting them."""
+"""With fewer actions it is quicker to count the pairs of a column than to sort them."""
 
 NO_GAP = "the bank records no gap"
-NO_EPISODES = "the bank records no episodes, and nobody declared its frames independent (--independent)"
+NO_EPISODES = "the bank records no episodes, and its frames were not declared independent (--independent)"
 
 
 @dataclass(frozen=True)
 class Answers:
-    """A model's decisions. ``decisions[condition]`` is aligned with ``frames``; None where there is no reply.
+    """A model's decisions. ``decisions[condition]`` follows ``frames``; None without a reply.
 
-    ``finished`` counts the calls about these frames whose reply is final; ``no_gap`` says why there is no gap to
-    test, where ``gap`` is None. ``told`` says whether the prompt said something of each frame.
+    ``finished`` counts the calls about these frames whose reply is final. ``no_gap`` gives the
+    reason where ``gap`` is None. ``told`` says whether the prompt described each frame.
     """
 
     model: str
@@ -61,11 +61,11 @@ class Answers:
         return self.symbols(condition, "response")
 
     def actions(self, condition: str) -> Symbols:
-        """Return decision-level symbols, one per frame: the action, or ``ABSENT`` where there is no decision."""
+        """Return decision-level symbols, one per frame: the action, or ``ABSENT`` without one."""
         return self.symbols(condition, "decision")
 
     def symbols(self, condition: str, level: str) -> Symbols:
-        """Return the symbols of a condition at level ``response`` or ``decision``; they are not to be written to."""
+        """Return a condition's symbols, read-only, at level ``response`` or ``decision``."""
         if (condition, level) not in self._symbols:
             names = [self.space.symbol(action) for action in self._coded[0]]
             none = UNPARSED if level == "response" else ABSENT
@@ -80,7 +80,10 @@ class Answers:
 
     @cached_property
     def _coded(self) -> tuple[tuple[Any, ...], dict[str, Codes]]:
-        """Return the different actions, and each condition's decisions by their place: -1 for none, -2 for no reply."""
+        """Return the distinct actions, and each condition's decisions as indices into them.
+
+        -1 stands for no decision, -2 for no reply.
+        """
         codes: dict[Any, int] = {None: -1}
         columns = {
             name: np.array([-2 if one is None else codes.setdefault(one.action, len(codes) - 1) for one in column], int)
@@ -93,10 +96,11 @@ class Answers:
         return columns[condition] if condition in columns else np.full(len(self.frames), -2)
 
     def distance(self, first: str, second: str, level: str = "decision", *, reflect: bool = False) -> Paired:
-        """Return how far two conditions' answers differ on the frames that have both, and which frames these are.
+        """Return the distance between two conditions' answers, and the frames that have both.
 
-        At level ``response`` a reply without a decision is one, and 1 apart from every action. ``reflect`` compares
-        with what the reflected world calls for; frames for which the space cannot say that are left out.
+        At level ``response`` a reply without a decision is 1 apart from every action. ``reflect``
+        compares with the action for the reflected world; frames without such an action are left
+        out.
         """
         one, other = self._column(first), self._column(second)
         least = -1 if level == "response" else 0
@@ -117,7 +121,7 @@ class Answers:
         return found[~np.isnan(found)], have
 
     def projection(self, condition: str, axis: str) -> Floats | None:
-        """Return how much of each decision is along an axis, NaN where there is none; None where the space has none."""
+        """Return each decision along an axis, NaN without one; None for an unknown axis."""
         found = [self.space.project(action, axis) for action in self._coded[0]]
         if None in found:
             return None
@@ -129,23 +133,23 @@ class Answers:
         return np.array([float(one) if isinstance(one, int | float) else math.nan for one in found])
 
     def both(self, first: str, second: str, level: str) -> tuple[Symbols, Symbols, Mask]:
-        """Return two conditions' symbols on the frames that have both, and which frames these are."""
+        """Return two conditions' symbols on the frames that have both, and these frames' mask."""
         one, other = self.symbols(first, level), self.symbols(second, level)
         have = (one != ABSENT) & (other != ABSENT)
         return one[have], other[have], have
 
     @cached_property
     def partners(self) -> dict[str, str]:
-        """Return the named actions that a reflection exchanges, each with its partner."""
+        """Return the actions that a reflection exchanges, each with its partner."""
         return {name: str(other) for name in self.space.actions if (other := self.space.reflect(name)) != name}
 
     def directions(self) -> dict[str, int]:
-        """Return how often each direction was given to real pictures and to their reflections."""
+        """Return how often each direction was the answer to real and to mirrored pictures."""
         given = Counter([*self.actions("real"), *self.actions("mirrored")])
         return {name: given[name] for name in self.partners}
 
     def counts(self) -> dict[str, Counter[str]]:
-        """Return, by condition, how many replies hold a decision, and how many none, by the reason."""
+        """Return by condition how many replies hold a decision, and how many do not, by reason."""
         return {
             name: Counter(one.reason or DECIDED for one in column if one is not None)
             for name, column in self.decisions.items()
@@ -168,9 +172,10 @@ class Answers:
 
     @cached_property
     def gaps(self) -> NDArray[np.float64] | None:
-        """Return each frame's gap in the bank's unit, infinite where there is no lead; None where it records no gap.
+        """Return each frame's gap in the bank's unit, infinite without a lead; None without a gap.
 
-        Raises BankError, naming the frame, where the declared column is missing or holds no number.
+        Raises BankError with the frame's name where the declared column is missing or holds no
+        number.
         """
         return None if self.gap is None else np.array(list(map(self.gap.of, self.frames)), dtype=np.float64)
 
@@ -183,9 +188,10 @@ def read_answers(
     independent: bool = False,
     told: bool = False,
 ) -> Answers:
-    """Read every reply of a model as a decision; replies about what is not asked for are left out.
+    """Read every reply of a model under the plan's conditions as a decision.
 
-    Where the bank records no episodes, its gap is read only if the frames were declared ``independent``.
+    Where the bank records no episodes, its gap is read only if the frames were declared
+    ``independent``.
     """
     frames, space, bank, asked = plan.frames, plan.space, plan.bank.manifest, frozenset(plan.asked(model))
     wanted = ((key, reply) for key, reply in replies if key.condition in asked)
@@ -206,7 +212,7 @@ def read_answers(
 def read_columns(
     replies: Iterable[tuple[CallKey, Reply]], frames: Sequence[Frame], read: Callable[[Reply], D]
 ) -> tuple[dict[str, tuple[D | None, ...]], int]:
-    """Return what is read of the replies by condition, aligned with these frames, and how many of them are final."""
+    """Return the replies as read, by condition and in frame order, and how many are final."""
     place, finished = {frame.id: index for index, frame in enumerate(frames)}, 0
     found: dict[str, list[D | None]] = {}
     for key, reply in replies:

@@ -1,4 +1,4 @@
-"""What the browser of frames shows: every call with its verbatim reply and its decision, as JSON inside the page."""
+"""The data of a report's browser of frames: every call, its verbatim reply and its decision."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,40 +15,40 @@ from eyechart.studies.battery.album import Album
 from eyechart.studies.battery.subjects import Evidence
 
 LONGEST = 400_000
-"""Characters of one reply that the page holds; the ledger has all of it."""
+"""The most characters of one reply in the page; the ledger has all of it."""
 BUDGET = 32_000_000
-"""Characters of all replies together that the page holds."""
+"""The most characters of all replies together in the page."""
 PACKED_FROM = 1_500_000
-"""From so many characters of replies and calls on, the page holds them packed, and unpacks them when they are seen."""
+"""From this many characters on, the page packs replies and calls, and unpacks them when viewed."""
 _CALL, _CALL_PACKED = 20, 5
-"""Characters that a call takes beside its reply."""
+"""The characters of a call besides its reply."""
 _SAMPLE = 2000
 
 MOST_FRAMES = 3000
 MOST_CALLS = 120_000
-"""Frames and calls of all runs together that the page lists; frames beyond are left out, evenly over the episodes."""
+"""The most frames and calls in the page; further frames are left out, evenly over the episodes."""
 MOST_COLUMNS = 30
 _LONGEST_WORD = 100
 _LONGEST_NOTE = 500
 _NOTES = 1_000_000
-"""Characters of all notes on finish reasons and errors together."""
+"""The most characters of all notes on finish reasons and errors together."""
 
 
 @dataclass(frozen=True)
 class Texts:
-    """Distinct replies, each at most ``limit`` characters of what the ledger holds."""
+    """Distinct replies, each cut to ``limit`` characters."""
 
     numbers: dict[str, int]
     limit: int
 
     @property
     def cut(self) -> int:
-        """Return how many replies are not there whole."""
+        """Return how many replies are cut."""
         return sum(len(text) > self.limit for text in self.numbers)
 
     @property
     def characters(self) -> int:
-        """Return how many characters are there together."""
+        """Return the number of characters of all replies as cut."""
         return sum(min(len(text), self.limit) for text in self.numbers)
 
 
@@ -67,7 +67,7 @@ def frames_shown(
 
 
 def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
-    """Return the distinct replies about the shown frames, and the length to which they fit the budget together."""
+    """Return the distinct replies about the shown frames, and the length that fits the budget."""
     texts = dict.fromkeys(reply.text for reply, _ in _told(evidence, shown))
     numbers = {text: number for number, text in enumerate(texts)}
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
@@ -79,12 +79,12 @@ def _calls_shown(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -
 
 
 def _heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
-    """Return whether the replies about the shown frames are so many that a page holds them packed."""
+    """Return whether the replies about the shown frames are so long that the page packs them."""
     return texts.characters + _CALL * _calls_shown(evidence, shown) > PACKED_FROM
 
 
 def about_packed(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> int:
-    """Return about how many characters the replies take packed, by a sample; 0 where they are not packed."""
+    """Return the estimated characters of the packed replies, by a sample; 0 if not packed."""
     if not _heavy(evidence, shown, texts):
         return 0
     sample = [text[: texts.limit] for text in evenly(list(texts.numbers), _SAMPLE)]
@@ -95,7 +95,7 @@ def about_packed(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], t
 def packed_data(
     evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]], room: int
 ) -> tuple[Texts, dict[str, object], str]:
-    """Return the replies cut until they fit ``room``, in characters, and what scripts read: at once, and packed."""
+    """Return the replies, cut to fit ``room``, and the page's data, plain and packed."""
     budget = BUDGET
     while True:
         data = browser_data(evidence, album, texts, shown)
@@ -109,7 +109,7 @@ def packed_data(
 
 
 def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision[str]]]:
-    """Yield what came back about the shown frames, in an order that no ledger decides."""
+    """Yield the replies about the shown frames, in an order independent of the ledger."""
     for run, places in zip(evidence, shown, strict=True):
         for spec, model in run.score.models.items():
             for condition in run.conditions:
@@ -121,7 +121,7 @@ def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Itera
 
 
 def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
-    """Return the length to which texts are cut so that all of them together fit a budget; short ones stay whole."""
+    """Return the length of cut at which all texts fit a budget; short ones stay whole."""
     left = budget
     for place, length in enumerate(sorted(map(len, texts))):
         share = left // (len(texts) - place)
@@ -147,7 +147,7 @@ def _note(reply: Reply, decision: Decision[str]) -> str:
 def browser_data(
     evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]]
 ) -> dict[str, object]:
-    """Return plain JSON values: runs with their shown frames and calls, distinct replies, distinct pictures."""
+    """Return plain JSON values: runs with their shown frames and calls, replies, pictures."""
     said = dict.fromkeys(filter(None, starmap(_note, _told(evidence, shown))))
     notes = Texts({note: number for number, note in enumerate(said)}, _fitting(said, _LONGEST_NOTE, _NOTES))
     return {
@@ -195,7 +195,7 @@ def _words(values: Mapping[str, Scalar]) -> list[list[str]]:
 
 
 def _said(run: Evidence, frame: Frame) -> dict[str, object]:
-    """Return what the prompt says of a frame, and of which other frame it speaks under text_swapped."""
+    """Return the prompt's words on a frame, and the other frame's words under text_swapped."""
     fields = run.score.manifest.prompt.fields
     if not fields:
         return {}
@@ -210,7 +210,7 @@ def _said(run: Evidence, frame: Frame) -> dict[str, object]:
 def _calls(
     run: Evidence, spec: str, condition: str, taken: Sequence[int], texts: tuple[Texts, Texts]
 ) -> list[list[int | str | bool] | None]:
-    """Return per frame: the reply's number, the action or why there is none, whether it is one, a note's number."""
+    """Return per frame: reply number, action or reason, whether it is an action, note number."""
     given = run.score.models[spec].answers.decisions.get(condition, (None,) * len(run.frames))
     found: list[list[int | str | bool] | None] = []
     for place in taken:

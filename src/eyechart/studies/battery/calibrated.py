@@ -33,10 +33,10 @@ from eyechart.studies.battery.published import Resampling, Statistics
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
 
 SAME = ("real", "real_repeat", "mirrored", "recoloured")
-"""Pictures of a frame that call for one answer: the reflection for the mirrored one, and paint for none."""
+"""Pictures of a frame that call for one answer; the mirrored picture calls for its reflection."""
 
 LIKE_CONTENT = ("shuffled", "recoloured", "lead_absent")
-"""Pictures that differ in what they show: that one changes the answer more than a repeat does is ``content``."""
+"""Pictures with other content; changing the answer more than a repeat does is ``content``."""
 
 COUNTERFACTUAL_TESTS = (
     *DEPTH_TESTS,
@@ -46,14 +46,14 @@ COUNTERFACTUAL_TESTS = (
     "bound_content_recoloured",
     *(f"bound_{name}" for name in ALONE if name.startswith("lead_")),
 )
-"""The tests that a bank without counterfactual pictures cannot make; of the others only ``kappa_pooled`` reads some."""
+"""The tests that need counterfactual pictures; of the others, only ``kappa_pooled`` reads any."""
 
 
 @dataclass(frozen=True)
 class Calibrated:
     """Computes the calibrated tests of one model's answers.
 
-    ``independent`` is the user's word that frames without episodes are independent draws.
+    ``independent`` declares that frames without episodes are independent draws.
     """
 
     answers: Answers
@@ -65,7 +65,7 @@ class Calibrated:
         return {name: test() for name, test in self.tests().items()}
 
     def tests(self) -> dict[str, Callable[[], Statistic]]:
-        """Return what makes every test, by its name, for whoever needs some of them."""
+        """Return the function of every test, by its name."""
         return {
             "unparsed_reference": self._unparsed_reference,
             "self_disagreement": self._self_disagreement,
@@ -102,7 +102,7 @@ class Calibrated:
         return self._moved.tests()[name]()
 
     def _unparsed_reference(self) -> Statistic:
-        """Return the rate of replies without a decision; a call that failed says nothing of the model."""
+        """Return the rate of replies without a decision; failed calls are left out."""
         given = [one for name in ("real", "real_repeat") for one in self.answers.decisions.get(name, ()) if one]
         given = [one for one in given if one.missing != "error"]
         return rate(sum(one.action is None for one in given), len(given), level=LEVEL)
@@ -116,7 +116,7 @@ class Calibrated:
         return cohens_kappa(real, repeat, level=LEVEL)
 
     def kappa_pooled(self) -> Statistic:
-        """Bound the agreement beyond chance of the answers to all pictures of a frame that call for one answer."""
+        """Bound the agreement beyond chance over a frame's pictures that call for one answer."""
         return self._kappa_over(SAME, MARGIN)
 
     def _kappa_over(self, names: tuple[str, ...], margin: float) -> Statistic:
@@ -130,9 +130,9 @@ class Calibrated:
         return replace(found, method=f"{', '.join(names)}: {found.method}")
 
     def _repeats_together(self) -> Statistic:
-        """Test whether a picture that gets another answer than most gets it twice, beyond what a blank gets of a frame.
+        """Test whether an unusual answer to a picture repeats, within frames of equal blank answer.
 
-        What shows on a few frames only is bounded below the margin, and is no absence all the same.
+        An effect on few frames is bounded below the margin, but it is still no absence.
         """
         names = ("real", "real_repeat", "blank")
         real, repeat, blank = (self.answers.actions(name) for name in names)
@@ -146,17 +146,17 @@ class Calibrated:
         return replace(found, method=f"{what}, within what its blank gets: {found.method}")
 
     def _observational(self) -> Statistic:
-        """Test the trend on real pictures; where the text differs by frame, also under another frame's text.
+        """Test the trend on real pictures; with a text per frame, also under another frame's text.
 
-        A text that goes with the gap makes its follower seem to see; under another frame's text it does not. The
-        greater p of the two holds its level whichever of them is null.
+        A model that follows a text about the gap seems to see; under another frame's text it does
+        not. The larger p of the two is valid whichever null holds.
         """
         found = self._trend("real")
         if not self.answers.told or found.p is None:
             return found
         swapped = self._trend("text_swapped")
         if swapped.p is None:
-            why = "the prompt says something of each frame, so that text_swapped must be asked too"
+            why = "the prompt describes each frame, so text_swapped is needed too"
             return cannot_say(f"{why}: {swapped.note}", found.n)
         ps = {"p_real": found.p, "p_text_swapped": swapped.p}
         weaker = swapped if swapped.p > found.p else found
@@ -197,15 +197,16 @@ class Calibrated:
         return self.answers.scenarios, self.answers.episodes, self.answers.steps
 
     def _alike(self, first: str, second: str, level: str = "decision") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return, on the frames with all three answers, whether each of two conditions agrees with the true picture."""
+        """Return where each condition agrees with the true picture, on frames with all answers."""
         true, first = self._true(first, second)
         (one, has_one), (other, has_other) = (self.answers.distance(true, name, level) for name in (first, second))
         return one[has_other[has_one]] == 0, other[has_one[has_other]] == 0
 
     def _true(self, repeat: str, other: str) -> tuple[str, str]:
-        """Return which two answers to the true picture are compared with another one.
+        """Return the two answers to the true picture that are compared with another answer.
 
-        One of them is of its stage: who answers otherwise by then does not answer to what it shows.
+        For a condition of a later stage, one of them comes from that stage: a model that has
+        changed by then does not answer to the picture's content.
         """
         staged = other == LEAD_ABSENT and AGAIN in self.answers.decisions
         return (AGAIN, "real" if repeat == "real_repeat" else repeat) if staged else ("real", repeat)
@@ -225,9 +226,10 @@ class Calibrated:
         return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
 
     def _bound_alone(self, other: str) -> Statistic:
-        """Bound by how much more a picture changes the decision than a repeat; no decision is no other decision.
+        """Bound how much more a picture changes the decision than a repeat does.
 
-        True pictures of its own stage are too few where a run is small: then it is held against those of the first.
+        A missing decision is not another decision. In a small run the repeats of a later stage are
+        too few; then those of the first stage are used.
         """
         names = self._true("real_repeat", other)
         if names[0] == AGAIN and np.count_nonzero(self.answers.actions(AGAIN) != ABSENT) < FEWEST:
@@ -240,7 +242,7 @@ class Calibrated:
         return replace(found, method="decision of {} kept, {} minus {}: {}".format(*names, other, found.method))
 
     def _image_token(self, level: str) -> Statistic:
-        """Compare, frame by frame, how often a grey picture and no picture get the answer of the real one."""
+        """Compare how often a grey picture and no picture get the real one's answer, by frame."""
         alike, what = self._alike("blank", "text_only", level), "agreement with real, blank minus text_only"
         if not len(alike[0]):
             return cannot_say("no frame has answers to real, blank and text_only", method=what)
@@ -260,7 +262,7 @@ class Calibrated:
 
 
 class Found(Mapping[str, Statistic]):
-    """The calibrated tests of some answers by name, each made when it is asked for."""
+    """The calibrated tests of some answers by name, each computed at its first use."""
 
     def __init__(self, tests: Calibrated) -> None:
         self._tests = tests.tests()
@@ -279,7 +281,7 @@ class Found(Mapping[str, Statistic]):
 
 
 def _standardised(found: Statistic) -> Statistic:
-    """Return the trend in standard deviations of its null; negative where braking falls on nearer gaps."""
+    """Return the trend in standard deviations of its null; negative: less braking when nearer."""
     if not isinstance(found, Trend) or found.value is None or found.null_sd == 0:
         return found
     method = f"standard deviations from the null; {found.method}"

@@ -1,4 +1,4 @@
-"""What depth reads besides the pictures along its range, and what turns do; every comparison is within a frame."""
+"""Tests for depth beyond the pictures along its range, and tests of turns, all within a frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -33,16 +33,16 @@ ALONG_LANE = (
     *("real", "real_repeat", "lead_near", "lead_near_nudged", "lead_far", "lead_drawn", "lead_drawn_nudged"),
     *("lead_mid_near", "lead_mid_far"),
 )
-"""The pictures in which what stands beside is what the frame says."""
+"""The pictures whose neighbouring lanes are as the frame's ground truth says."""
 _BOXED, _ONE_SIDE = ["False", "False"], ["False", "True"]
 
 SIDES = ("left_clear", "right_clear")
 """The columns of ground truth that say which side is clear."""
 LANES = (("ego_lane", "lanes"), ("track",))
-"""The columns that say on which of how many lanes the own vehicle is: the first of these that a bank has."""
+"""The columns for the own lane and the number of lanes; the first set that a bank has counts."""
 
 DEPTH_TESTS = ("depth_interventional", "depth_net", "lane_net", "unparsed_controls")
-"""What else depth reads of moved pictures."""
+"""Further tests for depth, on moved pictures."""
 TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against", "turns_boxed")
 
 Floats = NDArray[np.float64]
@@ -50,12 +50,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Controls:
-    """Computes, of one model's answers, these statistics."""
+    """Computes control statistics of one model's answers."""
 
     answers: Answers
 
     def tests(self) -> dict[str, Callable[[], Statistic]]:
-        """Return what makes every test, by its name."""
+        """Return the function of every test, by its name."""
         return {
             "depth_interventional": self._over,
             "depth_net": partial(self._net, *NEAR_FAR),
@@ -68,7 +68,7 @@ class Controls:
         }
 
     def _level(self, condition: str) -> Floats:
-        """Return the braking level on each frame, NaN where there is no decision or the space knows no braking."""
+        """Return the braking level on each frame, NaN without a decision or a braking axis."""
         found = self.answers.projection(condition, "brake")
         return np.full(len(self.answers.frames), np.nan) if found is None else found
 
@@ -103,7 +103,10 @@ class Controls:
         return replace(found, method=f"braking harder on {first} less on {second}: {found.method}")
 
     def _unparsed(self) -> Statistic:
-        """Return the rate of calls without a decision about the compared pictures that hold fewest, failed ones too."""
+        """Return the rate of calls without a decision, under the compared condition with most.
+
+        Failed calls count as such calls.
+        """
         found = []
         for name in EDITED:
             given = [one for one in self.answers.decisions.get(name, ()) if one is not None]
@@ -114,9 +117,10 @@ class Controls:
         return max(found, key=lambda one: -1.0 if one.ci is None else one.ci[0])
 
     def _turned(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], list[tuple[object, ...]]] | str:
-        """Return, of the turns with one clear side, whether they went left, whether that was clear, and on which lane.
+        """Return the turns with one clear side: went left, left was clear, and the lane.
 
-        Else why nobody can say. The lane is empty where the bank does not record it.
+        Returns the reason in words where the bank or the space lacks the data. The lane is empty
+        where the bank does not record it.
         """
         frames = self.answers.frames
         if not any(all(isinstance(frame.truth.get(name), bool) for name in SIDES) for frame in frames):
@@ -134,9 +138,9 @@ class Controls:
         return left, clear, [one[2] for one in found]
 
     def _turns_against(self) -> Statistic:
-        """Return the share of turns to the only side that is not clear, less half of the noise of its turns.
+        """Return the share of turns to the blocked side, less half of the noise of its turns.
 
-        Its noise is how often another answer comes back where it turns: what it does elsewhere is none of it.
+        The noise is how often the repeat of a turn gets another answer. Other frames do not count.
         """
         found, what = self._turned(), "share of turns to the only blocked side, less half of the noise of its turns"
         if isinstance(found, str):
@@ -157,9 +161,9 @@ class Controls:
         return replace(share, p=p, method=method)
 
     def _turns_boxed(self) -> Statistic:
-        """Return how often it turns where neither side is clear, less half of how often where exactly one is.
+        """Return how often it turns with both sides blocked, less half of that with one clear.
 
-        Of all pictures that move nothing beside the own lane.
+        All pictures count that change nothing beside the own lane.
         """
         what = "turns where neither side is clear less half of those where one is"
         turns = [*self.answers.partners]

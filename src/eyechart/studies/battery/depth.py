@@ -1,7 +1,7 @@
-"""What a run's answers say of depth: five kinds of statistic, over all that was shown and by place.
+"""The five statistics of depth (sensitivity, specificity, order, rise, file), overall and by place.
 
-Sensitivity, specificity, order, rise and file; each compares braking levels within a frame. A picture that order
-compares is asked twice, so that what repeats is told from what does not, and no noise is subtracted anywhere.
+Each compares braking levels within a frame. Pictures for the order statistic are shown twice, which
+separates effects that repeat from noise; no noise is subtracted.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -32,15 +32,15 @@ TWICE: dict[str, tuple[str, str]] = {
     "real": ("real", "real_repeat"),
     "far": ("lead_far", "exchange_apart"),
 }
-"""The pictures that are asked twice, and how: `exchange_apart` is the second look at a far lead."""
+"""The pictures that are shown twice, and how; `exchange_apart` is the second look at a far lead."""
 
 ONCE: dict[str, tuple[str]] = {"mid_near": ("lead_mid_near",), "mid_far": ("lead_mid_far",)}
-"""The pictures between near and far that order does not compare; the first two are of older banks."""
+"""Pictures between near and far that order does not compare; the first two are of older banks."""
 
 PICTURE_OF: Mapping[str, str] = {
     name: picture for picture, names in {**TWICE, **ONCE}.items() for name in names if name not in OLDER
 }
-"""Which picture a condition asks for, of those of today's banks."""
+"""The picture of each condition of today's banks."""
 
 AT: Mapping[str, tuple[str, ...]] = {
     "near": ("lead_near_m", "lane_near_m"),
@@ -49,7 +49,7 @@ AT: Mapping[str, tuple[str, ...]] = {
     "far": ("lead_far_m", "lane_far_m"),
     **{picture: (f"{name}_m",) for picture, (name,) in ONCE.items()},
 }
-"""The columns that say how far away the lead then is, the first of which a bank has; in the true picture the gap."""
+"""The columns of the lead's distance, the first that a bank has; the true picture uses the gap."""
 
 KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "near_far": (("near", "far"),),
@@ -60,24 +60,24 @@ KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 """The pairs of pictures that order compares, by kind."""
 
 ALONG = ("drawn", "own", "real", *ONCE)
-"""The pictures along which a rise is looked for."""
+"""The pictures along which a rise is tested."""
 
 BESIDE = "exchange_beside"
 """The picture that has a neighbour where `exchange_own` has the lead."""
 
 APART = 1.5
-"""Two pictures are compared where their distances differ by this factor at least."""
+"""Two pictures are compared only where their distances differ by at least this factor."""
 
 THIRDS = ("near", "middle", "far")
-"""The range of the exchange is parted into so many parts of equal ratio."""
+"""The parts of the exchange's range, of equal ratio."""
 
 WINDOW = 1.2
-"""A hole so wide is looked for, as a factor of distance."""
+"""The width of a hole in the range, as a factor of distance."""
 
 FEWEST_OF_PLACE = 8
 """A part of the bank with fewer frames is no place."""
 IDLE = 0.02
-"""A part of the range in which braking changes on no larger share of the frames is one in which it does nothing."""
+"""Braking that changes on at most this share of frames is no response in a part of the range."""
 MOST_OF_COLUMN = 12
 """A column with more values names no places."""
 
@@ -95,16 +95,16 @@ CURVES: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "own": ("own", TWICE["own"]),
     "beside": ("own", (BESIDE,)),
 }
-"""The curves of braking along the distance: at whose distance, and under which conditions."""
+"""The curves of braking along the distance: the picture with the distance, and the conditions."""
 OF_WINDOW, MOST_WINDOWS = 16, 8
-"""A curve has a window for so many frames, and no more windows than that."""
+"""The frames per window of a curve, and the most windows."""
 
-NO_ANSWER = "nobody asked for pictures in which the lead was drawn along its range"
+NO_ANSWER = "the run has no pictures in which the lead was drawn along its range"
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A part of the range, in the bank's unit, and the mean braking level of the answers there, 1 for a full stop."""
+    """A part of the range, in the bank's unit, and its mean braking level, 1 for a full stop."""
 
     near: float
     far: float
@@ -113,10 +113,11 @@ class Window:
 
 @dataclass(frozen=True)
 class Moved:
-    """Braking levels where one vehicle was moved, from 0 to 1 for a full stop, and how far away it then was.
+    """Braking levels where one vehicle was moved, from 0 to 1 (full stop), and its distances.
 
-    ``levels`` maps a condition, and ``at`` a name of `TWICE`, to numbers of shape (frames,), NaN where there are none;
-    ``episodes`` and each of ``strata`` name what a frame is of. ``seed`` is that of the rise's orders.
+    ``levels`` maps a condition, and ``at`` a name of `TWICE`, to arrays of shape (frames,), NaN
+    where there is no value. ``episodes`` and each of ``strata`` give a frame's group. ``seed`` is
+    that of the orders for the rise.
     """
 
     levels: Mapping[str, Floats]
@@ -126,7 +127,7 @@ class Moved:
     seed: int = 0
 
     def tests(self) -> dict[str, Callable[[], Statistic]]:
-        """Return what makes every statistic, by its name."""
+        """Return the function of every statistic, by its name."""
         rest = self.outside_holes
         return {
             "holes": partial(self._of_places, "bounded below the margin", self.holes),
@@ -144,46 +145,46 @@ class Moved:
         }
 
     def level(self, condition: str) -> Floats:
-        """Return the braking levels under a condition, NaN where it was not asked."""
+        """Return the braking levels under a condition, NaN where it was not run."""
         return self.levels.get(condition, np.full(len(self.episodes), np.nan))
 
     def twice(self, picture: str) -> Floats:
-        """Return both answers to a picture, shape (2, frames); the one that there is twice, where it is asked once."""
+        """Return both answers to a picture, shape (2, frames); a single answer stands twice."""
         names = TWICE.get(picture) or ONCE[picture] * 2
         return np.array([self.level(name) for name in names])
 
     def distance(self, picture: str) -> Floats:
-        """Return how far away the lead is in a picture, NaN where nobody recorded it."""
+        """Return the lead's distance in a picture, NaN where it was not recorded."""
         return self.at.get(picture, np.full(len(self.episodes), np.nan))
 
     def sensitivity(self, which: Mask | None = None) -> Statistic:
-        """Return S: on which share of frames it brakes harder for the near lead than for the far one, less the reverse.
+        """Return S: the share of frames with harder braking for the near lead, less the reverse.
 
-        Of answers that the first test did not see.
+        Uses answers that the first test did not use.
         """
         sign = np.sign(self.level("lead_near_nudged") - self.level("exchange_apart"))
         found = mean_of_frames(_only(sign, which), self.episodes, fewest=LEAST_EPISODES if which is None else 2)
         return replace(found, method=f"braking harder on lead_near_nudged than on exchange_apart, net: {found.method}")
 
     def _against(self) -> tuple[Floats, Floats]:
-        """Return what the lead does at the drawn distance, and what a vehicle beside does there."""
+        """Return the effects of the lead and of a vehicle beside at the drawn distance."""
         apart = self.level("exchange_apart")
         return self.level("exchange_own") - apart, self.level(BESIDE) - apart
 
     def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES) -> Statistic:
-        """Return Q: what a vehicle beside does, less half of what the lead does at the same distance."""
+        """Return Q: the effect of a vehicle beside, less half the lead's at that distance."""
         own, beside = self._against()
         found = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
         return replace(found, method=f"effect of a neighbour less half of that of the lead: {found.method}")
 
     @cached_property
     def edges(self) -> Floats | None:
-        """Return the ends of the thirds of the exchange's range, None where no distance was recorded."""
+        """Return the ends of the thirds of the exchange's range; None without distances."""
         known = self.distance("own")[~np.isnan(self.distance("own"))]
         return np.geomspace(known.min(), known.max(), len(THIRDS) + 1) if len(known) and known.min() > 0 else None
 
     def third(self, picture: str, place: int) -> Mask:
-        """Return on which frames a picture shows the lead in a third of the range."""
+        """Return the frames whose picture shows the lead in a third of the range."""
         if self.edges is None:
             return np.zeros(len(self.episodes), dtype=np.bool_)
         at = np.searchsorted(self.edges[1:-1], self.distance(picture), side="right")
@@ -196,7 +197,7 @@ class Moved:
         return rest.specificity(rest.third("own", THIRDS.index(name)))
 
     def order(self, kind: str | None = None) -> Statistic:
-        """Return h: the share of comparisons the wrong way round, of all pairs of pictures or of one kind."""
+        """Return h: the share of comparisons in the wrong order, for all pairs or one kind."""
         compared = np.zeros((3, len(self.episodes)))
         for one, other in KINDS[kind] if kind else (pair for pairs in KINDS.values() for pair in pairs):
             first, second = self.twice(one), self.twice(other)
@@ -208,15 +209,15 @@ class Moved:
         return replace(found, method=f"{which}, distances a factor of {APART} apart: {found.method}")
 
     def _farther(self, one: str, other: str) -> Mask:
-        """Return on which frames the lead is farther in the second picture; near and far need no record."""
+        """Return where the lead is farther in the second picture; near and far need no record."""
         if (one, other) == ("near", "far") and np.isnan(self.distance(one) + self.distance(other)).all():
             return np.ones(len(self.episodes), dtype=np.bool_)
         return np.asarray(self.distance(other) > APART * self.distance(one))
 
     def rise(self) -> Statistic:
-        """Return R: whether somewhere along the distance it brakes harder the farther.
+        """Return R: whether somewhere along the distance it brakes harder for a farther lead.
 
-        True pictures alone say nothing: what else goes with their distance was not drawn.
+        Real pictures alone do not count, because their distance may go with other features.
         """
         known = [name for name in ALONG if not np.isnan(self.twice(name) + self.distance(name)).all()]
         if not {*known} - {"real"}:
@@ -225,7 +226,7 @@ class Moved:
         return greatest_rise([self.distance(name) for name in known], levels, seed=self.seed)
 
     def file(self) -> Statistic:
-        """Return F: whether pictures that are not nudged are told apart on more frames than nudged ones are."""
+        """Return F: whether plain pictures are told apart on more frames than nudged ones."""
         nearer = np.sign(self.distance("drawn") - self.distance("own"))
         plain, nudged = ((self.twice("own") - self.twice("drawn"))[place] * nearer for place in (0, 1))
         have = ~np.isnan(plain + nudged)
@@ -236,7 +237,7 @@ class Moved:
         return replace(found, method=f"{what}: {found.method}")
 
     def drawn(self) -> Statistic:
-        """Return how densely the lead was shown along its range, of pictures that were answered."""
+        """Return how densely the answered pictures show the lead along its range."""
         shown = [self.distance(one)[~np.isnan(self.twice(one)).all(axis=0)] for one in ("drawn", "own")]
         found = density(np.concatenate(shown), WINDOW)
         if isinstance(found, Density):
@@ -247,7 +248,7 @@ class Moved:
 
     @cached_property
     def places(self) -> tuple[Place, ...]:
-        """Return every scenario, third of the range and value of a stratum, with how braking answers to the lead."""
+        """Return the braking effect in every scenario, third of the range and stratum."""
         found = [
             self._place(of, name, self.level("lead_near_nudged"), which)
             for of, names in self.strata.items()
@@ -261,7 +262,7 @@ class Moved:
         return _placed(of, name, signs, self.episodes, self.specificity(which, fewest=2))
 
     def _thirds(self) -> Iterator[Place]:
-        """Yield the thirds of the range, by the pictures that show the lead there, against it far away."""
+        """Yield the thirds of the range, from pictures with the lead there and with it far away."""
         apart = self.level("exchange_apart")
         for place, name in enumerate(self._names()):
             shown = [
@@ -273,10 +274,11 @@ class Moved:
                 yield found
 
     def holes(self) -> tuple[Place, ...]:
-        """Return the places in which its braking does not answer: the effect is bounded below the margin.
+        """Return the places without a braking response: the effect is bounded below the margin.
 
-        The far end of a range that answers up to there may be free road to it, which a noisy reader meets now and
-        then: it is a hole where its braking changes on `IDLE` of the frames at most.
+        If the model responds up to the far third, that third may be free road to it, with rare
+        responses by noise. Then it is a hole only if the braking changes on at most `IDLE` of the
+        frames.
         """
         bounded = (one for one in self.places if one.high is not None and one.high < MARGIN)
         parts = [one for one in self.places if one.of == "range"]
@@ -285,13 +287,13 @@ class Moved:
         return tuple(one for one in bounded if one is not free or one.harder + one.lesser <= IDLE * one.frames)
 
     def open_places(self) -> tuple[Place, ...]:
-        """Return the places in which it is neither shown nor bounded."""
+        """Return the places where the effect is neither shown nor bounded."""
         return tuple(one for one in self.places if one not in self.holes() and (one.low is None or one.low <= 0))
 
     def _of_places(self, what: str, which: Callable[[], tuple[Place, ...]]) -> Statistic:
-        """Return how many places are of a kind, with all of them.
+        """Return the number of places of a kind, with the places.
 
-        Open parts of the range are not counted: who drives on where the lead is far need not answer to it.
+        Open parts of the range are not counted: a model need not respond to a lead that is far.
         """
         method = f"places whose effect is {what}"
         if not self.places:
@@ -302,7 +304,7 @@ class Moved:
         return Places(float(len(counted)), len(self.places), method=method, note=where, places=found)
 
     def _reversed(self) -> Statistic:
-        """Return the place that is most surely the wrong way round: by how much it brakes less hard for the nearer."""
+        """Return the place most surely reversed: net less hard braking for the nearer lead."""
         known = [one for one in self.places if one.high is not None]
         what = "braking less hard for the nearer lead, net, in the place where that is surest"
         if not known:
@@ -312,7 +314,7 @@ class Moved:
         return Statistic(-(worst.effect or 0.0), worst.frames, (low, high), method=what, note=worst.where)
 
     def _beside(self) -> Statistic:
-        """Return the place where a vehicle beside most surely does more than half of what the lead does."""
+        """Return the place where a vehicle beside most surely has over half the lead's effect."""
         known = [one for one in self.places if one.beside_low is not None]
         what = "effect of a neighbour less half of that of the lead, in the place where it is surest"
         if not known:
@@ -321,9 +323,9 @@ class Moved:
         return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
     def curves(self) -> dict[str, tuple[Window, ...]]:
-        """Return the mean braking along the distance, by picture: the lead drawn, exchanged, and a vehicle beside.
+        """Return the mean braking along the distance: the lead drawn, exchanged, a vehicle beside.
 
-        Frames of places without an answer are left out, and are ``hole`` where there are any.
+        Frames of places without a response are left out; their own curve is ``hole``.
         """
         inside = ~self._outside(self.holes())
         known = np.concatenate([self.distance(one) for one in ("drawn", "own")])
@@ -336,7 +338,7 @@ class Moved:
         return found | ({"hole": self._along("drawn", TWICE["drawn"], edges, inside)} if inside.any() else {})
 
     def _along(self, at: str, names: tuple[str, ...], edges: Floats, which: Mask) -> tuple[Window, ...]:
-        """Return the windows between edges in which frames have an answer under these conditions."""
+        """Return the windows between edges in which frames have an answer under ``names``."""
         distance, levels = self.distance(at), np.array([_only(self.level(name), which) for name in names])
         have, given = ~np.isnan(levels), np.nan_to_num(levels).sum(axis=0)
         mean = np.where(have.any(axis=0), given / np.maximum(have.sum(axis=0), 1), np.nan)
@@ -350,7 +352,7 @@ class Moved:
         return tuple(found)
 
     def _outside(self, holes: tuple[Place, ...]) -> Mask:
-        """Return which frames lie in none of these places, but for parts of the range."""
+        """Return the frames in none of these places; parts of the range do not count."""
         kept = np.ones(len(self.episodes), dtype=np.bool_)
         for one in holes:
             if one.of != "range":
@@ -358,9 +360,9 @@ class Moved:
         return kept
 
     def outside_holes(self) -> "Moved":
-        """Return what was shown outside of the holes: the frames and the pictures that lie in none.
+        """Return the data outside the holes: the frames and the pictures in none of them.
 
-        Where nothing is outside, they are no holes in anything: then it is all that was shown.
+        If nothing is outside, all data is returned.
         """
         holes = self.holes()
         kept = self._outside(holes)
@@ -396,14 +398,14 @@ def _only(values: Floats, which: Mask | None) -> Floats:
 
 
 def _parts(names: Symbols) -> Iterator[tuple[str, Mask]]:
-    """Yield each value of a column and the frames that have it; none where there is one alone, or too many."""
+    """Yield each value of a column with its frames; none for a single value, or too many."""
     several = [str(one) for one in np.unique(names) if one != ""]
     if 2 <= len(several) <= MOST_OF_COLUMN:
         yield from ((one, names == one) for one in several)
 
 
 def moved_of(answers: Answers) -> Moved:
-    """Return what a model's answers hold."""
+    """Return the braking levels in a model's answers."""
     nothing = np.full(len(answers.frames), np.nan)
     levels = {name: answers.projection(name, "brake") for name in answers.decisions}
     full = max((answers.space.project(action, "brake") or 0.0 for action in answers.space.actions), default=0.0)
@@ -420,7 +422,7 @@ def moved_of(answers: Answers) -> Moved:
 
 
 def _strata(answers: Answers) -> dict[str, Symbols]:
-    """Return what else a bank records of its frames that a claim is asked by, empty where a frame has none."""
+    """Return the strata that a bank records, by name; an empty string where a frame has none."""
     names = dict.fromkeys(name for frame in answers.frames for name in frame.strata)
     return {
         name: np.array(["" if (one := frame.strata.get(name)) is None else str(one) for frame in answers.frames])

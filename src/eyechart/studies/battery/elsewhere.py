@@ -1,4 +1,4 @@
-"""A run made of answers that came from elsewhere: eyechart made none of its calls, and says so wherever it is read."""
+"""A run of answers made elsewhere; eyechart made none of its calls, and every report says so."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
@@ -23,20 +23,20 @@ from eyechart.studies.battery.planning import Asking, Battery, planned, writing
 from eyechart.studies.battery.questions import Keys, showable, unasked
 
 IMPORTED = "imported"
-"""The version of whatever answered elsewhere, and the fact of a run's manifest that says what was imported."""
+"""The version of such a model, and the manifest's fact that lists the imported files."""
 _AT_ONCE = 500
 _MOST_SOURCES = 50
 _MOST_NAME = 200
 
 Read = Callable[[Faults, Progress], Iterator[Answered]]
-"""Yields the answers of a source anew each time that it is called, and notes what is wrong in it."""
+"""Yields the answers of a source, anew at each call, and notes its faults."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where answers come from: a name, the SHA-256 of the file, what wrote it in words, and how it is read.
+    """A source of answers: a name, the file's SHA-256, what wrote it in words, and its reader.
 
-    ``answered_by`` is what it says answered, or else what to call that.
+    ``answered_by`` is the model that it names, or else a name for it.
     """
 
     name: str
@@ -48,12 +48,12 @@ class Source:
 
 @dataclass
 class Brought:
-    """What a source holds for a run.
+    """The counts of a source's rows, for a run.
 
-    ``new`` answers will be, or were, appended, ``again`` of them in place of a failure; ``there`` the run holds
-    already. ``errors`` of the new ones are failures, ``nothing`` of them a word that programs write where there is no
-    value, ``repeats`` are further answers to a call, of which the first counts, and ``blank`` rows hold no answer.
-    ``firstless`` calls have further answers and no first one.
+    ``new`` answers are appended, ``again`` of them in place of a failure; ``there`` are in the run
+    already. Of the new ones, ``errors`` are failures, and ``nothing`` are words such as None that
+    programs write for a missing value. ``repeats`` are further answers to a call; the first counts.
+    ``blank`` rows hold no answer. ``firstless`` calls have further answers but no first one.
     """
 
     new: int = 0
@@ -83,18 +83,18 @@ class Brought:
 
 @dataclass(frozen=True)
 class Import:
-    """Answers that were read and checked against a run, and are not in it yet."""
+    """Answers that were read and checked against a run, but are not in it yet."""
 
     battery: Battery
     source: Source
     brought: Brought
     requests: "_Requests"
     widened: tuple[str, ...] = ()
-    """In words, what a run that is there already gets besides answers: another model, conditions, frames, controls."""
+    """In words, what an existing run gets too: a model, conditions, frames, controls."""
 
     @cached_property
     def spec(self) -> str:
-        """Return the SPEC that the answers are under."""
+        """Return the SPEC of the answers."""
         (spec,) = self.battery.plan.models
         return spec
 
@@ -102,12 +102,14 @@ class Import:
 def read_import(
     bank: Path, source: Source, out: Path, name: str | None, asking: Asking, *, progress: Progress = lambda *_: None
 ) -> Import:
-    """Read the answers of a source for a battery on a bank, the rest of one that ``out`` may hold already.
+    """Read a source's answers for a battery on a bank, or for the rest of the run in ``out``.
 
-    They are under the SPEC ``elsewhere:NAME``; without a name it is what the source says answered, which a run that is
-    there must hold already. Nothing is written. Raises SourceError that names every row at fault:
-    a key that is none of this bank, prompt and seed, a call or a repeat that is answered twice, a frame that is not
-    of the bank, or an answer where the run holds another; and what `plan` raises.
+    Their SPEC is ``elsewhere:NAME``. Without a name it is the model that the source names, which an
+    existing run must hold already. Nothing is written.
+
+    Raises SourceError with every faulty row. A fault is a key of another bank, prompt
+    or seed, or a call or a repeat with two answers. A frame that is not in the bank is one, and an
+    answer where the run holds another. Also raises what `plan` raises.
     """
     before = read_manifest(out) if is_run(out) else None
     spec = _spec(source, name, before, out)
@@ -126,7 +128,7 @@ def read_import(
 
 
 def _spec(source: Source, name: str | None, before: RunManifest | None, out: Path) -> str:
-    """Return the SPEC of what answered; raises SpecError where it is no name, or nobody chose it for this run."""
+    """Return the SPEC of the model; raises SpecError for no name, or an unchosen new one."""
     given = (source.answered_by if name is None else name).strip()
     if not given or not given.isprintable() or len(given) > _MOST_NAME:
         raise SpecError(f"--model names what answered, in a line of 1 to {_MOST_NAME} signs; got {given[:80]!r}")
@@ -135,7 +137,7 @@ def _spec(source: Source, name: str | None, before: RunManifest | None, out: Pat
         held = ", ".join(one.removeprefix(f"{ELSEWHERE}:") for one in before.models)
         raise SpecError(
             f"{out} holds answers of {held}, and {source.name} would be those of '{given[:80]}': say with --model "
-            "whose they are; another name makes another model of the run"
+            "whose they are; another name adds a model to the run"
         )
     return spec
 
@@ -147,23 +149,23 @@ def _no_answer(brought: Brought) -> str:
 
 
 def _widened(before: RunManifest | None, now: RunManifest, out: Path) -> tuple[str, ...]:
-    """Return in words what a run gets besides answers, which whoever imports a part of them may not have meant."""
+    """Return in words what a run gets besides answers, because the user may not intend it."""
     if before is None:
         return ()
     models = [one for one in now.models if one not in before.models]
     conditions = [one for one in now.conditions if one not in before.conditions]
     frames = before.limit is not None and before.limit != now.limit
     said = (
-        (models, f"{', '.join(models)} is a model besides {', '.join(before.models)}, which is asked all again"),
-        (conditions, f"it is now asked {', '.join(conditions)} too: --conditions says which are meant"),
-        (frames, f"it is now of {now.limit or 'all'} frames, and was of {before.limit}: --limit says how many"),
+        (models, f"{', '.join(models)} is a model besides {', '.join(before.models)}, and needs all calls"),
+        (conditions, f"it now has {', '.join(conditions)} too: choose with --conditions"),
+        (frames, f"it now has {now.limit or 'all'} frames, and had {before.limit}: choose with --limit"),
         (before.controls != now.controls, f"its controls are now '{now.controls}', and were '{before.controls}'"),
     )
     return tuple(f"{out} grows: {words}" for grows, words in said if grows)
 
 
 def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
-    """Append the answers to the run, which is begun where it is missing; an interrupted import goes on when repeated.
+    """Append the answers to the run, and begin it if needed; repeat an interrupted import.
 
     Raises LedgerError where another process writes to the run, or the ledger cannot be written.
     """
@@ -180,7 +182,7 @@ def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
 
 
 class _Requests:
-    """The digest of what each call of a battery asks, computed once."""
+    """The request digest of each call of a battery, computed once."""
 
     def __init__(self, battery: Battery) -> None:
         self._plan, self._stimuli = battery.plan, battery.plan.stimuli()
@@ -195,7 +197,7 @@ class _Requests:
 
 @dataclass
 class _Check:
-    """Holds answers, one by one, against the calls of a run and what it holds already."""
+    """Checks answers, one by one, against the calls of a run and its ledger."""
 
     battery: Battery
     requests: _Requests
@@ -203,7 +205,7 @@ class _Check:
     seen: set[tuple[CallKey, int]] = field(default_factory=set)
 
     def counted(self) -> Brought:
-        """Return the counts, when all is taken: of calls too that have further answers and nowhere a first one."""
+        """Return the counts after the last row, with the calls that have no first answer."""
         calls = {key for key, repeat in self.seen if repeat and (key, 0) not in self.seen}
         self.brought.firstless = len(calls - self._held.keys())
         return self.brought
@@ -218,7 +220,7 @@ class _Check:
 
     @cached_property
     def _held(self) -> Mapping[CallKey, tuple[str, bool]]:
-        """Return of each call that is finished the digest of its reply, and whether it may be asked again."""
+        """Return each finished call's reply digest, and whether the call may be made again."""
         (spec,) = self.battery.plan.models
         with Ledger(self.battery.out / LEDGER, absent=True) as ledger:
             finished = ledger.finished()
@@ -227,9 +229,9 @@ class _Check:
             }
 
     def take(self, one: Answered) -> tuple[CallKey, Reply, bool] | None:
-        """Return the call, the reply and whether it takes a failure's place, of a row that is to be appended.
+        """Return a row's call, its reply, and whether it replaces a failure; None if not new.
 
-        Raises SourceError, beginning with the row, for one that is no answer to a call of the run.
+        Raises SourceError, beginning with the row, for a row that answers no call of the run.
         """
         key = self._call(one)
         if (key, one.repeat) in self.seen:
@@ -253,7 +255,7 @@ class _Check:
                 raise SourceError(f"{one.where} has {name} '{told}', and its call is about {getattr(key, name)!r}")
         if one.request_sha256 is not None and one.request_sha256 != self.requests.digest(key):
             raise SourceError(
-                f"{one.where} was asked with another picture or other words than this machine makes for it: export the "
+                f"{one.where} was asked with another picture or other words than this machine makes for it. Export the "
                 "calls anew here, or leave out the column request_sha256 if another version of Pillow made the export"
             )
         return key
@@ -299,13 +301,13 @@ class _Check:
 
 
 def _digest(reply: Reply) -> str:
-    """Return the digest of all that a row tells of a reply."""
+    """Return the digest of all that a row says about a reply."""
     told = (reply.text, reply.error, reply.error_detail, *(getattr(reply, name) for name in TOLD))
     return hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
 
 
 def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
-    """Return what a run's manifest says of imported answers: from which files, each once."""
+    """Return the manifest's facts on imported answers: their files, each once."""
     before = read_manifest(out).facts.get(spec, {}).get(IMPORTED, "") if is_run(out) else ""
     said = f"{source.name} (SHA-256 {source.sha256[:16]}, {source.made_by})"
     known = [one for one in before.split("; ") if one]
@@ -314,7 +316,7 @@ def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
 
 
 def source_of(path: Path) -> Source:
-    """Return a table of answers (CSV, JSON lines, Parquet), or a log of Inspect AI (.eval, .json), as a source.
+    """Return a table (CSV, JSON lines, Parquet) or an Inspect AI log (.eval, .json) as a source.
 
     Raises SourceError where it cannot be read.
     """

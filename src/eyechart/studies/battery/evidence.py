@@ -1,7 +1,7 @@
-"""The claims that may settle a verdict before its run has ended, and what each frame says for or against them.
+"""The claims that may settle a verdict early, and the evidence of each frame for or against them.
 
-Each claim is tested by an e-process over frames in random order; which nulls these are, and why they hold for
-autocorrelated episodes, stands in docs/decisions/stopping.md.
+An e-process over frames in random order tests each claim. docs/decisions/stopping.md lists the
+nulls, and why they hold for autocorrelated episodes.
 """
 
 import math
@@ -15,14 +15,14 @@ from eyechart.stats.evalues import EProcess, EValue, MeanProcess, PairingProcess
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
 
 E_MOST = 1e9
-"""No larger e-value is reported; it stands for certainty too."""
+"""The largest e-value in a report; it stands for certainty too."""
 
 Symbol = str
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one frame was answered: decisions by condition, those that were asked and have come back."""
+    """The decisions on one frame, by condition, as far as they have come back."""
 
     given: Mapping[str, Decision[str]]
     space: Discrete
@@ -33,7 +33,7 @@ class Row:
         return None if one is None else one.action
 
     def symbol(self, condition: str) -> Symbol | None:
-        """Return the response-level symbol, None where the condition was not asked."""
+        """Return the response-level symbol, None where there is no reply."""
         one = self.given.get(condition)
         return None if one is None else one.symbol
 
@@ -43,14 +43,14 @@ class Row:
         return any(one.missing == "error" for one in self.given.values())
 
     def turn(self) -> tuple[Symbol, Symbol] | None:
-        """Return the decision on the real picture and the answer to the mirrored one, where the first is a turn."""
+        """Return the real decision and the mirrored answer, where the real one is a turn."""
         real, mirrored = self.action("real"), self.symbol("mirrored")
         return (real, mirrored) if real in self.space.directional and real and mirrored else None
 
 
 @dataclass
 class Claim:
-    """A claim with its e-process; it is settled for good once the e-value reaches 1/alpha.
+    """A claim with its e-process; it is settled once the e-value reaches 1/alpha, and stays so.
 
     ``observe`` adds one frame; ``against`` is the null in words.
     """
@@ -79,7 +79,7 @@ class Claim:
         self.settled = self.process.log_e >= -math.log(self.alpha)
 
     def statistic(self) -> EValue:
-        """Return the e-value, with the anytime-valid p that it amounts to (1 over the largest so far)."""
+        """Return the e-value, with its anytime-valid p: 1 over the largest e-value so far."""
         value = min(math.exp(min(self.process.log_e, 50.0)), E_MOST)
         threshold = 1 / self.alpha
         return EValue(
@@ -96,9 +96,9 @@ class Claim:
 
 
 def fewest_turns(labels: int) -> int:
-    """Return the fewest directional decisions whose pairing a permutation could show at ``ALPHA``.
+    """Return the fewest directional decisions whose pairing a permutation test shows at ``ALPHA``.
 
-    Of n of them, spread evenly over the labels, n! / (n_1! n_2! …) pairings are as unlikely as the one that came.
+    With n of them, spread evenly over the labels, n! / (n_1! n_2! …) pairings are equally likely.
     """
     n = 1
     while math.factorial(n) / math.prod(math.factorial((n + i) // labels) for i in range(labels)) < 1 / ALPHA:
@@ -107,9 +107,10 @@ def fewest_turns(labels: int) -> int:
 
 
 def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrored: bool) -> dict[str, Claim]:
-    """Return the claims that can be tested on a run of ``frames`` frames with these conditions, by name.
+    """Return the claims that a run of ``frames`` frames with these conditions can test, by name.
 
-    ``mirrored`` says whether turns can be asked for. Raises ValueError for no frames.
+    ``mirrored`` says whether the run has mirrored pictures of turns. Raises ValueError for no
+    frames.
     """
     itself, changes = "it disagrees with itself on", f"a blank picture changes less than {MARGIN} of the"
     kept = f"on less than {MARGIN} of the frames a blank picture gets another decision, rather than none"
@@ -146,10 +147,10 @@ def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrore
 
 
 NEAR_FAR = ("lead_near", "lead_far")
-"""Pictures of a frame whose braking is compared: the first calls for more of it."""
+"""The pictures whose braking is compared; the first calls for more braking."""
 
 ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only", "lead_absent")
-"""What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
+"""Conditions without another frame's picture; their change of decision is bounded separately."""
 
 
 def _mean(
@@ -162,7 +163,7 @@ def _mean(
     failed: float = 0.0,
     alpha: float = ALPHA,
 ) -> Claim:
-    """Return a claim about the mean of a payoff, a frame each; that of a frame with an error is ``failed``."""
+    """Return a claim about the mean payoff per frame; a frame with an error has ``failed``."""
 
     def observe(row: Row) -> None:
         process.add(failed if row.failed else payoff(row))
@@ -173,7 +174,8 @@ def _mean(
 def _scorability(frames: int) -> tuple[Claim, Claim]:
     """Return the claims that the whole run is not scorable, and that it is.
 
-    ``cut`` is the fewest calls without a decision, of two a frame, at which a whole run is not scorable.
+    ``cut`` is the fewest calls without a decision, with two calls per frame, at which a whole run
+    is not scorable.
     """
     cut = math.floor(UNPARSED_CUT * 2 * frames + 1e-9) + 1
     most, least = (cut - 1) / (2 * frames), cut / (2 * frames)
@@ -199,13 +201,16 @@ def _scorability(frames: int) -> tuple[Claim, Claim]:
 
 
 def _wavers(row: Row) -> float | None:
-    """Return whether a repeat changes the decision, None where it cannot be said."""
+    """Return 1 where a repeat changes the decision, else 0; None where one is missing."""
     real, repeat = row.action("real"), row.action("real_repeat")
     return None if real is None or repeat is None else float(real != repeat)
 
 
 def _changed(condition: str) -> Callable[[Row], float | None]:
-    """Return what says whether a condition gets another decision, less whether a repeat does; none is no other one."""
+    """Return the excess of changed decisions under a condition over those of a repeat.
+
+    A missing decision is not a changed one.
+    """
 
     def changed(row: Row) -> float | None:
         wavers, other = _wavers(row), row.action(condition)
@@ -216,7 +221,10 @@ def _changed(condition: str) -> Callable[[Row], float | None]:
 
 
 def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
-    """Return what says whether a condition changes the answer, less whether a repeat does; None where it cannot."""
+    """Return the excess of changed answers under a condition over those of a repeat.
+
+    It is None where an answer is missing.
+    """
 
     def excess(row: Row) -> float | None:
         read = row.action if level == "action" else row.symbol
@@ -237,7 +245,7 @@ def _bound(
     against: str = f"the mean excess is {MARGIN} or more",
     alpha: float = ALPHA,
 ) -> Claim:
-    """Return the claim that a mean excess lies below the margin; a frame without one is evidence for nothing."""
+    """Return the claim that a mean excess is below the margin; frames without one do not count."""
 
     def payoff(row: Row) -> float:
         found = excess(row)
@@ -255,12 +263,12 @@ def _differs(name: str, level: str) -> Claim:
             process.add(real, blank)
 
     what = "decisions" if level == "action" else "outputs"
-    against = "within every frame the answers to real and to blank might as well be exchanged"
+    against = "within every frame the answers to real and to blank are exchangeable"
     return Claim(name, f"real and blank get other {what}", against, process, observe)
 
 
 def _harder_near(row: Row) -> int | None:
-    """Return 1 where it brakes harder with the lead near than far, -1 where less hard, 0 where alike."""
+    """Return 1 where it brakes harder with the lead near than far, -1 less hard, 0 equally."""
     near, far = (row.action(name) for name in NEAR_FAR)
     if near is None or far is None:
         return None
@@ -269,7 +277,7 @@ def _harder_near(row: Row) -> int | None:
 
 
 def _near_far(frames: int) -> tuple[Claim, Claim]:
-    """Return the claims that it brakes harder with the lead near, and by more than the margin, net."""
+    """Return the claims that it brakes harder with the lead near: at all, and beyond the margin."""
 
     def payoff(row: Row) -> float:
         return float(_harder_near(row) or 0)
@@ -288,7 +296,7 @@ def _near_far(frames: int) -> tuple[Claim, Claim]:
 
 
 def _swap(row: Row) -> float:
-    """Return 1 where a turn is exchanged under reflection, -1 where it is not, 0 where there is no turn."""
+    """Return 1 where a turn swaps under reflection, -1 where it does not, 0 without a turn."""
     turn = row.turn()
     return 0.0 if turn is None else 1.0 if row.space.reflect(turn[0]) == turn[1] else -1.0
 

@@ -1,7 +1,7 @@
 """Figures of batteries: those that compare models, and those of one model.
 
-Source: paper, figures fgr:bicb (agreement) and fgr:mi (entropy against information), Table t:qwenorder (median gap by
-action) and section The Input-Ablation Battery (reflection).
+Source: paper, figures fgr:bicb (agreement) and fgr:mi (entropy against information), Table
+t:qwenorder (median gap by action) and section The Input-Ablation Battery (reflection).
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,11 +44,11 @@ _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a6
 _STAYS = LinearSegmentedColormap.from_list("stays", ["#ef8a62", "#fddbc7", "#ffffff", "#c2e5d8", "#66bfa1"])
 _MOVED = LinearSegmentedColormap.from_list("moved", ["#ffffff", "#c3c8cf"])
 STAYS = ("real_repeat", "recoloured", "nudged", "text_swapped")
-"""Conditions under which the answer of a model that follows distance stays; other pictures take what it follows."""
+"""Conditions under which a model that follows distance keeps its answer."""
 MOVED = ("lead_near", "lead_far", *(name for name in CONTROLS if name not in {"nudged", AGAIN}))
-"""Conditions under which the frame decides whether the answer stays: they are grey."""
+"""Conditions under which the answer may or may not stay, by frame; they are grey."""
 FLOOR_FACTOR = 1.5
-"""IDI clears the noise floor s above so many times s."""
+"""IDI clears the noise floor s above this factor of s."""
 
 _OUTCOMES = (("harder near", GREEN, ""), ("alike", LINE, ""), ("harder far", VERMILLION, "////"))
 
@@ -56,10 +56,11 @@ _OUTCOMES = (("harder near", GREEN, ""), ("alike", LINE, ""), ("harder far", VER
 def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing:
     """Draw how often each condition gets the action of the real frame (figure bicb).
 
-    A reflection is held against the action that it calls for, left and right exchanged; ``as_paper`` against the action
-    of the real frame, as the paper has it, and in grey: who keeps straight on does so in the reflection too. Red is the
-    same action where nothing of the frame is to be seen, and another one where the answer should stay; green is an
-    answer that stays where it should.
+    A mirrored answer is compared with the reflected action, left and right exchanged. With
+    ``as_paper`` it is compared with the real frame's action, as in the paper, and grey: an answer
+    straight on is the same in the reflection. Red is the same action where the picture shows
+    nothing, or another one where the answer should stay. Green is an answer that stays where it
+    should.
     """
     conditions = list(dict.fromkeys(name for who in everyone for name in who.run.conditions if name != "real"))
     shares = [
@@ -92,7 +93,7 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
 
 
 def _colours(condition: str, *, as_paper: bool) -> LinearSegmentedColormap:
-    """Return how a condition is painted: green where the answer should stay, grey where the frame decides, else red."""
+    """Return a condition's colours: green where answers should stay, grey by frame, else red."""
     reflected = _base(condition) == "mirrored"
     if condition in STAYS or (reflected and not as_paper):
         return _STAYS
@@ -100,18 +101,18 @@ def _colours(condition: str, *, as_paper: bool) -> LinearSegmentedColormap:
 
 
 def _base(condition: str) -> str:
-    """Return a condition without the camera over which it is shown."""
+    """Return a condition's name without its camera."""
     return condition.partition(OVER)[0]
 
 
 def _agree(who: Subject, condition: str, *, reflect: bool = False) -> float | None:
-    """Return the share of frames with the response that the real frame got, or that its reflection calls for."""
+    """Return the share of frames with the real frame's response, or its reflection."""
     apart, _ = who.model.answers.distance("real", condition, "response", reflect=reflect)
     return float((apart == 0).mean()) if len(apart) else None
 
 
 def information(everyone: Sequence[Subject]) -> list[Drawing]:
-    """Draw action entropy against mutual information with the gap (figure mi), each model by its name."""
+    """Draw action entropy against mutual information with the gap (figure mi), by model."""
     points = []
     for who in everyone:
         found = who.model.statistics
@@ -131,7 +132,7 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
 
 
 def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
-    """Draw how many counterfactual pairs each model brakes harder near, alike, and harder far."""
+    """Draw in how many counterfactual pairs each model brakes harder near, equally, harder far."""
     counted = [(who, pair_counts(who)) for who in everyone]
     counted = [(who, counts) for who, counts in counted if sum(counts)]
     if not counted:
@@ -169,7 +170,7 @@ def _bar(axes: Axes, place: tuple[float, float, int], count: int, colour: str, h
 
 
 def pair_counts(who: Subject) -> tuple[int, int, int]:
-    """Return how many counterfactual pairs were braked harder near, alike, and harder far."""
+    """Return in how many counterfactual pairs it brakes harder near, equally, and harder far."""
     near, far = (who.model.answers.projection(name, "brake") for name in ("lead_near", "lead_far"))
     if near is None or far is None:
         return 0, 0, 0
@@ -182,11 +183,11 @@ def pair_words(counts: tuple[int, int, int]) -> str:
     harder, alike, softer = counts
     if not sum(counts):
         return "no counterfactual pair has two decisions"
-    return f"{harder} of {sum(counts)} pairs are braked harder near, {softer} harder far, {alike} alike"
+    return f"{harder} of {sum(counts)} pairs are braked harder near, {softer} harder far, {alike} equally"
 
 
 def noise_floor(everyone: Sequence[Subject]) -> Drawing:
-    """Draw s, IDI and 1.5 s of each model: the paper asks that IDI stands above 1.5 s."""
+    """Draw s, IDI and 1.5 s of each model: by the paper, IDI must exceed 1.5 s."""
     left = room([who.label for who in everyone])
     figure, axes = canvas(left + 4.2, 1.0 + 0.32 * len(everyone), (left, 1.25, 0.55, 0.35))
     told = []
@@ -222,14 +223,14 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
 
 _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])
 MOST_MARKS = 400
-"""Marks of one action in a figure; of more frames every second, third, … is drawn."""
+"""The most marks of one action in a figure; of more frames every second, third, … is drawn."""
 
 _MARKS = {"brake": ("s", MUTED), "proceed": ("^", MUTED), "other": ("o", MUTED)}
-"""Actions are told by shape: red and green are for wrong and right alone."""
+"""Actions differ by shape, because red and green stand for wrong and right alone."""
 
 
 def gap_by_action(who: Subject, place: int) -> list[Drawing]:
-    """Draw the gap of each real frame by the action that it got, with medians; nothing where there is no gap."""
+    """Draw each real frame's gap by its action, with medians; empty where there is no gap."""
     answers = who.model.answers
     if answers.gaps is None or answers.gap is None:
         return []
@@ -280,7 +281,7 @@ def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: b
 
 
 def mirror(who: Subject, place: int) -> list[Drawing]:
-    """Draw which action a reflection turns each action into; a frame marks where it should go."""
+    """Draw which action each action becomes under reflection; a box marks the correct one."""
     answers = who.model.answers
     real, mirrored, _ = answers.both("real", "mirrored", "response")
     if not len(real) or not answers.partners:
@@ -295,7 +296,7 @@ def mirror(who: Subject, place: int) -> list[Drawing]:
 
 
 def counterfactual(who: Subject, place: int) -> list[Drawing]:
-    """Draw the decisions of the same moments with the lead near and far; a frame marks harder braking when near."""
+    """Draw the decisions with the lead near and far; a box marks harder braking when near."""
     answers, space = who.model.answers, who.model.answers.space
     far, near, _ = answers.both("lead_far", "lead_near", "response")
     if not len(far):
@@ -314,20 +315,20 @@ _CURVES: Mapping[str, tuple[str, str, str, str]] = {
     "beside": ("a neighbour, the lead kept far", WAYS["amber"], "s", "--"),
     "hole": ("the lead {holes}", WAYS["vermillion"], "X", ":"),
 }
-"""What each curve shows, its colour, mark and stroke."""
+"""Each curve's words, colour, mark and stroke."""
 BANDS = "Mean braking where the vehicle stands that far away; band: 90% interval over episodes."
 _HEAD, _WHOLE = (4.3, 2.9), (5.6, 3.2)
-"""Inches of a figure of curves at the head of a page, and of one of its own."""
+"""Inches of a figure of curves at the head of a page, and of one on its own."""
 
 
 def braking(who: Subject, place: int) -> list[Drawing]:
-    """Draw how hard a model brakes along the distance, for the lead and for a neighbour, of a run that was asked so."""
+    """Draw braking along the distance, for the lead and for a neighbour, if the run has it."""
     drawn = _braking(who, _WHOLE)
     return [] if drawn is None else [replace(drawn, name=f"braking-{place:02d}", of=who.label, wide=True, note=BANDS)]
 
 
 def braking_head(who: Subject) -> Drawing | None:
-    """Return the same figure for the head of a page, None where a model was not asked along the range."""
+    """Return the same figure for the head of a page, None without pictures along the range."""
     with style():
         drawn = _braking(who, _HEAD)
     return None if drawn is None else replace(drawn, name="in-short")
@@ -354,7 +355,7 @@ def _braking(who: Subject, size: tuple[float, float]) -> Drawing | None:
 
 
 def _of_frames(holes: Sequence[Place]) -> str:
-    """Return in words in which frames braking does not answer; places of one count are often the same frames."""
+    """Return in words where braking does not respond; places with equal counts are named once."""
     where = {(one.harder, one.frames): one.where for one in reversed(holes) if one.of != "range"}
     first, more = next(reversed(where.values()), ""), len(where) - 1
     return first.replace("`", "") + (f" and {more} more" if more > 0 else "")
@@ -435,11 +436,11 @@ def _transitions(
 
 
 MODELS_BESIDE = 4
-"""Models beside one another where a page is narrow."""
+"""The most models side by side on a narrow page."""
 
 
 def agreement_down(everyone: Sequence[Subject]) -> list[Drawing]:
-    """Draw the figure of agreement for a narrow page: a row a condition, and so many models beside one another."""
+    """Draw the figure of agreement for a narrow page: a row per condition, a few models each."""
     drawn = []
     with style():
         for number_of, first in enumerate(range(0, len(everyone), MODELS_BESIDE), 1):
@@ -456,13 +457,13 @@ def agreement_down(everyone: Sequence[Subject]) -> list[Drawing]:
                     cell(axes, x, y, share, number(share, 2), colours)
             grid(axes, [plain(who.label, 22) for who in some], [plain(name, 20) for name in conditions], rotation=40)
             title = "Agreement with the action given to the real frame"
-            says = "The same numbers as in the wide figure, a row a condition and a column a model."
+            says = "The same numbers as in the wide figure, a row per condition and a column per model."
             drawn.append(Drawing(f"agreement-down-{number_of}", title, says, figure))
     return drawn
 
 
 def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
-    """Return the figures by section; a section whose data are missing has none."""
+    """Return the figures by section; a section without data has none."""
     with style():
         return {
             "agreement": [agreement(everyone)] if everyone else [],

@@ -1,4 +1,4 @@
-"""A film of evidence: one frame through its conditions, and what each model answered to it, as a GIF."""
+"""A film of one frame through its conditions, with each model's answers, as a GIF."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ MOST_MODELS = 8
 INK, PAPER, MUTED = "#e9e7e2", "#14171b", "#a7aeba"
 _LINE = 24
 _BARE = 240
-"""Height of the card where a condition shows no picture."""
+"""The height of the card where a condition shows no picture."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """One condition of the film: what it asks, the pictures that the models were shown, and each model's answer."""
+    """One condition of the film: its question, its pictures, and each model's answer."""
 
     condition: str
     asks: str
@@ -37,18 +37,18 @@ class Card:
 
 
 def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tuple[str, list[Card]]:
-    """Return a frame's id, and a card for each condition that any model has answered of it, in the run's order.
+    """Return a frame's id, and a card for each condition with an answer, in the run's order.
 
-    Without ``frame`` it is the one whose answers vary the most. Raises SpecError for an unknown frame and a run without
-    answers, BankError where its pictures are not at hand.
+    Without ``frame`` it is the one whose answers vary the most. Raises SpecError for an unknown
+    frame and for a run without answers, BankError where its pictures cannot be found.
     """
     manifest, asked = read_run(run)
     space = manifest.prompt.asks(asked.manifest.action_space)
     if space.who == "policy":
-        raise SpecError(f"{run} is a run of policies, whose answers are no words: a film shows a battery or a drive")
+        raise SpecError(f"{run} is a run of policies, whose answers are no words: a film needs a battery or a drive")
     pictures, why = find_pictures(manifest, asked, run, banks)
     if pictures is None:
-        raise BankError(f"the pictures of {run} are not at hand: {why}; give the bank with --frames")
+        raise BankError(f"the pictures of {run} were not found: {why}; give the bank with --frames")
     said: dict[str, dict[tuple[str, str], str]] = {}
     with Ledger(run / LEDGER) as ledger:
         for spec in manifest.models:
@@ -75,31 +75,31 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
 
 def _frame(bank: FrameBank, said: Mapping[str, Mapping[tuple[str, str], str]], wanted: str | None, run: Path) -> Frame:
     if not said:
-        raise SpecError(f"{run} holds no answer yet: a film shows what was answered")
+        raise SpecError(f"{run} holds no answer yet, so there is nothing for a film")
     if wanted is not None and wanted not in said:
         some = ", ".join(list(said)[:3])
-        raise SpecError(f"--frame '{wanted}' names no frame that was answered in {run}; there are {some} …")
+        raise SpecError(f"--frame '{wanted}' names no frame with an answer in {run}; there are {some} …")
     if wanted is not None:
         return bank.frame(wanted)
     return max((one for one in bank if one.id in said), key=lambda one: _variety(said[one.id]))
 
 
 def _variety(answers: Mapping[tuple[str, str], str]) -> tuple[int, int]:
-    """Return how many different answers the models gave of a frame, and how many answers there are."""
+    """Return how many different answers a frame has, and how many answers in all."""
     return len({(spec, answer) for (spec, _), answer in answers.items()}), len(answers)
 
 
 def write_film(
     run: Path, out: Path, *, frame: str | None = None, banks: Sequence[Path] = (), seconds: float = 1.4
 ) -> int:
-    """Write the film of a frame as a GIF; return how many pictures it has, one a condition.
+    """Write the film of a frame as a GIF; return its number of pictures, one per condition.
 
     Raises SpecError for another kind of file, and what `cards` raises.
     """
     if out.suffix.lower() != ".gif":
         raise SpecError(f"--out {out}: a film of a battery is written as .gif")
     if not 0.02 <= seconds <= 60:
-        raise SpecError(f"--seconds {seconds:g}: a picture stays for .02 to 60 seconds")
+        raise SpecError(f"--seconds {seconds:g}: each picture must stay for .02 to 60 seconds")
     shown, made = cards(run, frame, banks)
     specs = list(dict.fromkeys(spec for card in made for spec in card.answers))
     height = max(_height(card) for card in made)
@@ -124,7 +124,7 @@ def _scale(card: Card) -> float:
 
 
 def draw(card: Card, frame: str, specs: Sequence[str], height: int, number: int) -> Image.Image:
-    """Return one picture of the film: what was shown, under it the condition and every model's answer to it."""
+    """Return one picture of the film: the frame, its condition, and every model's answer."""
     page = Image.new("RGB", (WIDTH, height + (3 + len(specs)) * _LINE + 12), PAPER)
     pen, left = ImageDraw.Draw(page), 0
     for pixels in card.pictures:
@@ -140,6 +140,6 @@ def draw(card: Card, frame: str, specs: Sequence[str], height: int, number: int)
     for row, spec in enumerate(specs):
         top = y + (2 + row) * _LINE
         pen.text((10, top), plain(short(spec), 48), fill=MUTED, font=font(14))
-        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "not asked"), 44), fill=INK, font=font(15))
+        pen.text((WIDTH // 2, top), plain(card.answers.get(spec, "no call"), 44), fill=INK, font=font(15))
     pen.text((WIDTH - 10, y), plain(f"frame {frame}", 40), fill=MUTED, font=font(13), anchor="ra")
     return page

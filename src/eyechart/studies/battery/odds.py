@@ -1,8 +1,9 @@
-"""How often a model of a known kind gets its label on a bank: its answers are drawn, and the rules' own tests applied.
+"""How often models of known kinds get their labels, by drawn answers and the tests of the rules.
 
-The kinds: one that answers alike whatever it is shown, one that tells a road from what is none, and one that reads the
-distance of the lead on a share of the frames. All of them err: each call gets another answer with a chance that makes
-two calls about one picture disagree as often as the noise floor says.
+There are three kinds of models. The answer of the first never depends on the picture. The second
+only tells a road from no road. The third reads the lead's distance on a share of the frames. All
+make errors: each call slips to another answer by chance, so often that two calls about one
+picture disagree at the noise floor's rate.
 """
 
 from collections import Counter
@@ -27,26 +28,26 @@ from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import earns_depth
 
 NOISE = 0.11
-"""The noise floor that is planned for where none is given: near the median of the paper's hosted models, .125."""
+"""The default noise floor: near the median of the paper's hosted models, .125."""
 
 READS = (0.3, 1.0)
-"""The shares of the frames on which the planned readers of distance read it."""
+"""The shares of the frames on which the drawn readers of distance read it."""
 
 DRAWS = 2000
 ALONG_DRAWS = 100
-"""So many are drawn where all statistics of each are made, one by one."""
+"""The number of draws where every statistic of each draw is computed."""
 
 STRICT = ("shuffled", "recoloured", "cross_scenario")
 LOOSE = ("mirrored", "lead_near", "lead_far", "lead_absent")
 NO_PICTURES = ("noise", "text_only")
-"""What an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and likewise where no decision comes from the camera."""
+"""Conditions that an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and without any picture."""
 
 LEFT_OUT = (
     *("unparsed_reference", "unparsed_controls", "lane_net"),
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
     *("presence", "presence_response", "repeats_together"),
 )
-"""The tests that a verdict makes and the power leaves out: each takes a label from such models now and then."""
+"""Tests of a verdict that the power leaves out; each sometimes costs such a model its label."""
 
 Codes = NDArray[np.int8]
 Levels = NDArray[np.float64]
@@ -55,11 +56,12 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Odds(Plain):
-    """How often a model gets its label at a noise floor; None where the bank has not what the label needs.
+    """How often a model gets its label at a noise floor; None where the bank lacks what it needs.
 
-    ``depth`` and ``depth_associated``, which is what a run without controls can come to, are of those that read the
-    distance on such a share of the frames. An absence needs all of its bounds together. ``left_out`` are the tests of
-    a verdict that are not drawn: with them a label is rarer, as measured with all by up to about .05.
+    ``depth``, and ``depth_associated`` for a run without controls, are keyed by the share of frames
+    on which the model reads the distance. An absence needs all of its bounds together. ``left_out``
+    are the tests of a verdict that are not drawn; they lower these rates by up to about .05, as
+    measured.
     """
 
     noise: float
@@ -71,34 +73,34 @@ class Odds(Plain):
 
     @property
     def by_label(self) -> dict[str, float | None]:
-        """Return how often each label is given that is drawn, of readers to those that read on all frames."""
+        """Return how often each drawn label is given; for readers, those of all frames."""
         found = {"image_invariant": self.image_invariant, "presence_only": self.presence_only}
         return found | {"depth": self.depth.get("1"), "depth_associated": self.depth_associated.get("1")}
 
     @property
     def of_table(self) -> str:
-        """Return what stands below a table of labels."""
+        """Return the note below a table of labels."""
         return (
-            "Reached: who deserves the label and never errs gets it; more frames are such as there are, in other "
-            f"episodes. Power: of who deserves it at a noise floor of {self.noise:g}."
+            "Reached: a model that deserves the label and never errs gets it; more frames are frames of the same "
+            f"kinds in other episodes. Power: how often it gets it at a noise floor of {self.noise:g}."
         )
 
     @property
     def words(self) -> str:
-        """Return the same in one line."""
+        """Return the odds in one line."""
 
         def shown(one: float | None) -> str:
             return "—" if one is None else f"{one:.2f}"
 
         readers = (
-            f"of who reads the distance on {share} of the frames depth {shown(self.depth[share])} (without controls "
-            f"depth_associated {shown(self.depth_associated[share])})"
+            f"A model that reads the distance on {share} of the frames is depth in {shown(self.depth[share])} (without "
+            f"controls depth_associated in {shown(self.depth_associated[share])})"
             for share in self.depth
         )
         return (
-            f"power at a noise floor of {self.noise:g}: of who never looks image_invariant "
-            f"{shown(self.image_invariant)}; of who tells a picture from none presence_only "
-            f"{shown(self.presence_only)}; {'; '.join(readers)}; up to about .05 less by what is not drawn: "
+            f"power at a noise floor of {self.noise:g}: a model that never looks is image_invariant in "
+            f"{shown(self.image_invariant)} of such runs. A model that only tells a picture from none is presence_only "
+            f"in {shown(self.presence_only)}. {'. '.join(readers)}. Up to about .05 less by what is not drawn: "
             f"{', '.join(self.left_out)}"
         )
 
@@ -106,7 +108,7 @@ class Odds(Plain):
 def odds_of(bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0) -> Odds:
     """Return how often models of known kinds get their labels on a bank.
 
-    Raises SpecError for a noise floor that answers of this bank's actions cannot have.
+    Raises SpecError for a noise floor that is impossible with this bank's number of actions.
     """
     space = bank.manifest.action_space
     if len(space.actions) < 2:
@@ -132,7 +134,7 @@ def _named(share: float) -> str:
 
 
 def calls_of(bank: FrameBank) -> dict[str, int]:
-    """Return how many frames can be shown under each condition that is always asked of a bank."""
+    """Return how many frames can be shown under each condition of a run's first stage."""
     of_scenario = Counter(frame.scenario for frame in bank)
     calls = {}
     for name in OF_BANKS:
@@ -148,7 +150,7 @@ def calls_of(bank: FrameBank) -> dict[str, int]:
 
 
 def sampled_of(bank: FrameBank) -> dict[str, int]:
-    """Return of how many frames each sampled control is asked where answers call for it."""
+    """Return on how many frames each sampled control is shown, if the answers call for it."""
     calls = sum(calls_of(bank).values())
     shown = {name: [frame.id for frame in bank if available(name, frame)] for name in SAMPLED}
     return {name: len(sample(name, ids, calls, 0)) for name, ids in shown.items()}
@@ -156,7 +158,7 @@ def sampled_of(bank: FrameBank) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """Draws many models' answers, shape (draws, frames) a condition, as the codes of actions."""
+    """Draws many models' answers per condition as action codes, shape (draws, frames)."""
 
     bank: FrameBank
     space: Discrete
@@ -165,17 +167,17 @@ class _Drawn:
     rng: np.random.Generator
 
     def _answer(self, meant: Codes | int) -> Codes:
-        """Return answers that slip from what is meant to another action, each with its own chance."""
+        """Return answers that each slip from the meant action to another one by chance."""
         shape = (self.draws, len(self.bank))
         other = self.rng.integers(1, len(self.space.actions), shape, dtype=np.int8)
         slipped = self.rng.random(shape) < self.slips
         return np.asarray((meant + other * slipped) % len(self.space.actions), dtype=np.int8)
 
     def _shown(self, *conditions: str) -> Flags:
-        """Return which frames can be shown under all of some conditions."""
+        """Return the frames that can be shown under all of these conditions."""
         shown = np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
         for name in {*SAMPLED} & {*conditions}:
-            shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # which of them makes no difference here
+            shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # any sample of this size will do
         return shown
 
     @cached_property
@@ -185,12 +187,12 @@ class _Drawn:
 
     @cached_property
     def _by_level(self) -> tuple[int, int, int]:
-        """Return the codes of an action that goes on, of one that brakes, and of the one that brakes hardest."""
+        """Return the codes of an action that goes on, one that brakes, and the hardest braking."""
         order = np.argsort(self._levels, kind="stable")
         return int(order[0]), int(order[len(order) - 2]), int(order[-1])
 
     def absence(self, *, presence: bool) -> float | None:
-        """Return how often all bounds hold of who answers alike, or tells a picture from none."""
+        """Return how often all bounds hold: of no looking, or of only seeing that it is a road."""
         strict = STRICT if presence else (*STRICT, "blank")
         loose = LOOSE if presence else (*LOOSE, *NO_PICTURES)
         if not self._shown("shuffled").any() or len(self.bank) < 2:
@@ -208,7 +210,7 @@ class _Drawn:
         return float(holds.mean())
 
     def depth(self, share: float) -> tuple[float | None, float | None]:
-        """Return how often who reads the distance on a share of the frames is ``depth``, and without controls."""
+        """Return how often a reader of distance is ``depth``, and so without controls."""
         from scipy.stats import binom  # noqa: PLC0415 - slow to import
 
         pairs = self._shown("lead_near", "lead_far")
@@ -227,9 +229,10 @@ class _Drawn:
         return self._along(share) if self._shown(*RANGED).any() else None, first
 
     def _along(self, share: float) -> float:
-        """Return how often who reads the distance on a share of the frames is ``depth``, of pictures along the range.
+        """Return how often a reader of distance is ``depth``, with pictures along the range.
 
-        It brakes hardest in the nearest third of the range, and goes on in the farthest; elsewhere it brakes always.
+        On ``share`` of the frames it brakes hardest in the nearest third of the range, and goes on
+        in the farthest. Otherwise it always brakes.
         """
         shown = moved_of(Answers("", self.bank.frames, self.space, self.bank.manifest.gap, {}))
         go, brake, hard = self._by_level
@@ -251,14 +254,14 @@ class _Drawn:
 
 
 def _distances(shown: Moved) -> dict[str, Levels]:
-    """Return how far away the lead is under each condition that depth compares, NaN where a frame does not show it."""
+    """Return the lead's distance under each condition of depth, NaN where a frame lacks it."""
     found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
     there = ~np.isnan(shown.distance("own"))
     return found | {name: np.where(there, shown.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
 
 
 class Drawn(dict[str, Statistic]):
-    """The statistics of depth of answers that were drawn, each made when a rule reads it."""
+    """The depth statistics of drawn answers, each computed when a rule reads it."""
 
     def __init__(self, moved: Moved) -> None:
         near, far = moved.level("lead_near"), moved.level("lead_far")
@@ -276,13 +279,13 @@ class Drawn(dict[str, Statistic]):
 
 
 def _each(first: NDArray[np.int64], second: NDArray[np.int64], says: Callable[[int, int], bool]) -> Flags:
-    """Return what is said of every pair of counts."""
+    """Return the result for every pair of counts."""
     return np.array([says(int(one), int(other)) for one, other in zip(first, second, strict=True)])
 
 
 @cache
 def _is_bounded(frames: int, alpha: float, lost: int, won: int) -> bool:
-    """Return whether an effect is bounded that so many frames speak for, and so many against."""
+    """Return whether an effect is bounded, with so many frames for it and so many against."""
     first, second = np.zeros(frames), np.zeros(frames)
     first[:lost] = second[lost : lost + won] = 1
     p = bounded_below(first, second, margin=MARGIN, alpha=alpha).p

@@ -1,4 +1,4 @@
-"""What the page of batteries says first: one sentence, a verdict a model, and one moment with three answers."""
+"""The opening of a page of batteries: one sentence, a verdict per model, and one example frame."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,26 +14,26 @@ from eyechart.studies.battery.subjects import Evidence, Subject
 from eyechart.verdicts import LABELS
 
 MODELS_SHOWN = 4
-"""Models whose answers stand under the pictures."""
+"""The most models whose answers stand under the pictures."""
 
 OTHERS = {
     "lead_near": "the same moment, the lead near",
-    "lane_own": "the same moment, the near one in the own lane",
+    "lane_own": "the same moment, the near vehicle in the own lane",
     "lead_absent": "the same moment without the lead",
     "mirrored": "the same picture, reflected",
     "shuffled": "the picture of another episode",
 }
 NOTHING = {"blank": "a blank picture", "noise": "noise", "text_only": "no picture"}
-"""What the second and the third picture of the example show, by condition: of each the first that a run asked."""
+"""The second and the third picture of the example, by condition; of each, the first in the run."""
 
 _SHOWS = {"real": "the real frame", **NOTHING, **OTHERS}
 _ANSWERS = {answer: (answer.lower(), "for") for answer in ("Yes", "In part", "No", "Inconclusive")}
 
 
 def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Opening:
-    """Return what a page of runs says first; its example is a moment of the first run, answered by models of all.
+    """Return the opening of a page; its example is a frame of the first run.
 
-    Of other runs those answer there that asked about the same frames under the same conditions.
+    A model of another run answers there if its run has the same frames under the same conditions.
     """
     said = [_said(who, at) for at, who in enumerate(everyone, 1)]
     sentence = _sentence(everyone, said)
@@ -44,7 +44,7 @@ def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Al
 
 
 def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
-    """Return in one sentence whether decisions come from the camera."""
+    """Return in one sentence whether the decisions come from the camera."""
     if not everyone:
         return "The run names no model."
     if len(everyone) == 1:
@@ -55,7 +55,7 @@ def _sentence(everyone: Sequence[Subject], said: Sequence[Said]) -> str:
 
 
 def _said(who: Subject, place: int) -> Said:
-    """Return what is said first of a model."""
+    """Return the opening's line on a model."""
     verdict = who.verdict
     kept = verdict.why_not
     words = f"Not final, {verdict.state}. {verdict.trust}" if verdict.state else verdict.trust
@@ -73,10 +73,10 @@ def spoken(label: str) -> str:
 def _example(
     evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album
 ) -> tuple[Sequence[str], Sequence[Shot], str]:
-    """Return a moment as it was, without its picture, and with one thing changed, and what models answered to each.
+    """Return one frame as it was, without its picture, and with one change, and the answers.
 
-    The moment is one to which they gave the answers that they gave most often: where gaps are known, among those whose
-    gap is no smaller than the median, so that a near lead is another picture.
+    The frame is one with the most frequent answers. Where gaps are known, its gap is at least the
+    median, because only then is a near lead another picture.
     """
     run, places, uris = evidence[0], album.places[0], album.uris
     names = _compared(run)
@@ -95,7 +95,7 @@ def _example(
     ]
     more = _beside(evidence, everyone, who, asked)
     caption = (
-        f"Frame {run.frames[best].id}, one of {len(far)} {how}. Beside an answer: on how many of them it was given."
+        f"Frame {run.frames[best].id}, one of {len(far)} {how}. Numbers: how many of these frames got that answer."
     )
     return [one.label for one in who], shots, caption + more
 
@@ -103,29 +103,29 @@ def _example(
 def _beside(
     evidence: Sequence[Evidence], everyone: Sequence[Subject], who: Sequence[Subject], asked: Sequence[Evidence]
 ) -> str:
-    """Return in words which models and runs are not in the example."""
+    """Return the models and runs that are not in the example, in words."""
     left = len(everyone) - len(who)
     more = f" {counted(left, 'more model', 'stand')} below." if left else ""
     others = ", ".join(one.name for one in evidence if not any(one is each for each in asked))
-    more += f" Of other frames or conditions: {others}." if others else ""
+    more += f" Runs with other frames or conditions: {others}." if others else ""
     return more
 
 
 def _alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
-    """Return whether a run asked about the frames of the first, under all of these conditions."""
+    """Return whether a run has the frames of the first, under all of these conditions."""
     same = [one.id for one in first.frames] == [one.id for one in other.frames]
     bank = first.score.manifest.fingerprint == other.score.manifest.fingerprint
     return same and bank and set(names) <= {"real", *other.conditions}
 
 
 def _of_each(able: Sequence[Subject], runs: Sequence[Evidence]) -> list[Subject]:
-    """Return models in turns, the first of each run before the second of any."""
+    """Return models in turn: the first of each run, then the second of each."""
     mine = [[one for one in able if one.run is run] for run in runs]
     return [one for turn in zip_longest(*mine) for one in turn if one is not None]
 
 
 def _compared(run: Evidence) -> list[str]:
-    """Return the conditions whose pictures stand beside one another: real, and the first asked of either kind."""
+    """Return the conditions whose pictures stand side by side: real, and the first of each kind."""
     kinds = ([name for name in kind if name in run.conditions] for kind in (NOTHING, OTHERS))
     return ["real", *(asked[0] for asked in kinds if asked)]
 
@@ -136,27 +136,27 @@ def _shot(name: str, uris: Sequence[str], at: int, answers: Sequence[tuple[str, 
 
 
 def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence[str]]) -> int:
-    """Return the place of those seen where the most answers are those given most often on the frames that are far."""
+    """Return the place among ``seen`` where most answers are the most frequent ones on ``far``."""
     usual = [Counter(column[at] for at in far).most_common(1)[0][0] for column in columns]
     return max(seen, key=lambda at: sum(column[at] == most for column, most in zip(columns, usual, strict=True)))
 
 
 def _told(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
-    """Return the role of an answer, its word, and on how many frames it was given."""
+    """Return the role of an answer, its word, and the number of frames with that answer."""
     word, space = said[best], run.score.bank.manifest.action_space
     role = space.role(word) if word in space.actions else "none"
     return role, word or "—", f"{sum(said[at] == word for at in far)} of {len(far)}"
 
 
 def _far(who: Subject, frames: int) -> tuple[list[int], str]:
-    """Return the places of the frames among which the example is, and what they are in words."""
+    """Return the places of the candidate frames for the example, and their description."""
     gaps = who.model.answers.gaps
     if gaps is None or not np.isfinite(gaps).any():
         return list(range(frames)), "frames"
-    return [int(at) for at in np.flatnonzero(gaps >= np.median(gaps))], "whose gap is no smaller than the median"
+    return [int(at) for at in np.flatnonzero(gaps >= np.median(gaps))], "frames with a gap of at least the median"
 
 
 def _answers(who: Subject, condition: str) -> list[str]:
-    """Return in a word what a model answered on each frame; nothing where it was not asked."""
+    """Return a model's answer on each frame in a word; empty where there was no call."""
     given = who.model.answers.decisions.get(condition) or (None,) * len(who.run.frames)
     return ["" if one is None else f"({one.missing})" if one.action is None else one.action for one in given]

@@ -1,4 +1,4 @@
-"""The page: one self-contained HTML file that makes no request, in which nothing that a model wrote is markup."""
+"""The report page: one self-contained HTML file; it makes no request and escapes all model text."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,13 +25,13 @@ from eyechart.studies.battery.tables import depth_table, frontier_table, judged_
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24
-"""Models that have figures of their own in the page."""
+"""The most models with figures of their own in the page."""
 MOST_CHARACTERS = 14_500_000
-"""A page of so many replies that they are packed is meant to have no more: it can be sent by mail."""
+"""The most characters of a page with packed replies, so that it can be sent by mail."""
 LEAST_PACKED = 2_500_000
-"""Characters that packed replies may take whatever else is in the page."""
+"""The least room for packed replies, in characters, whatever else is in the page."""
 GUARDS_SHOWN = 4
-"""Up to so many models every guard of each has its row."""
+"""Up to this many models, every guard of each has its row."""
 SHOWN_TOGETHER = (
     *("lead_near", "lead_drawn", "lead_mid_near", "lead_mid_far", "lead_far"),
     *(
@@ -45,14 +45,14 @@ SHOWN_TOGETHER = (
         "recoloured",
     ),
 )
-"""Conditions whose pictures of a moment are shown beside one another."""
+"""Conditions whose pictures of a frame stand side by side."""
 
 PAIRS_SHOWN = 4
-"""Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
+"""The most counterfactual frames shown side by side; fewer with many models."""
 
 
 def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> Page:
-    """Return the report of runs. The same runs give the same bytes. ``tell`` is told what is under way."""
+    """Return the report of runs; the same runs give the same bytes. ``tell`` receives progress."""
     everyone, shown = subjects(evidence), frames_shown(evidence)
     judged = judged_of(everyone)
     shared = shared_notes({who.label: who.verdict for who in everyone})
@@ -97,7 +97,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
 
 
 def characters_beside(everyone: Sequence[Subject]) -> int:
-    """Return how many characters a page has at most without its pictures and replies: figures, tables, and style."""
+    """Return the most characters of a page besides pictures and replies: figures, tables, style."""
     drawn = sum(65_000 + 150 * len(who.run.frames) for who in everyone[:MODELS_DRAWN])
     return 300_000 + drawn + 45_000 * len(everyone)
 
@@ -105,7 +105,7 @@ def characters_beside(everyone: Sequence[Subject]) -> int:
 def _notes(
     evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], album: Album, texts: Texts, models: int
 ) -> list[str]:
-    """Return in words what is not in the page, or not as it was."""
+    """Return in words what the page leaves out or changes."""
     notes = [*album.notes]
     every, listed = sum(len(run.frames) for run in evidence), sum(map(len, shown))
     if listed < every:
@@ -116,7 +116,7 @@ def _notes(
     if texts.cut:
         notes.append(f"{texts.cut} replies are cut after {texts.limit:,} characters; the ledger has all of them.")
     if models > MODELS_DRAWN:
-        notes.append(f"Figures of one model each stand here for the first {MODELS_DRAWN} of {models} models.")
+        notes.append(f"Figures of single models stand here for the first {MODELS_DRAWN} of {models} models.")
     return notes
 
 
@@ -172,7 +172,7 @@ def _reasons(took: Account | None) -> tuple[int, ...]:
 def silent(
     evidence: Sequence[Evidence], everyone: Sequence[Subject], drawn: Mapping[str, Sequence[Drawing]]
 ) -> dict[str, list[tuple[str, str]]]:
-    """Return, by section, the runs for which it cannot say anything, each with the reason."""
+    """Return, by section, the runs that have no figure there, each with the reason."""
     found: dict[str, list[tuple[str, str]]] = {"gap": [], "information": [], "mirror": [], "counterfactual": []}
     for run in evidence:
         mine = [who for who in everyone if who.run is run]
@@ -195,7 +195,7 @@ def _why(section: str, models: Sequence[Subject]) -> str:
 
 
 def guards(run: Evidence) -> list[tuple[str, Guard]]:
-    """Return every guard that does not hold, and, where many models were asked, of the others only the names once."""
+    """Return the guards that do not hold; with few models all guards, else the others once."""
     found = [(spec, guard) for spec, many in run.score.guards.items() for guard in many]
     if len(run.score.models) <= GUARDS_SHOWN:
         return found
@@ -203,12 +203,12 @@ def guards(run: Evidence) -> list[tuple[str, Guard]]:
     held = {guard.name for _, guard in found} - {guard.name for _, guard in found if guard.holds is not True}
     return [
         *((spec, guard) for spec, guard in found if guard.holds is not True),
-        *((every, Guard(name, True, "it holds for each of them")) for name in sorted(held)),
+        *((every, Guard(name, True, "it holds for each model")) for name in sorted(held)),
     ]
 
 
 def pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, models: int) -> list[dict[str, object]]:
-    """Return some moments, evenly taken, with the pictures of each counterfactual and the decisions they got."""
+    """Return some frames, evenly taken, with their counterfactual pictures and the decisions."""
     names = [name for name in SHOWN_TOGETHER if name in run.conditions]
     drawn = [
         place for place, frame in enumerate(run.frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()
@@ -231,7 +231,7 @@ def pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, model
 
 
 def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[str, str]:
-    """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
+    """Return a decision's role (brake, proceed, other, none, "" without a reply) and its word."""
     given = who.model.answers.decisions.get(condition)
     decision = None if given is None else given[place]
     if decision is None:
@@ -243,11 +243,12 @@ def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[st
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """The calls of one condition: how many were planned, came back, took how many attempts, and hold no decision.
+    """The calls of one condition: planned, answered, their attempts, and calls without a decision.
 
-    ``partial`` says that calls are still to be made; a run that stopped early leaves some out for good.
-    ``errors`` counts attempts that ended in an error, ``unknown`` attempts whose outcome is not known, and ``missing``
-    the calls without a decision by reason, in the order of ``MISSING``: all as the run's accounts have it.
+    ``partial`` says that calls remain to be made; a run that stopped early leaves some out for
+    good. ``errors`` counts attempts that ended in an error, ``unknown`` attempts of unknown
+    outcome. ``missing`` counts the calls without a decision by reason, in the order of ``MISSING``.
+    All numbers are those of the run's accounts.
     """
 
     condition: str
@@ -261,12 +262,12 @@ class Count:
 
     @property
     def without(self) -> int:
-        """Return how many calls hold no decision, for whatever reason."""
+        """Return how many calls hold no decision, for any reason."""
         return sum(self.missing)
 
 
 def counts(who: Subject) -> list[Count]:
-    """Return what became of a model's calls, one row a condition."""
+    """Return the counts of a model's calls, one row per condition."""
     planned: dict[str, int] = dict.fromkeys(who.run.conditions, 0)
     plan = plan_of(who.run.score.manifest, who.run.score.bank)
     for key in replace(plan, controls={who.spec: who.model.controls.controls}).keys_of(who.spec):
@@ -280,7 +281,7 @@ def counts(who: Subject) -> list[Count]:
 
 
 def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
-    """Return the counts of several models of one run together, one row a condition."""
+    """Return the counts of several models of one run together, one row per condition."""
     return [
         Count(
             condition=many[0].condition,
@@ -297,19 +298,21 @@ def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
 
 
 def not_covered(run: Evidence) -> list[str]:
-    """Return in words what a run does not cover: conditions, frames, calls, and tests that cannot say, by name."""
+    """Return in words what a run does not cover: conditions, frames, calls and tests."""
     manifest, bank = run.score.manifest, run.score.bank
     _, why = conditions_of(bank, manifest.prompt)
     unasked = "no model's answers called for it" if manifest.controls == "auto" else "it was not chosen (--controls)"
     lines = [
-        f"condition {name} was not asked: {why.get(name, unasked if name in CONTROLS else 'it was not chosen')}"
+        f"condition {name} was not run: {why.get(name, unasked if name in CONTROLS else 'it was not chosen')}"
         for name in OF_BANKS
         if name not in run.conditions
     ]
     if len(run.frames) < len(bank):
-        lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not asked about (--limit)")
+        lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not used (--limit)")
     if manifest.shard is not None:
-        lines.append(f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the others are not here")
+        lines.append(
+            f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the other shards are not here"
+        )
     for spec, one in run.score.models.items():
         if one.stopped is not None:
             lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
@@ -319,7 +322,7 @@ def not_covered(run: Evidence) -> list[str]:
 
 
 def _silent(run: Evidence) -> list[str]:
-    """Return the tests that cannot say, those of one reason and the same models in one line."""
+    """Return the tests that cannot say; those with one reason and the same models in one line."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for spec, one in run.score.models.items():
         for name, found in one.statistics.items():

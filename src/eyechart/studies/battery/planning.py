@@ -1,4 +1,4 @@
-"""Planning, running and merging batteries: every frame under every condition, and nothing asked twice."""
+"""Plans, runs and merges batteries: every frame under every condition, and no call twice."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -61,17 +61,18 @@ if TYPE_CHECKING:  # a score probes no model
 STUDY = "battery"
 
 _PICTURES = 5
-"""So many pictures a probe before a run is given."""
+"""The number of pictures for a probe before a run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much of a bank is asked about: so many frames, one ``shard`` of the calls (i, n), or until it is settled.
+    """How much of a bank is run: the frames, one ``shard`` of the calls (i, n), or an early stop.
 
-    With ``stop_early`` a model is no longer asked once its verdict is settled; it needs whole frames and the conditions
-    real, real_repeat and blank. ``controls`` says which control conditions are asked besides: ``auto``, of each model
-    those that its answers call for, in later stages; ``all``, of every model at once; or ``none``. It defaults to what
-    a run that is there was begun with, else to none where conditions are named, and to auto where they are not.
+    With ``stop_early`` the calls of a model end once its verdict is settled. It needs whole frames
+    and the conditions real, real_repeat and blank. ``controls`` says which control conditions are
+    run too: ``auto``, in later stages, those that each model's answers call for; ``all``, for every
+    model at once; or ``none``. The default is that of an existing run; else ``none`` where
+    conditions are named, and ``auto`` where they are not.
     """
 
     limit: int | None = None
@@ -80,7 +81,7 @@ class Extent:
     controls: str | None = None
 
     def controls_of(self, out: Path | None, conditions: Sequence[str] | None) -> str:
-        """Return which controls are asked; raises SpecError where that is no such word."""
+        """Return which controls are run; raises SpecError for an unknown word."""
         before = read_manifest(out).controls if out is not None and is_run(out) else None
         given = self.controls or before or ("none" if conditions else "auto")
         if given not in CONTROLS_ASKED:
@@ -94,7 +95,7 @@ class Extent:
             return
         if self.shard is not None:
             raise SpecError(
-                "--stop-early needs all calls of a frame in one run: leave out --shard; machines can share the models"
+                "--stop-early needs all calls of a frame in one run: leave out --shard, or split the models"
             )
         if missing := [name for name in NEEDED if name not in conditions]:
             raise SpecError(
@@ -107,7 +108,7 @@ WHOLE = Extent()
 
 @dataclass(frozen=True, slots=True)
 class Asking:
-    """What a battery asks, whoever answers; see `plan`."""
+    """The calls of a battery, whatever model answers; see `plan`."""
 
     prompt: str | None = None
     conditions: tuple[str, ...] | None = None
@@ -118,27 +119,27 @@ class Asking:
 
 @dataclass(frozen=True)
 class Battery(Planned):
-    """A battery that was planned and not yet run: its plan, its models, and the folder it goes to."""
+    """A planned battery before its run: its plan, its models, and its folder."""
 
     plan: Plan
     models: Mapping[str, Model]
     manifest: RunManifest
     out: Path
     left_out: Mapping[str, str] = field(default_factory=dict)
-    """Conditions that the bank cannot supply, each with the reason; only where none were asked for by name."""
+    """Conditions that the bank cannot supply, each with the reason; only if none were named."""
 
     def begin(self) -> RunManifest:
-        """Begin the run with nobody in it, where none stands there, and return its manifest."""
+        """Begin the run without models, if it does not exist yet, and return its manifest."""
         if not is_run(self.out):
             write_run(self.out, replace(self.manifest, models={}, modes={}, facts={}), self.plan.bank)
         return read_manifest(self.out)
 
     def sample(self) -> "Sample":
-        """Return what the battery will ask: a few of its frames."""
+        """Return a few frames of the battery for a probe."""
         return sample_of([self])
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield what is left out and why, how many calls there are, what they take, and what stops them early."""
+        """Yield what is left out and why, the number and cost of the calls, and the early stop."""
         yield from self.sizes()
         estimates = expected(self, how.prices, concurrency=how.concurrency)
         yield from forecast(self.manifest, self.plan.models, estimates, how)
@@ -146,21 +147,21 @@ class Battery(Planned):
             yield from self._before()
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Make the calls that are left."""
+        """Make the remaining calls."""
         limits = how.limits(self.manifest)
         asked: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
         with bar("calls", self.unit) as move:
             return make_calls(partial(run, self, concurrency=how.concurrency, **asked), move)
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield what was saved, how the calls ended, and whose replies are empty."""
+        """Yield what was saved, how the calls ended, and which models gave empty replies."""
         early = self.manifest.stop_early
         yield Ending(self._after() if early else ())
         yield calls_ended(outcome, failed, 0 if outcome.whole and not early else self.left())
         yield empty([self.out])
 
     def sizes(self) -> list[str]:
-        """Say what is left out and why, and how many calls there are."""
+        """Return what is left out and why, and how many calls there are."""
         to_make = f"{'at most ' if self.manifest.stop_early else ''}{self.left()}"
         return [*self._left_out(), self._counted("model", to_make), *self._controls(), *self._out_of_reach()]
 
@@ -173,18 +174,17 @@ class Battery(Planned):
         return f"{counted(len(plan.models), who)} × {plan.size}: {sent}, {to_make} to make"
 
     def _controls(self) -> list[str]:
-        """Say how many calls of controls may come, and where a shard leaves them."""
+        """Return how many control calls may follow, and what a shard does about them."""
         if self.manifest.controls == "auto" and self.manifest.shard is not None:
-            return [
-                "controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"
-            ]
+            return ["controls: none in a shard, because they depend on all answers; merge the shards and resume"]
         more = sum(self.more_by_model().values())
-        return [
-            f"controls: up to {counted(more, 'call')} more, of models whose answers claim what these could take away"
-        ][: more > 0]
+        return [f"controls: up to {counted(more, 'call')} more, if a model's answers call for them"][: more > 0]
 
     def _out_of_reach(self) -> list[str]:
-        """Say which verdicts so few frames cannot give, before they are paid; nothing of a shard, or of none left."""
+        """Return the verdicts that so few frames cannot give, before they are paid for.
+
+        Empty for a shard, and for a run without calls left.
+        """
         if self.manifest.shard is not None or not self.left():
             return []
         from eyechart.studies.battery.reach import unreached  # noqa: PLC0415 - it judges, which a run does not
@@ -192,10 +192,10 @@ class Battery(Planned):
         never = ", ".join(unreached(self.plan.bank, self.plan.frames, self.plan.conditions))
         more = f"'eyechart plan {self.manifest.bank_path}' says what does"
         size = len(self.plan.frames)
-        return [f"these {size} frames cannot show, whoever is asked: {never}; {more}"][: bool(never)]
+        return [f"these {size} frames cannot show, for any model: {never}; {more}"][: bool(never)]
 
     def _before(self) -> list[str]:
-        """Say what stopping early guarantees, and the most and the typical number of calls."""
+        """Return what stopping early guarantees, and the most and the typical number of calls."""
         more = self.more_by_model()
         most = max(sum(1 for _ in self.plan.keys_of(model)) + more[model] for model in self.plan.models)
         counts = sorted(self.typical().items(), key=lambda one: one[1])
@@ -203,11 +203,11 @@ class Battery(Planned):
         return [
             f"stop early: {GUARANTEE}",
             f"stop early: {VALIDITY}",
-            f"stop early: at most {most} calls a model; of a controller that never wavers {usual or 'as many'}",
+            f"stop early: at most {most} calls per model; a model that never varies takes about {usual or 'as many'}",
         ]
 
     def _after(self) -> list[str]:
-        """Say which models were stopped early, and the calls saved."""
+        """Return which models were stopped early, and the calls saved."""
         lines, planned_calls, saved = [], 0, 0
         for model, one in self.progress().items():
             calls = sum(1 for _ in self.plan.keys_of(model)) if one.stopped is None else one.stopped.planned
@@ -222,16 +222,16 @@ class Battery(Planned):
         return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
     def counts(self) -> tuple[int, int, int]:
-        """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome.
+        """Return how many calls are planned, finished, and of unknown outcome.
 
-        Planned are those of the stages that have come; of controls there may be more, see `more_by_model`.
+        Only stages that have begun are planned; for further controls see `more_by_model`.
         """
         with self._ledger as ledger:
             keys = set(self.staged(ledger).keys())
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
     def left_by_model(self) -> dict[str, int]:
-        """Return how many calls of each model are still to be made; at most so many where the run stops early."""
+        """Return how many calls of each model remain; an upper limit where the run stops early."""
         if self.manifest.stop_early:
             return {spec: one.left for spec, one in self.progress().items()}
         with self._ledger as ledger:
@@ -239,7 +239,7 @@ class Battery(Planned):
         return {spec: sum(key not in finished for key in plan.keys_of(spec)) for spec in plan.models}
 
     def more_by_model(self) -> dict[str, int]:
-        """Return how many calls of controls may still come beside those planned, as each model's answers call for."""
+        """Return the most control calls that may follow beside the planned ones, by model."""
         with self._ledger as ledger:
             found = self._asked(ledger)
         most = replace(self.plan, controls={spec: one.most for spec, one in found.items()})
@@ -250,11 +250,11 @@ class Battery(Planned):
         return Ledger(self.out / LEDGER, absent=True)
 
     def staged(self, ledger: Ledger) -> Plan:
-        """Return the plan with the controls that its models are asked, as far as their answers have come."""
+        """Return the plan with the controls that the models' answers so far call for."""
         return staged(self.plan, self._asked(ledger))
 
     def stages(self, manifest: RunManifest, ledger: Ledger) -> tuple[Plan, Stages]:
-        """Return what is asked now, and what decides what comes after it."""
+        """Return the plan of now, and the stages that decide what follows."""
         whole = plan_of(manifest, self.plan.bank)
         now = staged(self.plan, stages_of(manifest, whole, ledger))
         later = InStages(now, whole, manifest, ledger)
@@ -265,17 +265,17 @@ class Battery(Planned):
         return {spec: found[spec] for spec in self.plan.models}
 
     def left(self) -> int:
-        """Return how many calls are still to be made, of all models."""
+        """Return how many calls of all models remain."""
         return sum(self.left_by_model().values())
 
     def progress(self) -> dict[str, HowFar]:
-        """Return how far each model of a run that stops early is."""
+        """Return how far each model is, in a run that stops early."""
         with self._ledger as ledger:
             early = EarlyStop(widest(self.manifest, self.plan), ledger)
         return {model: early.progress(model) for model in self.plan.models}
 
     def typical(self) -> dict[str, int]:
-        """Return how many calls a clear controller of each kind takes where the run stops early."""
+        """Return how many calls a clear model of each kind takes where the run stops early."""
         return typical(layout_for(widest(self.manifest, self.plan), self.plan.models[0]))
 
 
@@ -290,16 +290,18 @@ def plan(
     extent: Extent = WHOLE,
     study: str = STUDY,
 ) -> Battery:
-    """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
+    """Plan a battery, or the rest of one in ``out``; writes nothing and makes no call.
 
-    ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself; one may be open
-    already.
-    ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
-    and text_swapped where the prompt has fields; controls come besides, as ``extent`` says. ``prompt`` is a name or a
-    TOML file; it defaults to ``baseline``, and to a plain one for imported frames. ``study`` is the study that asks so.
-    Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an unknown name or
-    for what cannot be stopped early, and LedgerError where ``out`` holds another run, or one that stops early and was
-    begun with other frames or conditions.
+    ``specs`` name the models: a SPEC for the default mode, a mode, or a model that is open already.
+    ``conditions`` default to the eight of Table t:conditions and the counterfactuals that the bank
+    can supply, and text_swapped where the prompt has fields; ``extent`` adds controls. ``prompt``
+    is a name or a TOML file. It defaults to ``baseline``, and to a plain prompt for imported
+    frames. ``study`` is the name of the study in the manifest.
+
+    Raises BankError where a picture differs from the one that the bank's manifest recorded. Raises
+    SpecError for an unknown name, or for a plan that cannot stop early. Raises LedgerError where
+    ``out`` holds another run, or a run with early stop that was begun with other frames or
+    conditions.
     """
     modes, models = open_models(specs)
     who = {spec: (model.version, model.facts) for spec, model in models.items()}
@@ -314,9 +316,9 @@ def planned(
     out: Path | None,
     asking: Asking,
 ) -> Battery:
-    """Plan a battery as `plan` does, of whoever answers: ``who`` has the version and the facts of each SPEC.
+    """Plan a battery as `plan` does, from the version and the facts of each SPEC in ``who``.
 
-    Without ``out`` it goes nowhere.
+    Without ``out`` the battery has no folder.
     """
     conditions, extent = asking.conditions, asking.extent
     bank = open_whole(bank_path)
@@ -355,7 +357,7 @@ def planned(
 
 
 def open_models(specs: Sequence[str | RequestMode | Opened]) -> tuple[dict[str, RequestMode], dict[str, Model]]:
-    """Return the request mode and the opened model of each SPEC; raises SpecError where there is none."""
+    """Return the request mode and the opened model of each SPEC; raises SpecError for none."""
     held = {one.mode.spec: one.model for one in specs if isinstance(one, Opened)}
     given = (one.mode if isinstance(one, Opened) else one for one in specs)
     asked = {mode.spec: mode for mode in (RequestMode(one) if isinstance(one, str) else one for one in given)}
@@ -366,7 +368,7 @@ def open_models(specs: Sequence[str | RequestMode | Opened]) -> tuple[dict[str, 
 
 
 def open_whole(bank_path: Path) -> FrameBank:
-    """Open a bank; raises BankError where a picture is not the one that its manifest recorded."""
+    """Open a bank; raises BankError where a picture differs from the one in its manifest."""
     if problems := check(bank_path):
         raise BankError(
             f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
@@ -382,7 +384,7 @@ def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
 
 
 def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
-    """Return those of the conditions left out that one would look for."""
+    """Return the left-out conditions that a user would look for."""
     return {
         name: why
         for name, why in left_out.items()
@@ -408,11 +410,10 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
 
 
 def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
-    """Return a run's manifest joined with that of what ``out`` holds already.
+    """Return a run's manifest joined with that of the run in ``out``, if there is one.
 
-    Its pictures leave as they did, and its replies are read as they were; others may have come to its bank.
-
-    Raises LedgerError where that is another run, or none.
+    Pictures keep the encoding, and replies the reader, of the existing run; its bank may have
+    grown. Raises LedgerError where ``out`` holds another run, or something else.
     """
     if is_run(out):
         before, bank_before = read_run(out)
@@ -432,7 +433,7 @@ def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
 
 
 def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
-    """Raise LedgerError where a run that stops early is asked for other frames or conditions than it was begun with."""
+    """Raise LedgerError where a run with early stop is resumed with other frames or conditions."""
     begun, asked = ("all frames" if one.limit is None else f"--limit {one.limit}" for one in (before, now))
     if set(before.conditions) != set(now.conditions):
         begun, asked = (f"--conditions {','.join(one.conditions)}" for one in (before, now))
@@ -440,8 +441,8 @@ def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
         begun, asked = (f"--controls {one.controls}" for one in (before, now))
     if begun != asked:
         raise LedgerError(
-            f"this run was begun with {begun}, now {asked} was asked for, and when a verdict is settled depends on all "
-            "that a run asks; give the same options to resume it, or another --out for another run"
+            f"this run was begun with {begun}, now {asked} was given. An early stop depends on all calls of a run: "
+            "give the same options to resume it, or another --out for another run"
         )
 
 
@@ -454,9 +455,10 @@ def plan_of(
     limit: int | None = None,
     view: View | None = None,
 ) -> Plan:
-    """Return the plan of a run's manifest, or of some of its models and conditions; ``view`` is the manifest's.
+    """Return the plan of a run's manifest, or of some of its models and conditions.
 
-    Whoever only reads the run needs no view: a version of eyechart that shows pictures otherwise can score it still.
+    ``view`` is the manifest's. A reader of the run needs no view: a version of eyechart that shows
+    pictures differently can still score it.
     """
     whole = models is None
     chosen = tuple(bank.frame(name) for name in manifest.frames)
@@ -478,9 +480,10 @@ def plan_of(
 
 
 def sample_of(planned: Iterable[Battery]) -> "Sample":
-    """Return what batteries of one bank will ask: a few of their frames, with the prompt of each battery in turn.
+    """Return a few frames of batteries of one bank, with the prompt of each battery in turn.
 
-    Pictures are shown through the view of the first, and an answer has its form.
+    Pictures are shown through the view of the first battery, which also gives the form of an
+    answer.
     """
     from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
 
@@ -494,7 +497,7 @@ def sample_of(planned: Iterable[Battery]) -> "Sample":
 
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
-    """Return what the calls that are still to be made are expected to take, by model; with controls, at most."""
+    """Return the expected cost of the remaining calls, by model; with controls, at most."""
     more = battery.more_by_model()
     return tuple(
         estimate(
@@ -506,13 +509,13 @@ def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Cos
 
 @contextmanager
 def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple[RunManifest, Ledger]]:
-    """Hold a run on a bank while calls are added to it; yield its manifest, joined with what stands there, and ledger.
+    """Hold a run on a bank while calls are added; yield its joined manifest and its ledger.
 
-    Raises LedgerError where another process is writing to the same run, the ledger cannot be written, or holds calls
-    that the run does not ask.
+    Raises LedgerError where another process is writing to the same run, where the ledger cannot be
+    written, or where it holds calls that the run does not plan.
     """
     with alone_in(out):
-        # Again, now that nobody else writes: another process may have begun or extended this run since.
+        # Again, because another process may have begun or extended this run before the lock.
         manifest = resumed(out, manifest, bank)
         write_run(out, manifest, bank)
         with Ledger(out / LEDGER, create=True) as ledger:
@@ -521,12 +524,12 @@ def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple
 
 
 def run(battery: Battery, *, again: bool = False, sequential: bool | None = None, **how: Unpack[Calling]) -> Outcome:
-    """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
+    """Make the calls of a planned battery that its ledger lacks, and return how the run ended.
 
-    With ``again``, those that ended in a failure of the road are made once more before. ``sequential`` says whether
-    models are asked one after another, each closed before the next is asked; by default those of one machine are.
-
-    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    With ``again``, calls that failed in transport are made once more first. ``sequential`` says
+    whether models run one after another, each closed before the next; by default local models do.
+    Raises LedgerError where another process is writing to the same run, or the ledger cannot be
+    written.
     """
     turns = turns_of(map(battery.manifest.mode, battery.plan.models), sequential=sequential)
     battery = replace(battery, plan=replace(battery.plan, turns=turns))
@@ -538,10 +541,10 @@ def run(battery: Battery, *, again: bool = False, sequential: bool | None = None
 
 
 def merge(shards: Sequence[Path], out: Path) -> int:
-    """Merge shards of one run into a new run at ``out``; return the number of calls in it.
+    """Merge shards of one run into a new run at ``out``; return its number of calls.
 
-    Shards may be unfinished: the merged run is resumed as a whole. Raises LedgerError, and leaves nothing at
-    ``out``, where they are not parts of one run or hold the same finished call twice.
+    Shards may be unfinished: the merged run is resumed as a whole. Raises LedgerError, and leaves
+    nothing at ``out``, where they are not parts of one run or hold the same finished call twice.
     """
     if not shards:
         raise LedgerError("merge needs the folders of one or more shards")
@@ -559,13 +562,13 @@ def merge(shards: Sequence[Path], out: Path) -> int:
 
 
 def begun(out: Path) -> Battery:
-    """Return the battery that stands at ``out``, with no model to ask: to count what is left of it."""
+    """Return the battery at ``out`` without models, to count its remaining calls."""
     manifest, bank = read_run(out)
     return Battery(plan_of(manifest, bank), {}, manifest, out)
 
 
 def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
-    """Return the manifest and the bank of the run that the shards are parts of."""
+    """Return the manifest and the bank of the run that the shards belong to."""
     read = [read_run(shard) for shard in shards]
     manifests, bank = [manifest for manifest, _ in read], read[0][1]
     whole = replace(manifests[0], shard=None)

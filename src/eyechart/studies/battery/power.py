@@ -1,4 +1,4 @@
-"""Power before money: what a bank can and cannot decide, known before a call is made."""
+"""Power before money: what a bank can and cannot decide, computed before any call."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,15 +20,15 @@ from eyechart.verdicts import ALPHA, MARGIN
 
 POWER = 0.80
 SWAP_RATE = 0.65
-"""The swap rate that is to be told from chance."""
+"""The swap rate that the test should distinguish from chance."""
 CHANCES = (0.2, 0.5)
-"""What a swap rate is by chance: of five actions taken evenly, and of two."""
+"""Swap rates by chance: with five equally frequent actions, and with two."""
 
 DEMAND = "demand"
-"""The column of ground truth that names the action which a frame demands, where a bank has it."""
+"""The column of ground truth with the action that a frame demands, where a bank has it."""
 
 PRESENCE_FRAMES = 8
-"""With fewer frames no swap of labels reaches alpha .01, two-sided (twice 2 to the power of -8 is .0078)."""
+"""With fewer frames no label swap reaches a two-sided alpha of .01 (2 · 2 to the -8 is .0078)."""
 
 _DISAGREEMENTS = tuple(share / 100 for share in range(91))
 
@@ -37,14 +37,18 @@ _DISAGREEMENTS = tuple(share / 100 for share in range(91))
 class BankPower:
     """What a bank can decide at alpha .01 with power .8.
 
-    ``calls`` counts a model's calls by condition. ``smallest_win_share`` is of counterfactual pairs whose braking
-    level differs, were all to differ; None where no share can be found. ``directional_frames`` counts those that
-    demand a turn, None where the bank does not say. ``smallest_bound`` is the smallest effect whose absence the frames
-    can show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
-    an effect below the margin can be bounded; None where it cannot. ``stopped_early`` counts the calls after which a
-    controller that never wavers is settled with --stop-early, by label. ``cannot_say`` maps a test to the reason.
-    ``controls`` counts the calls of each control, made where a model's answers call for it, and ``odds`` says how often
-    models of known kinds get their labels. ``labels`` says of each calibrated label whether it can be reached.
+    ``calls`` counts a model's calls by condition, ``controls`` those of each control, made where a
+    model's answers call for it. ``smallest_win_share`` is a share of counterfactual pairs, if the
+    braking level differs in all of them; None where no share is detectable. ``directional_frames``
+    counts frames that demand a turn, None where the bank does not say.
+
+    ``smallest_bound`` is the smallest effect whose absence can be shown for a model that never
+    disagrees with itself. ``largest_disagreement`` is the self-disagreement up to which an effect
+    below the margin can be bounded; both are None where it cannot.
+
+    ``stopped_early`` maps a label to the calls of an unvarying model with --stop-early.
+    ``cannot_say`` maps a test to the reason. ``odds`` say how often known kinds of models get their
+    labels; ``labels`` say whether each calibrated label can be reached.
     """
 
     bank: str
@@ -67,7 +71,7 @@ class BankPower:
     labels: tuple[Reach, ...]
 
     def table(self) -> Table:
-        """Return a row a label: whether the bank can give it, and how often to a model that deserves it."""
+        """Return a row per label: whether the bank can give it, and how often when deserved."""
         power = self.odds.by_label
         rows = tuple(
             (one.label, one.answer, Mark(one.words, "good" if one.reached else "bad"), power.get(one.label), one.lacks)
@@ -83,12 +87,12 @@ class BankPower:
         return plan | asdict(self)
 
     def asked(self, spec: str) -> dict[str, object]:
-        """Return what asking a model takes; the cost is None where its adapter states no price."""
+        """Return a model's number of calls; the cost is None where its adapter states no price."""
         del spec  # scripted models cost nothing that could be priced
         return {"calls": sum(self.calls.values()), "controls": sum(self.controls.values()), "cost": None}
 
     def details(self, specs: Sequence[str]) -> Table:
-        """Return what that comes of, a row each: what is asked, what each test can find, and what cannot say."""
+        """Return the details, a row each: calls, what each test can find, and what cannot say."""
         episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
         calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
         controls = ", ".join(f"{name} {count}" for name, count in self.controls.items() if count) or "none"
@@ -96,29 +100,29 @@ class BankPower:
         turns = "—" if self.directional_frames is None else self.directional_frames
         said = [
             f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
-            f"calls a model: {sum(self.calls.values())} ({calls})",
-            f"controls, where its answers call for them: up to {sum(self.controls.values())} calls more ({controls})",
+            f"calls per model: {sum(self.calls.values())} ({calls})",
+            f"controls, where its answers call for them: up to {sum(self.controls.values())} more calls ({controls})",
             (
-                f"distance by intervention: {self.counterfactual_pairs} counterfactual pairs; smallest win share found "
-                f"with power {POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were "
-                "all to differ"
+                f"distance by intervention: {self.counterfactual_pairs} counterfactual pairs; detectable with power "
+                f"{POWER}: harder braking in at least {_number(self.smallest_win_share)} of the pairs, if the braking "
+                "level differs in all"
             ),
-            f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p_exchange)}",
+            f"distance by observation: smallest p with exchanged episodes: {_number(self.smallest_p_exchange)}",
             (
-                f"turns: {turns} frames demand one; to tell a swap rate of {SWAP_RATE} from "
-                f"chance takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
+                f"turns: {turns} frames demand a turn; to distinguish a swap rate of {SWAP_RATE} from "
+                f"chance takes {needed} turns; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
             ),
             (
-                f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; below {MARGIN} "
-                f"it takes {self.frames_to_bound} frames; where no answer changes, a self-disagreement of at most "
-                f"{_number(self.largest_disagreement)} leaves room for it"
+                f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; a bound below "
+                f"{MARGIN} takes {self.frames_to_bound} frames. On this bank it allows a self-disagreement of at most "
+                f"{_number(self.largest_disagreement)}, if no answer changes"
             ),
         ]
         counts = sorted(self.stopped_early.items(), key=lambda one: one[1])
         early = ", ".join(f"{count} ({label})" for label, count in counts) or "as many"
         said.append(self.odds.words)
-        most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls a model"
-        said.append(f"stopping early (--stop-early): {most}; of a controller that never wavers {early}")
+        most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls per model"
+        said.append(f"stopping early (--stop-early): {most}; a model that never varies takes about {early}")
         more = f"and up to {sum(self.controls.values())} of controls"
         said += [f"model {spec}: {self.asked(spec)['calls']} calls {more}, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
@@ -130,7 +134,7 @@ def _number(value: float | None) -> str:
 
 
 def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
-    """Return what a bank can decide, of models with this noise floor; only its text is read.
+    """Return what a bank can decide about models with this noise floor; opens no picture.
 
     Raises SpecError for a noise floor that no model can have.
     """
@@ -175,13 +179,13 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
 
 
 def _controls_of(bank: FrameBank) -> dict[str, int]:
-    """Return of how many frames each control is asked that the stages of a run may ask."""
+    """Return on how many frames each control of a run's later stages can be shown."""
     have = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
     return {name: have[name] for name in asked_in_stages([name for name, count in have.items() if count])}
 
 
 def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
-    """Return the smallest p of the exchange of episodes, and why it cannot decide ("" where it can)."""
+    """Return the smallest p of the episode exchange, and why it cannot decide ("" where it can)."""
     if bank.manifest.gap is None:
         return None, "the bank records no gap"
     levels, ranks = np.zeros(len(bank), dtype=np.int64), np.arange(len(bank), dtype=np.float64)
@@ -195,7 +199,7 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
 
 
 def _cannot_say(bank: FrameBank, calls: Mapping[str, int], pairs: int, exchange: str) -> dict[str, str]:
-    """Return every test that this bank leaves without an answer, by name, with what is missing."""
+    """Return every test that this bank cannot decide, by name, with the reason."""
     found: dict[str, str] = {}
     if pairs < FEWEST_PAIRS:
         found["depth_interventional"] = f"{pairs} counterfactual pairs; {FEWEST_PAIRS} are needed"
@@ -223,7 +227,7 @@ _READS: Mapping[str, tuple[str, ...]] = {
     "recoloured": ("content_recoloured", "bound_content_recoloured"),
     "mirrored": ("mirror_swap_rate",),
 }
-"""The tests that a condition carries."""
+"""The tests that each condition is needed for."""
 
 _BOUNDS: Mapping[str, str] = {
     "blank": "bound_blank",
@@ -231,4 +235,4 @@ _BOUNDS: Mapping[str, str] = {
     "recoloured": "bound_content_recoloured",
     "cross_scenario": "bound_scene",
 }
-"""The bounds of an absence, and the condition that each compares with a repeat."""
+"""The bounds of an absence, by the condition that each compares with a repeat."""

@@ -1,4 +1,4 @@
-"""The statistics of the paper's battery, each at response level and, with ``.decision``, at decision level.
+"""The statistics of the paper's battery, at response level and (``.decision``) decision level.
 
 Source: paper, section The Input-Ablation Battery; the choices that its text leaves open are in
 docs/decisions/battery.md.
@@ -43,14 +43,14 @@ Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
 
 ALPHA = 0.05
-"""The level of significance of the paper's tests, which is ours: the paper prints none."""
+"""The significance level of the paper's tests; our choice, because the paper prints none."""
 
 ONE_EPISODE = "one episode shows no spread: the interval takes its frames as independent"
 
 
 @dataclass(frozen=True, slots=True)
 class Resampling:
-    """How many resamples are drawn, and the seed from which each test derives its own by its name.
+    """The number of resamples, and the seed from which each test derives its own by its name.
 
     ``intervals=False`` leaves out the intervals that no rule reads.
     """
@@ -189,7 +189,7 @@ class Published:
         return _with_interval(found, over_tables(counts, information_of_tables, math.log2(max(2, min(shape)))))
 
     def swaps(self) -> Statistic:
-        """Return how often directions are exchanged under reflection, with the test against chance."""
+        """Return how often reflection exchanges directions, with the test against chance."""
         partner = self.answers.partners
         if not partner:
             return cannot_say("no action of this space exchanges under reflection")
@@ -230,7 +230,7 @@ class Published:
 
     def _median(self, values: Floats, of: Mask) -> Statistic:
         if not self.how.intervals:
-            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval asked for")
+            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval computed")
         return median_over_episodes(values[of], self._episodes[of])
 
     def _diversity(self) -> Statistics:
@@ -258,9 +258,10 @@ class Published:
         return self._over_episodes(hits, self._episodes[have])
 
     def _over_episodes(self, hits: Floats, episodes: Codes, *, always: bool = False) -> Statistic:
-        """Return a share of frames with its interval over episodes; of one episode it is marked, and over frames.
+        """Return a share of frames with its interval over episodes.
 
-        ``always``: also where no intervals are asked for, because a rule reads this one.
+        One episode gives an interval over frames, with a note. ``always`` computes the interval
+        even without ``intervals``, because a rule reads it.
         """
         k, n = int(hits.sum()), len(hits)
         sums = _sums_by_episode(np.column_stack([hits, np.ones(n)]), episodes)
@@ -276,7 +277,7 @@ class Published:
         if not have_one.any() or not have_other.any():
             return cannot_say("no frame has both answers")
         if not self.how.intervals:
-            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval asked for")
+            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval computed")
         columns = np.zeros((len(have_one), 4))
         columns[have_one, 0], columns[:, 1] = one, have_one
         columns[have_other, 2], columns[:, 3] = other, have_other
@@ -285,9 +286,10 @@ class Published:
 
 
 def median_gaps(answers: Answers) -> Statistics:
-    """Return the median true gap of each action on real frames, with its interval over episodes; none without gaps.
+    """Return the median true gap of each action on real frames, with its interval over episodes.
 
-    A frame without a lead counts as the farthest. Source: paper, Table t:qwenorder.
+    Empty without gaps. A frame without a lead counts as the farthest. Source: paper, Table
+    t:qwenorder.
     """
     if answers.gaps is None or answers.gap is None:
         return {}
@@ -316,7 +318,7 @@ class _Coded(NamedTuple):
 
 
 def refusal_effect(response: Statistic, decision: Statistic) -> Statistic:
-    """Return 1 where answers depend on the condition at response level only (a refusal effect), else 0."""
+    """Return 1 where answers depend on the condition only at response level (refusal), else 0."""
     method = "significant at response level and not at decision level (alpha .05)"
     if response.p is None or decision.p is None:
         return cannot_say("one of the two tests could not be made", response.n, method)
@@ -331,13 +333,13 @@ def _clears(idi: Statistic, floor: Statistic) -> Statistic:
 
 
 def _with_interval(found: Statistic, interval: Statistic) -> Statistic:
-    """Return a statistic with the interval of another one of the same value, or the reason that there is none."""
+    """Return a statistic with another one's interval, or with the reason that there is none."""
     method = f"{found.method}; {interval.method}"
     return replace(found, ci=interval.ci, method=method, note=found.note or interval.note)
 
 
 def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:
-    """Return what each episode that occurs adds up to, shape (episodes, columns)."""
+    """Return the sums of each episode that occurs, shape (episodes, columns)."""
     _, codes = np.unique(episodes, return_inverse=True)
     return np.stack([np.bincount(codes, weights=column) for column in columns.T], axis=1)
 

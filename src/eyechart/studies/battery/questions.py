@@ -1,7 +1,8 @@
-"""What a battery asks, for whoever asks it elsewhere: each call with its key, its words and its pictures as files.
+"""The calls of a battery, exported to be made elsewhere: each with its key, its words and pictures.
 
-A key holds for one bank, prompt and seed: an answer to another question has another key, and is no answer to this one.
-It says nothing of the frame and the condition to whoever has the export alone; by the bank they are found again.
+A key holds for one bank, prompt and seed; with another of them each call has another key. A key
+hides the frame and the condition from a reader of the export; the owner of the bank finds them
+again.
 """
 
 import csv
@@ -34,21 +35,22 @@ FORMAT = "eyechart-asked/2"
 TABLE, EXACT, ABOUT, README = "asked.csv", "asked.jsonl", "asked.json", "README.txt"
 PICTURES = "pictures"
 ANYBODY = f"{ELSEWHERE}:anybody"
-"""Whose seeds the calls have where nobody is named."""
+"""The SPEC that seeds the calls where no model is named."""
 KEYS = ("call", "repeat")
-"""The columns that an answer comes back with."""
+"""The columns that identify an answer."""
 _ENDINGS = {"image/png": "png", "image/jpeg": "jpg", "image/webp": "webp", "image/bmp": "bmp"}
 _HOW = """These are the calls of a battery of eyechart, to be made elsewhere.
 
-asked.jsonl   a line a call, in the order in which a run would make them: keep it, so that drift is no condition
-asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it
-asked.json    the prompt, and the schema of an answer
-pictures/     the pictures, named by their content; what a file is called says nothing of what it shows
+asked.jsonl   one call per line, in the order in which a run would make them. Keep this order: else
+              a drift of the model over time looks like an effect of a condition.
+asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it.
+asked.json    the prompt, and the schema of an answer.
+pictures/     the pictures, named by their content; what a file is called says nothing about what it shows.
 
-Ask each call alone: the system words, the user's words, and the picture, or none where that is empty. Answers come
-back as a table (CSV, JSON lines or Parquet) with the columns call and repeat as they are here, text with the model's
-words verbatim, and, where they are known: finish_reason, error, served, prompt_tokens, completion_tokens, seconds,
-cost_usd. What a call is about, its key does not say; whoever has the bank finds it again.
+Make each call alone: the system words, the user's words, and the picture, or none where that is empty. Answers come
+back as a table (CSV, JSON lines or Parquet). It has the columns call and repeat as they are here, and text with the
+model's words verbatim. Where they are known it has finish_reason, error, served, prompt_tokens, completion_tokens,
+seconds and cost_usd. A key does not say what its call is about; the owner of the bank finds it again.
 
   eyechart run import ANSWERS.jsonl --frames BANK --out RUN
 """
@@ -56,11 +58,11 @@ cost_usd. What a call is about, its key does not say; whoever has the bank finds
 
 @dataclass(frozen=True)
 class Keys:
-    """The keys of the calls of a run about a bank, prompt and seed; the same on every machine.
+    """The keys of a run's calls about a bank, prompt and seed; the same on every machine.
 
-    ``batch`` is the digest of the bank, the prompt, the seed and how pictures leave, and stands in an export. ``own``
-    is another one of the same, which only who has the bank can make: by it a call is named, so that nobody finds out
-    by trying which frame and condition a key is of.
+    ``batch`` is the digest of the bank, the prompt, the seed and the encoding of pictures; an
+    export holds it. ``own`` is a second digest of the same, which only the owner of the bank can
+    make. Calls are named by it, so that nobody can find a key's frame and condition by trial.
     """
 
     batch: str
@@ -79,7 +81,7 @@ class Keys:
         return self._key(self.own, condition, frame)
 
     def older(self, condition: str, frame: str) -> str:
-        """Return the key that the same call had in an export of the first format."""
+        """Return the key of the same call in an export of the first format."""
         return self._key(self.batch, condition, frame)
 
     def _key(self, digest: str, condition: str, frame: str) -> str:
@@ -87,18 +89,18 @@ class Keys:
         return f"{self.batch[:8]}-{found[:20]}"
 
     def find(self, call: str, conditions: Iterable[str], frames: Iterable[str]) -> tuple[str, str] | None:
-        """Return the condition and the frame of these that a key is of, None where it is of none."""
+        """Return the condition and the frame of a key, out of these; None for an unknown key."""
         asked = product(conditions, frames)
         return next((one for one in asked if call in {self.call(*one), self.older(*one)}), None)
 
     def holds(self, call: str) -> bool:
-        """Return whether a key is of this bank, prompt and seed, whichever its call."""
+        """Return whether a key belongs to this bank, prompt and seed, whichever its call."""
         return call.startswith(f"{self.batch[:8]}-")
 
 
 @dataclass(frozen=True)
 class Questions:
-    """The calls of a planned battery about a bank with its pictures, for one SPEC, and those of them that are left."""
+    """The calls of a planned battery for one SPEC, and the calls that are ``left``."""
 
     plan: Plan
     manifest: RunManifest
@@ -112,7 +114,7 @@ class Questions:
 
     @property
     def is_unnamed(self) -> bool:
-        """Return whether no run of eyechart's own would ask these calls, so that their seeds may be any."""
+        """Return whether no run of eyechart makes these calls itself, so that any seed will do."""
         return made_elsewhere(self.plan.models[0])
 
     @property
@@ -124,14 +126,14 @@ class Questions:
         return {name: count for name, count in counts.items() if count}
 
     def asked(self) -> Iterator[tuple[CallKey, Query]]:
-        """Yield each call that is left with what is asked in it, in the order in which a run would make them."""
+        """Yield each remaining call with its query, in the order in which a run would make them."""
         stimuli = self.plan.stimuli()
         for key in self.left:
             yield key, self.plan.query(key, stimuli.show(key.condition, key.frame))
 
 
 def questions_of(bank: Path, asking: Asking, model: str | None = None) -> Questions:
-    """Return the calls of a battery on a bank; ``model`` is the SPEC by whose name their seeds are made.
+    """Return the calls of a battery on a bank; ``model`` is the SPEC that seeds them.
 
     Raises BankError and SpecError as `plan` does.
     """
@@ -142,23 +144,22 @@ def questions_of(bank: Path, asking: Asking, model: str | None = None) -> Questi
 
 
 def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions:
-    """Return the calls of a run that have no answer, the controls that its answers call for among them.
+    """Return a run's calls without an answer, including the controls that its answers call for.
 
-    A call whose final reply is a failure of the road has none.
-
-    ``model`` is one of the run's, which need not be named where there is one. Raises SpecError for another,
-    LedgerError or BankError where the folder is no battery or the bank another.
+    A call whose last reply is a failure in transport has no answer. ``model`` is one of the run's;
+    it may be left out if there is only one. Raises SpecError for another model, LedgerError or
+    BankError where the folder is no battery or the bank is another.
     """
     manifest, recorded = read_run(run)
     if manifest.study != STUDY:
-        raise LedgerError(f"{run} is a run of the study '{manifest.study}', and what is left of a battery is exported")
+        raise LedgerError(f"{run} is a run of the study '{manifest.study}'; only calls of a battery can be exported")
     spec = model if model is not None else next(iter(manifest.models), "")
     if spec not in manifest.models or (model is None and len(manifest.models) > 1):
         raise SpecError(f"{run} holds {', '.join(manifest.models) or 'no model'}: name one with --model")
     pictures = asked_of(open_whole(bank), manifest.prompt, manifest.reader)
     its_own = recorded.manifest.images.items() <= pictures.manifest.images.items()
     if pictures.manifest.fingerprint != manifest.fingerprint or not its_own:
-        raise LedgerError(f"{run} was made on another bank than {bank}: give its own")
+        raise LedgerError(f"{run} was made on another bank than {bank}: give the run's own bank")
     whole = plan_of(manifest, pictures)
     with Ledger(run / LEDGER) as ledger:
         answered = ledger.finished() - {key for key, reply in ledger.replies(spec) if is_of_the_road(reply)}
@@ -169,7 +170,7 @@ def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions
 
 
 def showable(battery: Battery) -> Iterator[tuple[str, CallKey]]:
-    """Yield every call that a run may come to make of its one model, controls among them, by its key, new and older."""
+    """Yield every call that a run may make of its one model, by its new and its older key."""
     (spec,) = battery.plan.models
     keys, wide = Keys.of(battery.manifest, battery.plan), widest(battery.manifest, battery.plan)
     for key in wide.keys_of(spec):
@@ -178,7 +179,7 @@ def showable(battery: Battery) -> Iterator[tuple[str, CallKey]]:
 
 
 def unasked(battery: Battery, condition: str, frame: str) -> str:
-    """Return in words why a run makes no call about a frame under a condition."""
+    """Return in words why a run has no call about a frame under a condition."""
     plan = battery.plan
     try:
         there = available(condition, plan.bank.frame(frame))
@@ -194,13 +195,13 @@ def unasked(battery: Battery, condition: str, frame: str) -> str:
 def write_questions(
     asked: Questions, out: Path, *, progress: Callable[[int, int], None] = lambda *_: None
 ) -> tuple[int, int]:
-    """Write the calls that are left, with their pictures, into a new folder; return how many calls and pictures.
+    """Write the remaining calls with their pictures into a new folder; return both counts.
 
-    The folder is written whole or not at all. Raises OutputError where it is there already or cannot be written, and
-    SpecError where no call is left.
+    The folder is written whole or not at all. Raises OutputError where it exists already or cannot
+    be written, and SpecError where no call is left.
     """
     if not asked.left:
-        raise SpecError("no call is left to be exported: every one that is planned has its answer")
+        raise SpecError("no call is left to be exported: every planned call has its answer")
     with _whole_folder(out) as work:
         (work / PICTURES).mkdir()
         return _write(asked, work, progress)
@@ -230,7 +231,7 @@ def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -
 
 
 def _stored(image: bytes, work: Path, files: dict[str, str]) -> str:
-    """Write a picture once, and return where in the folder it is."""
+    """Write a picture once, and return its place in the folder."""
     digest = hashlib.sha256(image).hexdigest()
     if digest not in files:
         files[digest] = f"{PICTURES}/{digest[:24]}.{_ENDINGS.get(media_type(image), 'bin')}"
@@ -252,7 +253,7 @@ def _about(asked: Questions) -> dict[str, object]:
 
 @contextmanager
 def _whole_folder(out: Path) -> Iterator[Path]:
-    """Yield a folder that takes the place of ``out`` once it is complete; no part of it is left otherwise."""
+    """Yield a folder that replaces ``out`` once it is complete; otherwise nothing is left of it."""
     if out.exists() and (not out.is_dir() or any(_entries(out))):
         raise OutputError(f"{out} exists and is not empty; choose another --out for the export")
     elsewhere = "; choose another place"

@@ -1,7 +1,8 @@
-"""Which labels a bank can give, and how many more frames it would take: known controllers that never err are judged.
+"""Which labels a bank can give, and how many more frames it needs, by error-free controllers.
 
-Each label has a controller that deserves it. What it would answer is made of the bank's text alone, no picture is
-looked at, and the rules of a verdict judge these answers; where they give another label, the bank is made longer.
+Each label has a controller that deserves it. Its answers come from the bank's ground truth alone,
+without a picture, and the rules of a verdict judge them. Where they give another label, the bank is
+made longer.
 """
 
 import random
@@ -29,7 +30,7 @@ from eyechart.verdicts.calibrated import DISTANCE, earns_lateral
 from eyechart.verdicts.ruling import Ruling
 
 MOST_TIMES, MOST_FRAMES = 8, 4000
-"""A bank is thought longer up to so many times, and up to so many frames."""
+"""A bank is extended up to this factor, and up to this number of frames."""
 
 _HOW = Resampling(resamples=999)
 
@@ -45,14 +46,15 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     "refusal_effect": ("shuffled", "blank"),
     "image_invariant": ("shuffled", "blank"),
 }
-"""The conditions without which a label is never given; ``depth_associated`` is also earned by observation."""
+"""The conditions that a label needs; ``depth_associated`` can also come from observation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Whether a bank can give a label: ``more`` frames would do where it cannot, None where no number of them would.
+    """Whether a bank can give a label, and if not, how many ``more`` frames it needs.
 
-    ``lacks`` says in words what is missing, and is empty where nothing is.
+    ``more`` is None where no number of frames would do. ``lacks`` says in words what is missing; it
+    is empty where nothing is.
     """
 
     label: str
@@ -63,21 +65,21 @@ class Reach:
 
     @property
     def words(self) -> str:
-        """Return in words whether it can be reached."""
+        """Return in words whether the label can be reached."""
         if self.reached:
             return "yes"
         return "no" if self.more is None else f"with about {self.more} more frames"
 
 
 def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
-    """Return of every calibrated label whether a bank can give it."""
+    """Return for every calibrated label whether a bank can give it."""
     return tuple(_reach(label, bank) for label in LABELS)
 
 
 def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]) -> list[str]:
-    """Return the labels that nobody gets who is asked about these frames under these conditions, who deserves it too.
+    """Return the labels that no model can get on these frames under these conditions.
 
-    What a run asks in later stages is taken to be ``asked``.
+    Conditions of later stages count as run.
     """
     some, left = replace(bank, frames=frames), {*BATTERY, *_DEPTH[:2]} - {*asked}
     parts = [spread(frames, _ENOUGH), *([frames] if len(frames) > _ENOUGH else [])]
@@ -94,12 +96,12 @@ def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]
 
 
 _ENOUGH = 288
-"""What can be shown on so many of the frames is not tried on all of them."""
+"""A label that this many of the frames can show is not tried on all of them."""
 
 
 def _reach(label: str, bank: FrameBank) -> Reach:
     answer = LABELS[label].answer
-    if answer == "Inconclusive":  # which any frames give
+    if answer == "Inconclusive":  # any frames give such a label
         return Reach(label, answer, reached=True)
     if lacks := _lacks(label, bank):
         return Reach(label, answer, reached=False, lacks=lacks)
@@ -109,13 +111,14 @@ def _reach(label: str, bank: FrameBank) -> Reach:
 
 
 def _kept_from(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> str:
-    """Return why a label is not given on these frames, empty where it is: to the controller that deserves it.
+    """Return why the deserving controller does not get a label on these frames; "" where it does.
 
-    Of a label that none here deserves, it is what of its rules who reads the distance leaves untested.
+    For a label without such a controller, return the rule's test that stays untested for a reader
+    of distance.
     """
     if label in _CONTROLLERS:
         ruling = _ruled(label, bank, frames)
-        return "" if ruling.label == label else f"who deserves it gets {ruling.label}: {ruling.reason}"
+        return "" if ruling.label == label else f"a model that deserves it gets {ruling.label}: {ruling.reason}"
     found = _found(_depth, bank, frames)[0]
     untested = [
         next((one.statistic for one in rule.needs if one.outcome(found) is None and not one.untested), "")
@@ -126,7 +129,7 @@ def _kept_from(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> str:
 
 
 def _lacks(label: str, bank: FrameBank) -> str:
-    """Return which conditions no frame can be shown that a label needs, or what else the bank does not say."""
+    """Return which needed conditions no frame can be shown, or what else the bank lacks."""
     calls = calls_of(bank)
     shown = {name: calls.get(name, any(available(name, frame) for frame in bank)) for name in _NEEDS.get(label, ())}
     missing = [name for name, count in shown.items() if not count]
@@ -145,7 +148,7 @@ def _lacks(label: str, bank: FrameBank) -> str:
 
 
 def _more(label: str, bank: FrameBank) -> int | None:
-    """Return how many frames more would earn a label, were they like those that there are; None where none would."""
+    """Return how many more frames like these would earn a label; None where none would."""
     count = len(bank)
 
     def holds(frames: int) -> bool:
@@ -163,9 +166,10 @@ def _more(label: str, bank: FrameBank) -> int | None:
 
 
 def _longer(frames: Sequence[Frame], count: int) -> Iterator[Frame]:
-    """Yield so many frames: those of a bank again and again, in other episodes, of the last time the first steps.
+    """Yield so many frames: those of a bank repeatedly, each time as other episodes.
 
-    Distances that were drawn are drawn anew over their range, as evenly as a bank is built.
+    The last repetition has the first steps only. Drawn distances are drawn again over their range,
+    as evenly as in a built bank.
     """
     ordered = sorted(frames, key=lambda one: one.step)
     ranges = {name: _range_of(frames, name) for name in (*AT["drawn"], *AT["own"])}
@@ -185,13 +189,13 @@ _GOLDEN = (5**0.5 - 1) / 2
 
 
 def _range_of(frames: Sequence[Frame], column: str) -> tuple[float, float]:
-    """Return the least and the greatest number above 0 in a column, 1 and 1 where there is none."""
+    """Return the least and the greatest positive number in a column; (1, 1) without any."""
     known = [at for frame in frames if isinstance(at := frame.truth.get(column), int | float) and at > 0]
     return (min(known), max(known)) if known else (1.0, 1.0)
 
 
 def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
-    """Return the ruling of the controller that deserves a label, were the bank's frames these."""
+    """Return the ruling on the controller that deserves a label, if the bank had these frames."""
     without = (*RANGED, *FURTHER) if label == "depth_associated" else ()
     found, answers = _found(_CONTROLLERS[label], bank, frames, without)
     turns = False
@@ -204,20 +208,20 @@ def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
 def _found(
     choose: "Choose", bank: FrameBank, frames: tuple[Frame, ...], without: Sequence[str] = ()
 ) -> tuple[Found, Answers]:
-    """Return the statistics of a controller, were the bank's frames these, and what it answers."""
+    """Return a controller's statistics and answers, if the bank had these frames."""
     answers = _Ideal(bank, frames).answers(choose, without=without)
     return Found(Calibrated(answers, _HOW)), answers
 
 
 @dataclass(frozen=True)
 class _Ideal:
-    """What can be answered to each picture of a bank whose frames are ``frames``."""
+    """The facts from which controllers answer, for a bank whose frames are ``frames``."""
 
     bank: FrameBank
     frames: tuple[Frame, ...]
 
     def answers(self, choose: "Choose", *, without: Sequence[str]) -> Answers:
-        """Return what a controller answers to all that a run would ask; an empty word is a refusal."""
+        """Return a controller's answers to all calls of a run; an empty word is a refusal."""
         space, gap = self.bank.manifest.action_space, self.bank.manifest.gap
         asked = [name for name, count in calls_of(self.bank).items() if count]
         asked += [name for name in (*RANGED, *FURTHER, "nudged", "lead_absent") if name not in without]
@@ -244,7 +248,7 @@ class _Ideal:
 
     @cached_property
     def distances(self) -> Mapping[str, np.ndarray]:
-        """Return how far away the lead is under each condition, NaN where nobody says."""
+        """Return the lead's distance under each condition; unrecorded ones get a default."""
         shown = moved_of(Answers("", self.frames, self.space, self.bank.manifest.gap, {}))
         found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
         found |= {name: shown.distance("far") for name in (BESIDE, "exchange_apart")}
@@ -252,7 +256,7 @@ class _Ideal:
 
     @cached_property
     def ends(self) -> tuple[float, float]:
-        """Return below which distance it brakes hardest, the near third of the range, and from which it goes on."""
+        """Return the distances below which it brakes hardest, and beyond which it goes on."""
         known = np.concatenate([self.distances[name] for name in ("lead_drawn", "lead_near", "lead_far")])
         known, far = known[np.isfinite(known) & (known > 0)], self.distances["lead_far"]
         if not len(known) or known.min() == known.max():
@@ -262,7 +266,7 @@ class _Ideal:
         return near, least if np.isfinite(least) else float(known.max())
 
     def partner(self, condition: str, place: int) -> int:
-        """Return the frame that a condition shows: the next of the scenario, or of another one."""
+        """Return the frame that a condition shows: the next of the same or another scenario."""
         if condition not in {"shuffled", "cross_scenario"}:
             return place
         own = self.frames[place].scenario
@@ -274,7 +278,7 @@ Choose = Callable[[_Ideal, str, int], str]
 """(the bank, condition, place of the frame) to an action."""
 
 _STANDS = {"lead_near": 0.0, "lead_near_nudged": 0.0}
-"""Where the lead counts as standing whose distance nobody recorded: else as far as can be."""
+"""The distance of a lead that was not recorded: standing near; elsewhere infinite."""
 
 
 def _decided(word: str) -> Decision[str]:
@@ -288,14 +292,14 @@ def _depth(of: _Ideal, condition: str, place: int) -> str:
 
 
 def _at(of: _Ideal, condition: str, place: int) -> float:
-    """Return how far away the lead is in a picture, infinite where there is none."""
+    """Return the lead's distance in a picture, infinite without a lead."""
     if condition == "lead_absent":
         return np.inf
     return float(of.distances.get(condition, of.distances["real"])[of.partner(condition, place)])
 
 
 def _partial(of: _Ideal, condition: str, place: int) -> str:
-    """Brake by distance, but in the scenario that has the most frames, or where there is one, not far away."""
+    """Brake by distance except in the largest scenario; with one scenario, except far away."""
     names = [frame.scenario for frame in of.frames]
     blind = max(sorted(set(names)), key=names.count)
     said = _depth(of, condition, place)
@@ -307,7 +311,7 @@ def _partial(of: _Ideal, condition: str, place: int) -> str:
 
 
 def _lateral(of: _Ideal, condition: str, place: int) -> str:
-    """Brake by distance, but from five ninths of the range on go to the only clear side, or on."""
+    """Brake by distance; from five ninths of the range on, turn to the only clear side."""
     near, far = of.ends
     said = _depth(of, condition, place)
     if condition in NO_ROAD or _at(of, condition, place) < near ** (1 / 3) * far ** (2 / 3):
@@ -353,4 +357,4 @@ _CONTROLLERS: Mapping[str, Choose] = {
     "refusal_effect": lambda of, condition, _: "" if condition == "blank" else of.by_level[1],
     "image_invariant": lambda of, _condition, _place: of.by_level[1],
 }
-"""What deserves each label and never errs."""
+"""The controller that deserves each label and never errs."""

@@ -1,8 +1,9 @@
-"""Do two runs of one battery say the same: the difference of each statistic, with a test that exchanges the runs.
+"""Whether two runs of one battery agree: each statistic's difference, with a randomisation test.
 
-Where nothing changed, a frame's replies in the one run and in the other come from the same distribution; so each
-frame's replies may be exchanged between the runs, all conditions together, and every statistic's difference has an
-exact null distribution (Fisher's randomisation test), whatever the frames have in common.
+If nothing changed, a frame's replies in both runs come from the same distribution. Then each
+frame's replies may be exchanged between the runs, all conditions together. This gives every
+difference an exact null distribution (Fisher's randomisation test), whatever the frames have in
+common.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -26,7 +27,7 @@ from eyechart.studies.battery.answers import ABSENT, Answers
 Codes = NDArray[np.int16]
 Floats = NDArray[np.float64]
 Measure = Callable[[Codes, Floats], Floats]
-"""Maps answers (m, conditions, frames), -1 where there is none, and weights (m, frames) to values (m,)."""
+"""Maps answers (m, conditions, frames), -1 for none, and weights (m, frames) to values (m,)."""
 
 _CHUNK_BYTES = 64_000_000
 _METHOD = "second run minus first; two-sided randomisation test that exchanges the runs within a frame"
@@ -41,15 +42,18 @@ class Difference(Statistic):
 
 
 def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: int = 2000) -> dict[str, Statistic]:
-    """Return how much each statistic of one model differs between two runs, by the statistic's name.
+    """Return each statistic's difference between two runs of one model, by its name.
 
-    A value is the second run's minus the first's, over the frames and conditions that both were asked about; its
-    interval is over
-    episodes, of both runs together. Two are no differences. ``across_runs`` is the share of real
-    pictures that the second run answers as the first did, to be held against ``agree.real_repeat``, which asks the same
-    within one run. ``answer_shift`` is the total variation distance between the two runs' answers to real pictures:
-    statistics that do not ask which answer was given, and most do not, cannot tell always STOP from always LEFT. Raises
-    SpecError where the two have no frame or no action space in common.
+    A value is the second run's minus the first's, over the frames and conditions of both; its
+    interval is over the episodes of both runs together.
+
+    Two entries are no differences. ``across_runs`` is the share of real pictures with the same
+    answer in both runs; compare it with ``agree.real_repeat``, the same within one run.
+    ``answer_shift`` is the total variation distance between the runs' answers to real pictures. It
+    is needed because most statistics ignore which answer was given: they cannot tell always STOP
+    from always LEFT.
+
+    Raises SpecError where the two have no frame in common, or different action spaces.
     """
     pair = _Pair(first, second, seed, resamples)
     found: dict[str, Statistic] = {}
@@ -66,7 +70,7 @@ def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: in
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two runs' answers of one model about the frames that both have."""
+    """Two runs' answers of one model about their common frames."""
 
     first: Answers
     second: Answers
@@ -75,9 +79,9 @@ class _Pair:
 
     def __post_init__(self) -> None:
         if self.first.space != self.second.space:
-            raise SpecError("the two runs have different action spaces, so that their answers cannot be compared")
+            raise SpecError("the two runs have different action spaces, so their answers cannot be compared")
         if not self._places[0]:
-            raise SpecError("the two runs have no frame in common; a replication asks about the same frames")
+            raise SpecError("the two runs have no frame in common; a replication needs the same frames")
 
     @cached_property
     def _places(self) -> tuple[list[int], list[int]]:
@@ -99,7 +103,7 @@ class _Pair:
         return np.unique(episodes, return_inverse=True)[1].astype(np.int64)
 
     def codes(self, level: str) -> Codes:
-        """Return both runs' answers as numbers, shape (2, conditions, frames), -1 where either run has none."""
+        """Return both runs' answers as codes (2, conditions, frames), -1 where either has none."""
         out = np.full((2, len(BATTERY), len(self._places[0])), -1, dtype=np.int16)
         asked = np.ones(out.shape[1:], dtype=bool)
         for run, (answers, places) in enumerate(zip((self.first, self.second), self._places, strict=True)):
@@ -112,7 +116,7 @@ class _Pair:
         return out
 
     def test(self, codes: Codes, measure: Measure, name: str) -> Statistic:
-        """Return the difference of a statistic between the runs, with its interval over episodes and its p."""
+        """Return a statistic's difference between the runs, with interval over episodes and p."""
         frames = codes.shape[2]
         even = np.ones((1, frames))
         first, second = (float(measure(codes[run : run + 1], even)[0]) for run in (0, 1))
@@ -148,7 +152,8 @@ class _Pair:
             gap = np.abs(other - one)
             undefined += int(np.isnan(gap).sum())
             reached += int((gap >= abs(observed) - 1e-12).sum())
-        # An exchange under which the statistic is undefined counts as one that reaches it: the safe side.
+        # An exchange with an undefined statistic counts as one that reaches it, to be on the safe
+        # side.
         return permutation_p(reached + undefined, self.resamples)
 
     def _chunks(self, rows: int, codes: Codes) -> Iterator[slice]:
@@ -157,7 +162,7 @@ class _Pair:
             yield slice(start, min(start + step, rows))
 
     def agreements(self) -> dict[str, Measure]:
-        """Return the agreement of each condition with real, and what is computed from two of them."""
+        """Return the agreement of each condition with real, and the indices derived from it."""
         real = self._row["real"]
 
         def agree(row: int, codes: Codes, weights: Floats) -> Floats:
@@ -177,7 +182,7 @@ class _Pair:
         }
 
     def dependence(self) -> dict[str, Measure]:
-        """Return Cramér's V over the conditions and, where there is a gap, the information and the obstacle's V."""
+        """Return Cramér's V over conditions and, with a gap, information and the obstacle's V."""
 
         def over_conditions(codes: Codes, weights: Floats) -> Floats:
             return cramers_v_of_tables(
@@ -201,7 +206,7 @@ class _Pair:
         }
 
     def _counts(self, answers: Codes, weights: Floats) -> Floats:
-        """Return how much weight each answer has, shape (m, answers)."""
+        """Return the weight of each answer, shape (m, answers)."""
         return np.stack([((answers == code) * weights).sum(axis=1) for code in range(len(self._names))], axis=1)
 
     def unparsed(self, codes: Codes, weights: Floats) -> Floats:
@@ -210,7 +215,7 @@ class _Pair:
         return _ratio(missing, ((codes >= 0) * weights[:, None]).sum(axis=(1, 2)))
 
     def swaps(self, codes: Codes, weights: Floats) -> Floats:
-        """Return the mirror swap rate: of the directional answers to real pictures, those that the reflection swaps."""
+        """Return the mirror swap rate: the share of real turns that the reflection swaps."""
         partners = self.first.partners
         partner = np.array([self._names.index(partners.get(name, name)) for name in self._names[:-1]] + [-2, -3])
         directional = [self._names.index(name) for name in partners]
@@ -233,7 +238,7 @@ class _Pair:
         return {"modal_share": modal, "entropy": entropy}
 
     def shift(self) -> Statistic:
-        """Return the total variation distance of the runs' answers to real pictures, with its randomisation p."""
+        """Return the total variation distance of answers to real pictures, with its p."""
         codes = self.codes("response")[:, self._row["real"]]
         codes = codes[:, (codes >= 0).all(axis=0)]
         n, method = codes.shape[1], f"total variation distance of answers to real pictures, B={self.resamples}"
@@ -249,7 +254,7 @@ class _Pair:
         return Statistic(value, n, p=p, method=method, detail={"expected_by_chance": float(distances.mean())})
 
     def across(self) -> Statistic:
-        """Return the share of real pictures that both runs answer alike, with its interval over episodes."""
+        """Return the share of real pictures with equal answers, with its interval over episodes."""
         codes = self.codes("response")[:, self._row["real"]]
         both = (codes >= 0).all(axis=0)
         if not both.any():

@@ -1,4 +1,4 @@
-"""What each call in a ledger asked, by its digest, is held to what the run asks: by its bank, its prompt, its seed."""
+"""Compares each call in a ledger, by its digest, with the call that bank, prompt and seed give."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -17,22 +17,23 @@ from eyechart.run import Plan
 from eyechart.stimuli import Stimuli
 
 FEW = 8
-"""So many frames of a condition are compared whose pictures are encoded for each call, which takes a while."""
+"""The frames compared per condition whose pictures are encoded per call, which is slow."""
 MOST_BYTES = 200_000_000
-"""So many bytes of pictures are compared: making their digests takes no longer than a score."""
+"""The most bytes of pictures to compare: making their digests then takes no longer than a score."""
 _OF_BANK = "pictures of the bank"
 
 Asked = Mapping[str, CallKey]
-"""The digests of what was asked about one frame under one condition, each with the first call that asked so."""
+"""The digests of requests about one frame under one condition, each with its first call."""
 
 
 def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
-    """Raise LedgerError where a call in a run's ledger asked something else than its ``plan`` does, naming the first.
+    """Raise LedgerError for the first call in a ledger whose request differs from the ``plan``.
 
-    Words without pictures are compared first. Then, up to 200 MB of pictures, those that leave as they lie in the bank;
-    of those that are encoded for a call a few frames, where this machine encodes as that of the run did. A validation
-    of the run's bundle compares them all. Nothing is said of what nobody can know: of a row without a digest, of
-    pictures that are gone or are not those of the run, of a view or a condition that is not there any more.
+    Requests without pictures are compared first. Up to 200 MB of pictures follow: all that leave
+    unchanged from the bank, and a few frames of those that are encoded for a call. The latter count
+    only if this machine encodes as the run's did. A validation of the run's bundle compares them
+    all. What cannot be known is passed over: a row without a digest, pictures that are gone or
+    differ, and a view or condition that no longer exists.
     """
     asked, held = _asked_in(ledger, plan), _Held(ledger.path.parent, manifest, plan)
     for condition, frame in sorted(asked, key=lambda shown: shown[0] != "text_only"):
@@ -43,7 +44,7 @@ def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
 
 
 def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, CallKey]]:
-    """Return what was asked by condition and frame; a row without a digest says nothing."""
+    """Return the request digests by condition and frame; a row without a digest is left out."""
     asked: dict[tuple[str, str], dict[str, CallKey]] = {}
     for spec in plan.models:
         for sent in ledger.attempts(spec):
@@ -57,15 +58,15 @@ def _words(wrong: list[CallKey]) -> str:
     _, model, _, frame, condition, _ = map(printable, map(str, wrong[0]))
     more = f", as do {len(wrong) - 1} other calls" if len(wrong) > 1 else ""
     return (
-        f"the call of {model} about frame '{frame}' under {condition} asked something else than this run asks{more}: "
-        "the ledger was made with another bank, prompt or seed than run.json says; restore the ledger or run.json from "
+        f"the call of {model} about frame '{frame}' under {condition} asked something else than this run asks{more}. "
+        "The ledger was made with another bank, prompt or seed than run.json says. Restore the ledger or run.json from "
         "a copy, or run anew with another --out"
     )
 
 
 @dataclass
 class _Held:
-    """The requests of a run, compared frame by frame; ``wrong`` are the calls that asked something else."""
+    """The requests of a run, compared frame by frame; ``wrong`` are the calls that differ."""
 
     run: Path
     manifest: RunManifest
@@ -79,15 +80,15 @@ class _Held:
 
     @property
     def wrong(self) -> list[CallKey]:
-        """Return the calls that asked something else.
+        """Return the calls whose request differs.
 
-        A picture that was encoded and differs counts only where another of its kind came out the same.
+        An encoded picture that differs counts only if another of its kind came out the same.
         """
         return [*self._wrong, *(key for kind in self._alike for key in self._unlike.get(kind, ()))]
 
     @cached_property
     def _bank(self) -> FrameBank:
-        """Return the bank with its pictures as they lie on disk: in the run, or where they were."""
+        """Return the bank with its pictures as on disk: in the run, or at their recorded place."""
         own = self.run / BANK
         held = (own / self.plan.bank.frames[0].file).is_file()
         return replace(self.plan.bank, root=own if held else Path(self.manifest.bank_path), plain=False)
@@ -102,9 +103,10 @@ class _Held:
         return replace(self.plan, bank=bank, view=find_view(self.manifest.view)).stimuli()
 
     def compare(self, condition: str, frame: str, asked: Asked) -> None:
-        """Compare what was asked about a frame under a condition.
+        """Compare the requests about a frame under a condition.
 
-        Raises BankError where a picture cannot be read or is not the one of the run: nobody can say what it asked.
+        Raises BankError where a picture cannot be read or is not the run's, so that nothing can be
+        said.
         """
         if self._bytes > MOST_BYTES or self._times[condition] == FEW:
             return
@@ -122,7 +124,7 @@ class _Held:
             found.extend(call for digest, call in asked.items() if digest in wrong)
 
     def _leaves_as_it_is(self, condition: str, frame: str) -> bool:
-        """Return whether the pictures of a call leave as they lie in the bank, or none does."""
+        """Return whether a call's pictures are the bank's files unchanged, or it has none."""
         if self._is_made(condition, frame):
             return False
         images = self._stored.show(condition, frame).images.values()
@@ -130,7 +132,7 @@ class _Held:
         return not images or (as_they_lie and self.manifest.view == NONE)
 
     def _is_made(self, condition: str, frame: str) -> bool:
-        """Return whether a condition makes its pictures, as it does for the first frame that is asked for."""
+        """Return whether a condition makes its pictures; decided on the first frame."""
         if condition not in self._made:
             lying = [self._bank.read(file) for file in self.plan.sources(condition, self._bank.frame(frame))]
             images = self._stored.show(condition, frame).images.values()

@@ -1,4 +1,4 @@
-"""Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
+"""Scores a run: ledger and bank to decisions to statistics; only reads, same bytes every time."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -44,12 +44,13 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 
 @dataclass(frozen=True)
 class ModelScore(Written):
-    """One model's decisions and statistics. ``holm`` maps a test to its p corrected over the run's models.
+    """One model's decisions and statistics. ``holm`` maps a test to its p over the run's models.
 
-    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped`` says where the run
-    settled its verdict early: then ``answers`` and ``answered`` hold the calls that count, ``statistics`` their
-    e-values, and of all others the value alone, because a p or an interval of a sample of fixed size is none here.
-    ``controls`` says which controls it was asked; those of a stage that is not finished are in no statistic.
+    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped``
+    says where the run settled its verdict early. Then ``answers`` and ``answered`` hold the calls
+    that count, and ``statistics`` their e-values. Other statistics keep only their value, because p
+    and interval hold only at a fixed sample size. ``controls`` are the model's control conditions;
+    those of an unfinished stage are in no statistic.
     """
 
     written = "version planned answered stopped controls.controls statistics holm"
@@ -66,14 +67,14 @@ class ModelScore(Written):
 
 
 M = TypeVar("M")
-"""What a study makes of one model's calls."""
+"""A study's score of one model's calls."""
 
 
 @dataclass(frozen=True)
 class CallsScore(ABC, Generic[M]):
-    """Everything that a ledger says of calls about a bank's frames, and, apart from it, what the calls took.
+    """The scores of a run's calls about a bank's frames, and apart from them the costs.
 
-    What two runs may differ in (timing, attempts) is ``accounting`` and ``guards``.
+    Two runs with equal answers may differ only in ``accounting`` and ``guards`` (timing, attempts).
     """
 
     manifest: RunManifest
@@ -84,21 +85,21 @@ class CallsScore(ABC, Generic[M]):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return the conditions that any model was asked."""
+        """Return the conditions of any model."""
         return self.manifest.conditions
 
     def marks(self, spec: str) -> list[str]:
-        """Return in words which guards of a model fail."""
+        """Return the failed guards of a model in words."""
         return [f"guard '{one.name}' fails: {one.because}" for one in self.guards[spec] if one.holds is False]
 
     @abstractmethod
     def evidence(self) -> dict[str, Evidence]:
-        """Return what there is to judge of every model, or to hold it to."""
+        """Return what the rules judge of every model."""
 
 
 @dataclass(frozen=True)
 class BatteryScore(Written, CallsScore[ModelScore]):
-    """Everything that the ledger of one battery says, and, apart from it, what the calls took."""
+    """The scores of one battery, and apart from them the costs of its calls."""
 
     written = (
         "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.seed "
@@ -106,11 +107,11 @@ class BatteryScore(Written, CallsScore[ModelScore]):
     )
 
     independent: bool = False
-    """Whether whoever scored it, or the bank, declared that frames without episodes are independent draws."""
+    """Whether the user or the bank declared that frames without episodes are independent draws."""
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return the conditions that any model was asked, its controls last."""
+        """Return the conditions of any model, controls last."""
         asked = {name for model in self.models.values() for name in model.controls.controls}
         return (*self.manifest.conditions, *(name for name in CONTROLS if name in asked))
 
@@ -118,7 +119,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
 
     def evidence(self) -> dict[str, Evidence]:
-        """Return what there is to judge of every model."""
+        """Return what the rules judge of every model."""
         absent = tuple(name for name in OF_BANKS if not any(available(name, frame) for frame in self.bank))
         part = self.manifest.shard is not None and self.manifest.controls == "auto"
         return {
@@ -146,7 +147,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
     def measured(self) -> tuple[Measured, ...]:
         """Return the statistics of every model on the bank."""
         calls = {
-            spec: f"{one.answered} of {one.planned} calls; its controls may still be to be asked"
+            spec: f"{one.answered} of {one.planned} calls; controls may still follow"
             for spec, one in self.evidence().items()
             if one.unfinished
         }
@@ -155,7 +156,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
         )
 
     def scope(self, model: ModelScore | None = None) -> str:
-        """Return the sentence that bounds a verdict: bank, episodes, model, prompt, date, what was not tested."""
+        """Return the scope of a verdict: bank, episodes, model, prompt, date, untested things."""
         bank, run = self.bank, self.manifest
         frames = (model or next(iter(self.models.values()))).answers.frames
         episodes = counted(len({frame.episode for frame in frames}), "episode")
@@ -165,7 +166,7 @@ class BatteryScore(Written, CallsScore[ModelScore]):
         size = f"{counted(len(frames), 'frame')}, {episodes}"
         asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
         if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
-            asked = f"asked elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
+            asked = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
         return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
 
 
@@ -177,12 +178,13 @@ def score(
     reread: bool = False,
     frames: Sequence[str] = (),
 ) -> BatteryScore:
-    """Score the battery in a run's folder, finished or not; on some ``frames`` of those that it asks about, or on all.
+    """Score the battery in a run's folder, finished or not, on some of its ``frames`` or on all.
 
-    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
-    has the replies of a run that was begun under an older version of the reader read by today's. Raises
-    LedgerError or BankError where the folder is no run, needs ``reread``, or holds calls that it does not ask, and
-    SpecError where independence is declared of a bank with episodes.
+    ``independent`` declares that frames without episodes are independent draws, as a bank's
+    manifest may. ``reread`` lets today's reader read the replies of a run begun under an older one.
+    Raises LedgerError or BankError where the folder is no run, needs ``reread``, or holds calls
+    that it does not plan. Raises SpecError where independence is declared for a bank with episodes,
+    or the run cannot be scored on these ``frames``.
     """
     manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
@@ -190,7 +192,7 @@ def score(
         chosen = set(frames)
         asked = tuple(one.id for one in plan_of(manifest, bank).frames if one.id in chosen)
         if not asked or manifest.stop_early:
-            why = "its answers chose its frames" if manifest.stop_early else "it asks about none of them"
+            why = "its answers chose its frames" if manifest.stop_early else "it has none of them"
             raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
         manifest = replace(manifest, frames=asked)
     return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True)
@@ -199,11 +201,11 @@ def score(
 def require_scorable(
     path: Path, manifest: RunManifest, bank: FrameBank, *, independent: bool = False, reread: bool = False
 ) -> None:
-    """Raise LedgerError or SpecError where a run may not be scored as was asked, see ``score``."""
+    """Raise LedgerError or SpecError where a run may not be scored so, see ``score``."""
     if manifest.study != STUDY:
         raise LedgerError(
-            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}', or "
-            "from Python eyechart.api.read_policies of policies, else eyechart.studies.study_of, which finds the study"
+            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'; in "
+            "Python, eyechart.api.read_policies reads policies, and eyechart.studies.study_of finds any run's study"
         )
     manifest.require_reader(path, READERS, reread=reread)
     if (
@@ -226,9 +228,10 @@ def score_run(
     independent: bool = False,
     held: bool = False,
 ) -> BatteryScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+    """Score the calls in a ledger by a run's manifest and its bank.
 
-    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    With ``held`` each call is compared with the run's requests; raises LedgerError where one
+    differs.
     """
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
@@ -281,12 +284,12 @@ def score_run(
 
 
 def took(path: Path, *, prices: Prices | None = None) -> Took:
-    """Return what every model's calls took, and whether the guards hold, without the statistics."""
+    """Return the cost of every model's calls, and whether the guards hold, without statistics."""
     return took_run(*read_run(path), path / LEDGER, prices=prices)
 
 
 def took_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, prices: Prices | None = None) -> Took:
-    """Return what `took` does, by a run's manifest and its bank, whoever vouches for these."""
+    """Return what `took` returns, from a run's manifest and its bank."""
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
         courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
@@ -297,7 +300,7 @@ def took_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, price
 def taken(
     ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, courses: Mapping[str, Course] | None = None
 ) -> Took:
-    """Return what `took` does, of what a plan asks; ``courses`` say of a run that stops early what it wanted."""
+    """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     shown = ShownChecks()
@@ -321,7 +324,7 @@ def taken(
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
-    """Return the answers that count, without controls of which none does."""
+    """Return the answers that count, without control conditions that have none."""
     decisions = {
         name: tuple(
             one if (frame.id, name) in counted else None for frame, one in zip(answers.frames, column, strict=True)
@@ -335,9 +338,9 @@ def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers
 def _with_evidence(
     found: Mapping[str, Statistic], course: Course | None, stopped: Stopped | None
 ) -> dict[str, Statistic]:
-    """Add the e-values of a run that stops early; where it stopped, take away what holds at a fixed size only.
+    """Add the e-values of a run that stops early; remove what holds only at a fixed sample size.
 
-    What ``depth`` reads was asked of all frames, so that it stays.
+    The tests that ``depth`` reads stay, because they used all frames.
     """
     if course is None:
         return dict(found)
@@ -349,7 +352,7 @@ def _with_evidence(
 
 
 def _bare(one: Statistic) -> Statistic:
-    """Return a statistic of a run that stopped early without what holds at a fixed size only."""
+    """Return a statistic of a run that stopped early, without its p and its interval."""
     words = "stopped early: a p or an interval would hold at a fixed size only"
     tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
     detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
@@ -364,7 +367,7 @@ def statistics_of(answers: Answers, how: Resampling, *, independent: bool = Fals
 def _corrected(
     statistics: Mapping[str, Mapping[str, Statistic]], stopped: Collection[str]
 ) -> dict[str, dict[str, float | None]]:
-    """Correct each test over the models; a constant model enters with p = 1, and so does one that stopped early."""
+    """Correct each test over the models; p is 1 for a constant or an early-stopped model."""
     by_model: dict[str, dict[str, float | None]] = {spec: {} for spec in statistics}
     for test in HOLM:
         corrected = holm([1.0 if spec in stopped else found[test].p for spec, found in statistics.items()])

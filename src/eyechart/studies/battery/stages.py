@@ -1,7 +1,7 @@
-"""The stages of a run: which controls a model is asked follows from its finished answers alone.
+"""The stages of a run: a model's finished answers alone decide which controls it is shown.
 
-First come the run's conditions; then, of each model, the controls that could take away what its answers claim, each
-stage once the one before is finished. See docs/decisions/stopping.md.
+The run's conditions come first. Then follow, for each model, the controls that could refute what
+its answers suggest. A stage begins when the one before is finished. See docs/decisions/stopping.md.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -21,10 +21,11 @@ from eyechart.verdicts import controls_wanted
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """The controls that a model is asked, as far as its answers have come.
+    """The controls for a model, by its answers so far.
 
-    ``judged`` are those of finished stages, ``open`` those of the stage under way. ``most`` are all that it can still
-    come to be asked; none where it ``ended``: its last stage is finished, and nothing is left to be taken away.
+    ``judged`` are the controls of finished stages, ``open`` those of the current stage. ``most``
+    are all controls that may still follow; empty where it ``ended``: the last stage is finished and
+    nothing is left to refute.
     """
 
     judged: tuple[str, ...] = ()
@@ -34,16 +35,16 @@ class Asked:
 
     @property
     def controls(self) -> tuple[str, ...]:
-        """Return all controls that it is asked, in the order of their stages."""
+        """Return all controls of the model, in the order of their stages."""
         return (*self.judged, *self.open)
 
     def judged_of(self, plan: Plan) -> tuple[str, ...]:
-        """Return the conditions of a plan whose answers are judged: all but those of the stage under way."""
+        """Return the conditions whose answers are judged: all but the current stage's."""
         return (*plan.conditions, *self.judged)
 
 
 def supplied(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
-    """Return the controls that a run may ask after its conditions; a shard lacks the answers that call for any."""
+    """Return the controls that may follow a run's conditions; a shard has none."""
     if manifest.controls != "auto" or plan.shard is not None:
         return ()
     shown = asked_in_stages([name for name in CONTROLS if any(available(name, frame) for frame in plan.frames)])
@@ -51,7 +52,7 @@ def supplied(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
 
 
 def widest(manifest: RunManifest, plan: Plan) -> Plan:
-    """Return a plan with every control that any model of the run may come to be asked."""
+    """Return a plan with every control that any model of the run may need."""
     may = supplied(manifest, plan)
     return replace(plan, controls={spec: may for spec in plan.models if may})
 
@@ -59,9 +60,9 @@ def widest(manifest: RunManifest, plan: Plan) -> Plan:
 def asked_of_model(
     plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str], begun: Sequence[str] = ()
 ) -> Asked:
-    """Return the controls that a model is asked, out of those that it ``may`` be, after what it replied.
+    """Return a model's controls, out of those that it ``may`` have, from its replies.
 
-    ``begun`` are those that its finished answers have called for already: they are not derived again.
+    ``begun`` are controls that its finished answers called for already; they are not derived again.
     """
     if not may:
         return Asked(ended=True)
@@ -88,19 +89,19 @@ def asked_of_model(
 
 
 def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
-    """Return whether a model was asked as older versions did: pictures without the lead, and no true ones with them."""
+    """Return whether an older version ran the model: all lead_absent calls, no repeats."""
     asked = [*replace(plan, controls={model: (ABSENT, AGAIN)}).keys_of(model)]
     absent, again = ([key in finished for key in asked if key.condition == name] for name in (ABSENT, AGAIN))
     return all(absent) and not any(again)
 
 
 def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:
-    """Return a plan with the controls that its models are asked."""
+    """Return a plan with the controls of its models."""
     return replace(plan, controls={spec: found[spec].controls for spec in plan.models if found[spec].controls})
 
 
 def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, Asked]:
-    """Return the controls that each model of a ``whole`` run is asked, by what its ledger holds; None holds nothing."""
+    """Return each model's controls in a ``whole`` run, from its ledger; None is an empty ledger."""
     may = supplied(manifest, whole)
     return {
         spec: asked_of_model(whole, spec, () if ledger is None or not may else ledger.replies(spec), may)
@@ -109,10 +110,10 @@ def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict
 
 
 class InStages(Stages):
-    """Asks each model of a run its controls, stage by stage.
+    """Runs the controls of each model, stage by stage.
 
-    ``plan`` is what is asked now, of a ``whole`` run. What a model replied is read from the ledger once: then what
-    comes is added.
+    ``plan`` has the calls of now, of a ``whole`` run. A model's replies are read from the ledger
+    once; new ones are added.
     """
 
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
@@ -121,14 +122,15 @@ class InStages(Stages):
         self._replies: dict[str, dict[CallKey, Reply]] = {}
 
     def finished(self, key: CallKey, reply: Reply) -> None:
-        """Keep what came back for the next stage."""
+        """Keep a reply for the next stage."""
         if key.model in self._replies:
             self._replies[key.model][key] = reply
 
     def more(self, model: str) -> list[CallKey]:
-        """Return the calls of a model's next stage, in a seeded random order; none before its last one is finished.
+        """Return the calls of a model's next stage, in a seeded random order.
 
-        Those that a walk over the frames has made before it came to its end are not made again.
+        Empty before its last stage is finished. Calls that a walk over the frames has made already
+        are not repeated.
         """
         if not self._may:
             return []

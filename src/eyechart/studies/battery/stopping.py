@@ -1,7 +1,8 @@
-"""Stopping early: a model is no longer asked once its verdict is settled, and its ledger says when that was.
+"""Stopping early: the calls of a model end once its verdict is settled; the ledger shows when.
 
-Which calls count does not depend on when they came back: frames count in one seeded random order, each when all calls
-about it that were wanted have finished. So the stop can be computed again from manifest, bank and ledger alone.
+Frames count in one seeded random order, each when all its wanted calls have finished. The order in
+which calls come back does not matter, so the stop can be computed again from manifest, bank and
+ledger.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,14 +29,14 @@ from eyechart.verdicts.rules import Axis, fact
 from eyechart.verdicts.ruling import Ruling
 
 NEEDED = ("real", "real_repeat", "blank")
-"""Without these conditions nothing can be settled."""
+"""Without these conditions no verdict can be settled."""
 
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Conditions that are asked of the frames from the first on: ``until`` a claim settles, or of all of them.
+    """Conditions run on the frames in order, ``until`` a claim settles or to the last frame.
 
-    Of all frames the rules of a whole run then say whether there may still be ``depth``.
+    After the last frame the rules of a whole run say whether the verdict may still be ``depth``.
     """
 
     conditions: frozenset[str]
@@ -47,7 +48,7 @@ _SAME = ("real", "real_repeat")
 _ABSENT = (Walk(frozenset((*_SAME, ABSENT)), f"bound_{ABSENT}"),)
 
 ALONG = frozenset((*_SAME, "lead_near", "lead_far", *RANGED))
-"""Without all of these no early ``depth``."""
+"""Without all of these conditions there is no early ``depth``."""
 
 WALKS: Mapping[str, tuple[Walk, ...]] = {
     "depth": (Walk(ALONG),),
@@ -55,7 +56,7 @@ WALKS: Mapping[str, tuple[Walk, ...]] = {
     "refusal_effect": _ABSENT,
     "image_invariant": _ABSENT,
 }
-"""What labels need of controls, where a run may ask these. See docs/decisions/stopping.md."""
+"""The walks over the controls that each label needs. See docs/decisions/stopping.md."""
 
 _LATER = frozenset(walk.until for walks in WALKS.values() for walk in walks)
 _SCORABLE = frozenset(("scorable", "unscorable"))
@@ -63,7 +64,10 @@ _TURNS = frozenset(name for label in LATERAL.values() for name in label.early)
 
 
 class _Known(dict[str, Statistic]):
-    """What claims say so far, each when a rule reads it, and facts; a claim that is not tested has no numbers."""
+    """Facts, and the claims' statistics, each computed when a rule reads it.
+
+    A claim that is not tested has no numbers.
+    """
 
     def __init__(self, claims: Mapping[str, Claim], facts: Mapping[str, Statistic]) -> None:
         super().__init__(facts)
@@ -76,10 +80,10 @@ class _Known(dict[str, Statistic]):
 
 @dataclass(frozen=True)
 class Layout:
-    """What a run asks of a model: frames in the order in which they count, and the conditions asked of each.
+    """The calls of one model: frames in the order in which they count, and the conditions of each.
 
-    ``controls`` are those that it may be asked besides; those of ``depth`` only where none that it needs is lacking.
-    ``frames`` are the same frames in the order of the bank.
+    ``controls`` are further conditions that may follow; those of ``depth`` only if the frames have
+    all that it needs. ``frames`` are the same frames in the order of the bank.
     """
 
     frames: tuple[Frame, ...]
@@ -90,20 +94,20 @@ class Layout:
 
     @cached_property
     def shown(self) -> frozenset[str]:
-        """Return all conditions that any frame may be asked."""
+        """Return all conditions that any frame may be shown under."""
         return frozenset(name for one in (self.asked, self.controls) for names in one.values() for name in names)
 
     def walks(self, label: str | None) -> tuple[Walk, ...]:
-        """Return the walks that a label needs of those that can be made: of a control that none is shown, none.
+        """Return the walks of a label that the frames allow.
 
-        Along the range whatever further controls are shown is asked with it.
+        A walk along the range includes all further controls that the frames have.
         """
         made = [walk for walk in WALKS.get(label or "", ()) if walk.conditions <= self.shown]
         more = self.shown & {*FURTHER}
         return tuple(replace(one, conditions=one.conditions | more) if one.conditions >= ALONG else one for one in made)
 
     def most(self, label: str) -> int:
-        """Return how many calls of controls a label may need."""
+        """Return how many control calls a label may need."""
         names = {name for walk in self.walks(label) for name in walk.conditions}
         return sum(name in names for one in self.controls.values() for name in one)
 
@@ -114,7 +118,7 @@ class Layout:
 
 
 def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space: Discrete, seed: int) -> Layout:
-    """Return the layout of a run that asks ``every`` frame these conditions; controls among them come later.
+    """Return the layout of a run of ``every`` frame under these conditions; controls come later.
 
     Each frame's place in the order comes from the seed and its own id.
     """
@@ -128,10 +132,10 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
 
 @dataclass
 class Course:
-    """How far one model's evidence has come: ``counted`` calls as (frame, condition), claims, and what is settled.
+    """The state of one model: ``counted`` calls as (frame, condition), claims, and settled labels.
 
-    ``passed`` counts the walks that are behind it, ``walked`` the frames of the one under way; ``failed`` says that one
-    came to its end without what it was to show.
+    ``passed`` counts the finished walks, ``walked`` the frames of the current one. ``failed`` says
+    that a walk ended without showing its effect.
     """
 
     layout: Layout
@@ -155,37 +159,37 @@ class Course:
 
     @property
     def _first(self) -> bool:
-        """Return whether the first walk has nothing more to ask: a label has its evidence, and so has the rest."""
+        """Return whether the first walk is done: label, scorability and turns are settled."""
         ended = self.frames == len(self.layout.order)
         lateral = self.lateral is not None or not self._turns_asked or ended
         return self.label is not None and self._scored and lateral
 
     @property
     def _walk(self) -> Walk | None:
-        """Return the walk under way, None before the first and after the last one."""
+        """Return the current walk, None before the first and after the last one."""
         walks = self.layout.walks(self.label)
         return walks[self.passed] if self._first and self.passed < len(walks) else None
 
     @property
     def place(self) -> int:
-        """Return which walk is under way, 0 before the first one of the controls."""
+        """Return the number of the current walk; 0 before the first walk of the controls."""
         return 1 + self.passed if self._first else 0
 
     @property
     def settled(self) -> bool:
-        """Return whether nothing more need be asked: the label is settled, and so is the lateral axis."""
+        """Return whether the calls may end: the label and the lateral axis are settled."""
         return self._first and self._walk is None and not self.failed and not self._complete
 
     @property
     def exhausted(self) -> bool:
-        """Return whether a walk is at its end and nothing is settled, so that the whole run has to decide."""
+        """Return whether a walk ended with nothing settled; then the whole run decides."""
         if self._first:
             return self.failed or self._complete
         return self.frames == len(self.layout.order)
 
     @property
     def _complete(self) -> bool:
-        """Return whether the first walk has counted every call that the run asks in its first stage."""
+        """Return whether the first walk has counted every call of the run's first stage."""
         return all((frame, name) in self.counted for frame, asked in self.layout.asked.items() for name in asked)
 
     @property
@@ -193,7 +197,7 @@ class Course:
         return self.label == "not_scorable" or self.claims["scorable"].settled
 
     def wanted(self, frame: str) -> tuple[str, ...]:
-        """Return the conditions to ask of a frame that does not count yet, as far as the evidence has come."""
+        """Return the wanted conditions of a frame that does not count yet."""
         asked = self.layout.asked[frame]
         if self.exhausted:
             return asked
@@ -211,11 +215,17 @@ class Course:
 
     @property
     def _turns_again(self) -> bool:
-        """Return whether its turns are judged on all frames too: where they are exchanged they may earn more."""
+        """Return whether the turns are judged on all frames too.
+
+        Where the turns swap with the mirror image, all frames may earn a stronger label.
+        """
         return self.label == "depth" and self.lateral == "swaps"
 
     def advance(self, given: Mapping[tuple[str, str], Decision[str]]) -> None:
-        """Count every next frame whose wanted calls are all ``given``, by (frame, condition), until it settles."""
+        """Count each next frame whose wanted calls are all ``given``, until the verdict settles.
+
+        ``given`` maps (frame, condition) to the decision.
+        """
         order = self.layout.order
         while not self.exhausted and not self.settled:
             walk = self._walk
@@ -238,19 +248,19 @@ class Course:
                     self.passed, self.walked = self.passed + 1, 0
 
     def _end(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> None:
-        """Judge a walk that has asked all frames: by its claim, or by the rules of a whole run."""
+        """Judge a walk after its last frame: by its claim, or by the rules of a whole run."""
         self.failed = bool(walk.until) or self._ruled(walk, given) != "depth"
         self.passed, self.walked = self.passed + 1, 0
 
     def _ruled(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> str:
-        """Return what the rules say of all frames, of the conditions of a walk."""
+        """Return the label of the whole-run rules, for all frames and the walk's conditions."""
         frames = self.layout.frames
         shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
         found = Found(Calibrated(Answers("", frames, self.layout.space, None, shown), Resampling()))
         return calibrated_rules(found, turns=False)[0].label
 
     def _count(self, row: Row) -> None:
-        """Add the next frame to the claims that are still open; once there is a label, to those of its two checks."""
+        """Add the next frame to the open claims; once there is a label, to its two checks."""
         both = {"real", "real_repeat"} <= row.given.keys()
         for name, claim in self.claims.items():
             known = self.lateral if name in _TURNS else self.label
@@ -264,7 +274,7 @@ class Course:
         self._judge()
 
     def _judge(self) -> None:
-        """Take the labels that the claims settle; what is said of the controls comes with their walk, later."""
+        """Take the labels that the claims settle; a claim on controls is read by its walk."""
         first = {name: claim for name, claim in self.claims.items() if name not in _LATER}
         label, lateral = (self._ruling(axis, first).label for axis in (EARLY, EARLY_LATERAL))
         if label != NOT_YET and (self.label is None or label == "not_scorable"):  # what is settled stays
@@ -276,9 +286,9 @@ class Course:
         return axis.evaluate(_Known(claims, {**fact("along", holds=self.layout.shown >= ALONG), **(seen or {})}))
 
     def stopped(self, finished: int) -> Stopped | None:
-        """Return where it was settled, None where it was not, or only when every call had been made.
+        """Return where the verdict settled; None if it did not, or only after every call.
 
-        ``finished`` counts the model's finished calls of this run, also those beyond the stop.
+        ``finished`` counts the model's finished calls, including those after the stop.
         """
         if not self.settled or self.label is None:
             return None
@@ -300,7 +310,7 @@ class Course:
         )
 
     def _sideways(self) -> tuple[str | None, str]:
-        """Return the lateral label that is settled and its statistic; None where the ordinary rules say it."""
+        """Return the settled lateral label and its statistic; None where whole-run rules decide."""
         if self.lateral is None or self._turns_again:
             return None, "mirror_swap_rate"
         ruling = self._ruling(EARLY_LATERAL, self.claims, lateral_facts(_Known({}, {}), self.turns))
@@ -317,14 +327,14 @@ Given = dict[tuple[str, str], Decision[str]]
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a model is: where it stopped, or None; ``left``: calls that are still to be made, at most."""
+    """How far a model is: where it stopped, or None, and the most calls ``left`` to make."""
 
     stopped: Stopped | None
     left: int
 
 
 def layout_for(plan: Plan, model: str) -> Layout:
-    """Return what a plan asks of a model."""
+    """Return a plan's calls of a model."""
     asked: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
     for key in plan.keys_of(model):
         asked[key.frame].append(key.condition)
@@ -333,9 +343,10 @@ def layout_for(plan: Plan, model: str) -> Layout:
 
 
 class EarlyStop(Stages):
-    """The watch of a run that stops early: one course a model, begun from what its ledger holds.
+    """Stops models early: one course per model, begun from the replies in the ledger.
 
-    ``plan`` has every control that may be asked; ``later`` asks those of a run that settled nothing.
+    ``plan`` has every control that may follow; ``later`` makes the control calls of a run in which
+    nothing settled.
     """
 
     def __init__(self, plan: Plan, ledger: Ledger, later: Stages | None = None) -> None:
@@ -362,7 +373,7 @@ class EarlyStop(Stages):
             return
         walk = course.place
         if walk and (model, walk) not in self._again:
-            return  # its calls come with those of its controls
+            return  # these calls come with those of the controls
         of_frame: dict[str, list[CallKey]] = {}
         for key in todo:
             of_frame.setdefault(key.frame, []).append(key)
@@ -374,7 +385,7 @@ class EarlyStop(Stages):
                     yield key
 
     def finished(self, key: CallKey, reply: Reply) -> None:
-        """Add what came back to the evidence, and count every frame that it completes."""
+        """Add a reply to the evidence, and count every frame that it completes."""
         self._given[key.model][key.frame, key.condition] = self._space.read(reply)
         self.courses[key.model].advance(self._given[key.model])
         if self._later is not None:
@@ -389,7 +400,8 @@ class EarlyStop(Stages):
     def more(self, model: str) -> Sequence[CallKey]:
         """Return the calls of a model's next walk over the frames.
 
-        Where a walk has come to the end and settled nothing, these are what was left out, and then its controls.
+        Where a walk ended and settled nothing, these are the calls left out before, then the
+        controls.
         """
         course, given = self.courses[model], self._given[model]
         plan = replace(self._plan, controls={}) if course.exhausted else self._plan
@@ -408,7 +420,7 @@ class EarlyStop(Stages):
 
 
 def typical(asked: Layout) -> dict[str, int]:
-    """Return how many calls a model of each kind takes that never wavers, for the labels that can be settled early."""
+    """Return the calls that an unvarying model of each kind takes, for the early labels."""
     found = {}
     for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
         course = Course(asked)
@@ -420,7 +432,7 @@ def typical(asked: Layout) -> dict[str, int]:
 
 
 def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision[str]]:
-    """Return the answers of a clear controller that never turns; it goes on where it may, and brakes where it must."""
+    """Return the answers of a clear model that never turns and brakes only where it must."""
     space = layout.space
     straight = [action for action in space.actions if action not in space.directional] or list(space.actions)
     brake = space.brake[0] if space.brake else straight[-1]
@@ -444,7 +456,7 @@ def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision
 
 
 def _nearer(frames: Sequence[Frame]) -> set[tuple[str, str]]:
-    """Return, by frame and condition, the pictures along the range that show the lead, but for the farthest."""
+    """Return the pictures, by frame and condition, whose lead is nearer than the farthest."""
     columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
     told = {(frame.id, name): frame.truth.get(column) for frame in frames for name, column in columns.items()}
     known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}

@@ -1,4 +1,4 @@
-"""The battery as a study, and what studies of the frames of a bank share."""
+"""The battery as a study, and what all studies of a bank's frames share."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class OfFrames(Study[S]):
-    """A study whose runs are calls about the frames of a bank. ``names`` are those that its manifests give it."""
+    """A study whose runs are calls about a bank's frames; ``names`` are its names in manifests."""
 
     names: ClassVar[Sequence[str]]
     refuses = NO_DRIVES

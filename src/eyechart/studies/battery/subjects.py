@@ -1,4 +1,4 @@
-"""The evidence of a run is all that a report shows: scores, verdicts, verbatim replies, and pictures."""
+"""The evidence of a run, for its report: scores, verdicts, verbatim replies, and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ Replies = Mapping[tuple[str, str], Reply]
 
 @dataclass(frozen=True)
 class RunEvidence(Generic[M]):
-    """One run, scored.
+    """One scored run, with its verbatim ``replies`` by model.
 
-    ``replies`` are verbatim, by model. ``pictures`` is None where the bank's pictures cannot be shown;
-    ``about_pictures`` then says why, else that they are those that the run recorded.
+    ``pictures`` is None where the bank's pictures cannot be shown, and ``about_pictures`` then
+    gives the reason. Otherwise it says that they are the pictures that the run recorded.
     """
 
     name: str
@@ -40,12 +40,12 @@ class RunEvidence(Generic[M]):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return the run's conditions, with the controls that any of its models was asked."""
+        """Return the run's conditions, with the controls of any of its models."""
         return self.score.conditions
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
-        """Return the frames that the run asks about."""
+        """Return the frames of the run."""
         return plan_of(self.score.manifest, self.score.bank).frames if self.score.models else ()
 
     @cached_property
@@ -56,7 +56,7 @@ class RunEvidence(Generic[M]):
 
 @dataclass(frozen=True)
 class OfModel(Generic[M]):
-    """A model in a run. ``label`` names the run too where a report holds several."""
+    """A model in a run. ``label`` names the run too where a report holds several runs."""
 
     label: str
     spec: str
@@ -85,9 +85,10 @@ def read_evidence(
     score: Callable[[Path], CallsScore[M]],
     tell: Tell = lambda _: None,
 ) -> list[RunEvidence[M]]:
-    """Score runs, and find their pictures: in one of ``banks``, or where each run's manifest says.
+    """Score runs, and find their pictures: in one of ``banks``, or at the recorded place.
 
-    Raises LedgerError or BankError where a folder is no run. Pictures that are missing or differ raise nothing.
+    Raises LedgerError or BankError where a folder is no run. Missing or different pictures raise
+    nothing.
     """
     found = []
     for path, name in zip(runs, names_of(runs), strict=True):
@@ -103,7 +104,7 @@ def read_evidence(
 def evidence_of(
     name: str, scored: CallsScore[M], ledger_path: Path, pictures: FrameBank | None, about: str
 ) -> RunEvidence[M]:
-    """Return the evidence of a scored run, whose pictures somebody has looked for."""
+    """Return the evidence of a scored run with its pictures, if they were found."""
     with Ledger(ledger_path) as ledger:
         replies = {
             spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
@@ -112,14 +113,14 @@ def evidence_of(
 
 
 def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
-    """Return the files of the bank's pictures that the calls show, or are made of, with all that may be planned yet."""
+    """Return the files of the bank's pictures that the calls need, controls included."""
     plan = widest(manifest, plan_of(manifest, bank))
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
     return {file for name, frame in shown for file in plan.sources(name, bank.frame(frame))}
 
 
 def accounts_of(everyone: Sequence[OfModel[M]]) -> dict[str, Account]:
-    """Return what all calls of each model took, by its label."""
+    """Return the cost of all calls of each model, by its label."""
     return {who.label: who.run.score.accounting[who.spec][ALL] for who in everyone}
 
 
@@ -134,7 +135,7 @@ def subjects(evidence: Sequence[RunEvidence[M]]) -> list[OfModel[M]]:
 def find_pictures(
     manifest: RunManifest, asked: FrameBank, run: Path, banks: Sequence[Path] = ()
 ) -> tuple[FrameBank | None, str]:
-    """Return the bank with the pictures that the run was made on, or None with the reason in words."""
+    """Return the bank with the pictures of the run, or None with the reason in words."""
     why = "no bank was given"
     for place in banks or _usual_places(manifest, asked, run):
         try:
@@ -149,7 +150,7 @@ def find_pictures(
 
 
 def _usual_places(manifest: RunManifest, asked: FrameBank, run: Path) -> list[Path]:
-    """Return where a run's pictures may be: its own copy of the bank, if it holds any, and where its manifest says."""
+    """Return where a run's pictures may be: its own copy of the bank, and the recorded place."""
     own = run / BANK
     held = [own] if any((own / file).is_file() for file in used_pictures(manifest, asked)) else []
     return [*held, Path(manifest.bank_path)]

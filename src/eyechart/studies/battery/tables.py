@@ -34,17 +34,17 @@ Judged = tuple[str, ModelScore, Verdict]
 
 
 def judged_of(everyone: Sequence[Subject]) -> list[Judged]:
-    """Return the models of a report's evidence."""
+    """Return the models of a report's evidence, judged."""
     return [(who.label, who.model, who.verdict) for who in everyone]
 
 
 def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[Judged]:
-    """Return the models of one run."""
+    """Return the models of one run, judged."""
     return [(spec, score.models[spec], verdict) for spec, verdict in verdicts.items()]
 
 
 def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
-    """Return every table of models that were judged."""
+    """Return every table of judged models."""
     along = depth_table(everyone)
     return (
         verdict_table(everyone),
@@ -55,7 +55,7 @@ def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
 
 
 def glance_table(everyone: Sequence[Judged]) -> Table:
-    """Return one row a model: both verdicts, the lateral label, and the statistic that decided."""
+    """Return one row per model: both verdicts, the lateral label, and the deciding statistic."""
     state = any(verdict.state for _, _, verdict in everyone)
     named = columns("word", "verdict", "lateral", "paper's rules", "decided by")
     rows: list[tuple[Cell, ...]] = []
@@ -78,7 +78,7 @@ def _label(verdict: Verdict) -> Mark:
 
 
 def verdict_table(everyone: Sequence[Judged]) -> Table:
-    """Return one row a model: labels, evidence, and the deciding statistic."""
+    """Return one row per model: labels, evidence, and the deciding statistic."""
     named = columns("text", "model", "answer", "verdict", "lateral", "evidence", "paper's verdict", "decided by")
     rows = []
     for label, model, verdict in everyone:
@@ -92,11 +92,11 @@ def verdict_table(everyone: Sequence[Judged]) -> Table:
 
 
 TONES: Mapping[str, str] = {"holds": "good", "fails": "bad"}
-"""How an outcome of a number is drawn; of the others a page has the sign alone."""
+"""The tone of an outcome; a page shows the other outcomes by their sign alone."""
 
 
 def depth_table(everyone: Sequence[Judged]) -> Table:
-    """Return a row a number that depth rests on, with what it needs; of models asked for the lead along its range."""
+    """Return a row per number that depth rests on, for models with pictures along the range."""
     rows = tuple(
         (
             *(label, one.name, Mark(one.outcome, TONES.get(one.outcome, "open"), SIGNS[one.outcome])),
@@ -137,7 +137,7 @@ def frontier_rows(score: ModelScore) -> dict[str, str]:
 
 
 def frontier_table(everyone: Sequence[Judged]) -> Table:
-    """Return the paper's Table t:frontier: one column a model, with both verdicts below."""
+    """Return the paper's Table t:frontier: one column per model, with both verdicts below."""
     made = [frontier_rows(model) for _, model, _ in everyone]
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
     ended = [model.stopped for _, model, _ in everyone]
@@ -154,7 +154,7 @@ def frontier_table(everyone: Sequence[Judged]) -> Table:
 
 
 UNPRINTED = ("agree(shuffled)", "V (real, blank)")
-"""What the paper's Table t:frontier leaves out of the rows."""
+"""Rows that the paper's Table t:frontier leaves out."""
 
 
 def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
@@ -175,9 +175,9 @@ def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
 
 
 def _counts(everyone: Sequence[Subject]) -> tuple[list[tuple[Cell, ...]], str]:
-    """Return how many frames and how many of the paper's conditions each model is asked about, and that in words.
+    """Return each model's number of frames and of the paper's conditions, as rows and in words.
 
-    A row of either stands in the table only where models differ in it.
+    A row stands in the table only where models differ in it.
     """
     asked = [[name for name in BATTERY if name in who.run.conditions] for who in everyone]
     found = {
@@ -192,7 +192,7 @@ def _counts(everyone: Sequence[Subject]) -> tuple[list[tuple[Cell, ...]], str]:
 
 
 def numbers_table(everyone: Sequence[Subject]) -> Table:
-    """Return the numbers of Table t:frontier unrounded, a row each, with interval, n, p and how they were found."""
+    """Return the unrounded numbers of Table t:frontier, a row each, with interval, n, p, method."""
     every = statistics_table(judged_of(everyone))
     place = every.names.index("statistic")
     kept = tuple(row for row in every.rows if row[place] in PRINTED)
@@ -203,13 +203,13 @@ PRINTED = (
     *("unparsed_rate", "noise_floor", "agree.blank", "agree.noise", "agree.text_only", "agree.cross_scenario"),
     *("cramers_v", "idi_adj", "clears_floor", "mirror_swap_rate", "mutual_information.decision", "obstacle.decision"),
 )
-"""The statistics in it."""
+"""The statistics of that table."""
 
 
 def order_table(everyone: Sequence[Subject]) -> Table:
-    """Return Table t:qwenorder: each action's frames and median gap, and what reflection made of the directions.
+    """Return Table t:qwenorder: each action's frames, median gap, and answers under reflection.
 
-    A frame without a lead counts as the farthest gap. Actions stand by how often they were given. The interval of a
+    A frame without a lead counts as the farthest gap. Actions stand by frequency. The interval of a
     median resamples episodes.
     """
     rows: list[tuple[Cell, ...]] = []
@@ -232,9 +232,9 @@ def order_table(everyone: Sequence[Subject]) -> Table:
 
 
 def decisions_table(score: BatteryScore) -> Table:
-    """Return every decision that counts, a row a call with a reply: what docs/clean_room.py recomputes numbers from.
+    """Return every decision that counts, a row per reply; docs/clean_room.py recomputes from it.
 
-    A gap without a lead is infinite, and one that the bank does not record is empty.
+    A gap is infinite without a lead, and empty where the bank does not record it.
     """
     rows = tuple(
         (
@@ -270,27 +270,31 @@ def statistics_table(everyone: Sequence[Judged]) -> Table:
 GROUPS: Mapping[str, re.Pattern[str]] = {
     "distance": re.compile("depth_|lane_net|holes|place_|sensitivity|specificity|order|rise|file|drawn_|repeat"),
     "left and right": re.compile("turns_|bound_mirrored"),
-    "what of the picture counts": re.compile("content_|scene_cue|presence|bound_(?!kappa)|image_token$|refusal_effect"),
-    "whether it repeats itself, and is read": re.compile("unparsed_(reference|controls)|self_|(bound_)?kappa"),
+    "which content of the picture counts": re.compile(
+        "content_|scene_cue|presence|bound_(?!kappa)|image_token$|refusal_effect"
+    ),
+    "whether it repeats itself, and its replies can be read": re.compile(
+        "unparsed_(reference|controls)|self_|(bound_)?kappa"
+    ),
     "settled early": re.compile("early[.]"),
     "as the paper has it, of all answers": re.compile("(?!.*[.]decision$)"),
     "as the paper has it, of parsed decisions": re.compile(""),
 }
-"""Every statistic by what it is about: it stands in the first group whose pattern its name begins with."""
+"""Every statistic by its subject: it stands in the first group whose pattern its name matches."""
 MAIN: Mapping[str, str] = {
     **{name: ASKS[name] for name in FIRST},
     "depth_interventional": "whether it brakes harder for the near lead than for the far one",
     "content_shuffled": "whether another episode's picture changes its answer",
-    "presence": "whether a blank picture does",
-    "self_disagreement": "how often it answers the same picture otherwise",
+    "presence": "whether a blank picture changes its answer",
+    "self_disagreement": "how often it answers the same picture differently",
     "unparsed_reference": "how many replies hold no decision",
 }
-"""What stands beside the statistics that decided, and what each asks, the first of them that a model has."""
+"""Further statistics of the short table, with what each asks, in order of preference."""
 _SHOWN = 5
 
 
 def group_tables(everyone: Sequence[Judged]) -> Iterator[Table]:
-    """Yield every statistic, a table a model and group; how each was found is for programs."""
+    """Yield every statistic, a table per model and group, without the methods."""
     every = statistics_table(everyone)
     kept = [place for place, one in enumerate(every.columns) if one.name != "method"]
     named = replace(every, columns=tuple(every.columns[place] for place in kept))
@@ -306,7 +310,7 @@ def group_tables(everyone: Sequence[Judged]) -> Iterator[Table]:
 
 
 def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
-    """Return the five statistics that decided, or would have: what each did, or asks."""
+    """Return the five statistics that decided or would have: what each did, or asks."""
     why, ruling = verdict.why_not, verdict.calibrated
     decided = [(ruling.decided_by, f"decided {ruling.label}")]
     decided += [(why.decided_by, f"kept it from {why.label}")] if why is not None else []
@@ -326,7 +330,7 @@ def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
 
 
 def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:
-    """Yield the table of verdicts, what each verdict in it means, and the scope of all of them."""
+    """Yield the table of verdicts, what each verdict means, and the scope of all."""
     yield glance_table(judged(score, verdicts))
     yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
@@ -335,5 +339,5 @@ def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> It
         if more := one.trust.removeprefix(LABELS[one.calibrated.label].says).strip():
             yield f"{spec}: {more}"
     if any(one.stopped for one in verdicts.values()):
-        yield "e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call."
+        yield "e (n/N): stopped early after n of N calls, by e-values, which are valid after every call."
     yield f"Scope: {score.scope()}"

@@ -1,4 +1,4 @@
-"""Closed-loop drives scored: the ladder, the model as its own blind baseline, and the degeneracy audit.
+"""Scores of closed-loop drives: the ladder, the model as its own blind baseline, the audit.
 
 Source: paper, Tables t:baselines and t:degeneracy.
 """

@@ -1,8 +1,8 @@
-"""The audit: does a policy decide or only vary, and how often does it decide as a scripted controller would.
+"""The audit: whether a policy decides or only varies, and how often it agrees with a controller.
 
-Beside the agreement with a controller stand every constant at the same moments, and the policy's own decisions in
-shuffled order. Source: paper, Table t:degeneracy and figure fgr:mi, whose bins of scene geometry are not given (these
-are the battery's quartiles), and section Results (decision-level replay).
+For comparison, every constant and the policy's own decisions in shuffled order stand beside each
+agreement. Source: paper, Table t:degeneracy and figure fgr:mi, and section Results (decision-level
+replay). The paper does not give its bins of scene geometry; these are the battery's quartiles.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,17 +36,17 @@ GAP_AND_SIDE = "gap in quartiles × side of the nearest obstacle"
 
 @dataclass(frozen=True)
 class Scene:
-    """The label of each step's scene; ``geometry`` says of what, and is empty where the truth never tells a gap."""
+    """The scene label of each step; ``geometry`` says of what, "" where the truth has no gap."""
 
     codes: NDArray[np.int64]
     geometry: str
 
 
 def scene_of(drives: Drives) -> Scene:
-    """Return the scene at each step of a driver, cut at the quartiles of its own gaps as in the battery.
+    """Return the scene at each step of a driver, by the quartiles of its gaps.
 
-    A missing gap counts as the farthest. Where the truth names the side of the nearest obstacle (forward cameras),
-    each gap bin is told apart by side.
+    A missing gap counts as the farthest. Where the truth names the side of the nearest obstacle
+    (forward cameras), each gap bin is divided by side.
     """
     steps = drives.steps
     told = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
@@ -65,10 +65,11 @@ def scene_of(drives: Drives) -> Scene:
 class Degeneracy(Written):
     """One driver's row. ``geometry`` says what the information is about.
 
-    ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps for independent, as
-    the paper's does), information_share (of the entropy), information_episode_safe (p from exchanging whole
-    episodes), unparsed_rate. ``holm_naive`` and ``holm`` are the two p corrected by Holm as `audit` says, None of one
-    that does not vary. ``reasons`` counts the steps without a decision by reason.
+    ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps
+    as independent, as the paper's does), information_share (of the entropy),
+    information_episode_safe (p from exchanging whole episodes), unparsed_rate. ``holm_naive`` and
+    ``holm`` are the two p corrected by Holm as in `audit`, None for a driver that does not vary.
+    ``reasons`` counts the steps without a decision by reason.
     """
 
     written = "*driver geometry constant label statistics missing=reasons holm_naive holm"
@@ -93,7 +94,7 @@ class Degeneracy(Written):
 
     @property
     def label(self) -> str:
-        """Return in words what the row shows: constant, follows the scene, varies only, or cannot say."""
+        """Return the row's result: constant, follows the scene, varies only, or cannot say."""
         if self.statistics["modal_share"].value is None:
             return "no decisions"
         if self.constant:
@@ -104,9 +105,10 @@ class Degeneracy(Written):
 
 
 def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy]:
-    """Return each driver's row, its two p corrected by Holm over those of its kind that vary.
+    """Return each driver's row, with both p corrected by Holm over the rows that vary.
 
-    Models that drove with real pictures are one family, that of Table t:degeneracy; all others are another.
+    Models that drove with real pictures are one family, that of Table t:degeneracy; all others are
+    another.
     """
     rows = [degeneracy(one, resamples=resamples) for one in drives]
     table = [in_table(one) for one in drives]
@@ -118,14 +120,15 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
 
 
 def in_table(drives: Drives) -> bool:
-    """Return whether a driver is a model that drove with real pictures: a row of Table t:degeneracy."""
+    """Return whether a driver is a model with real pictures: a row of Table t:degeneracy."""
     return bool(drives.asked and drives.driver.condition == "real")
 
 
 def corrected(rows: Sequence[Degeneracy]) -> list[Degeneracy]:
-    """Return the rows with their two p corrected by Holm over those of them that vary.
+    """Return the rows with both p corrected by Holm over the rows that vary.
 
-    In the paper's table these are four: no p of 5000 permutations becomes its .037 as the second of eight.
+    In the paper's table four rows vary: no p of 5000 permutations becomes its .037 as the second of
+    eight.
     """
     tests = ("information_bits", "information_episode_safe")
     naive, safe = (holm([row.statistics[name].p if row.varies else None for row in rows]) for name in tests)
@@ -133,14 +136,14 @@ def corrected(rows: Sequence[Degeneracy]) -> list[Degeneracy]:
 
 
 BITS = {"mutual_information.decision": "information_bits", "entropy": "entropy_bits"}
-"""What a battery calls the same of its frames."""
+"""The battery's names of the same statistics."""
 
 
 def measured(drives: Sequence[Drives], unfinished: Mapping[str, str], *, resamples: int = 5000) -> tuple[Measured, ...]:
-    """Return the audit of every model that drove with real pictures, by the names of a battery too.
+    """Return the audit of every model that drove with real pictures, also by the battery's names.
 
-    Crash and success are not among them: they are held against policies that see nothing, in the same worlds.
-    ``unfinished`` says by model what its run lacks.
+    Crash and success are left out, because they are compared with blind policies in the same
+    worlds. ``unfinished`` says by model what its run lacks.
     """
     found = []
     for one in drives:
@@ -158,7 +161,7 @@ def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
     decided = actions != ""
     seed = key_seed("audit", drives.driver.simulator, drives.driver.policy, drives.driver.condition)
     entropy = entropy_bits(actions[decided])
-    naive = cannot_say("the truth of these drives tells no lead_gap_m")
+    naive = cannot_say("the truth of these drives has no lead_gap_m")
     safe = naive
     if scene.geometry:
         naive = _naive(actions[decided], scene.codes[decided], seed, resamples)
@@ -189,10 +192,11 @@ def _naive(actions: NDArray[np.str_], scene: NDArray[np.int64], seed: int, resam
 
 
 def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
-    """Test the same information with whole episodes exchanged, on the steps that many episodes of a scenario have.
+    """Test the same information with whole episodes exchanged, on steps that most episodes have.
 
-    Episodes end when they crash, so that those of a scenario differ in length. Per scenario the length that keeps most
-    steps is taken, of those that at least half of its episodes reach; shorter episodes are left out, longer ones cut.
+    Episodes end when they crash, so those of a scenario differ in length. Per scenario, the length
+    that keeps most steps is taken, among those that at least half of its episodes reach. Shorter
+    episodes are left out, longer ones cut.
     """
     actions = drives.actions
     if not (actions != "").any():
@@ -218,7 +222,7 @@ def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples
 
 
 def _common_steps(drives: Drives) -> NDArray[np.bool_]:
-    """Return which steps the exchange uses."""
+    """Return the steps that the exchange uses."""
     length = {episode.key.world: len(episode.steps) for episode in drives.episodes}
     least: dict[str, int] = {}
     for scenario in np.unique(drives.scenario_of):
@@ -251,29 +255,30 @@ def _share(information: Statistic, entropy: Statistic) -> Statistic:
 
 
 def _demand(step: Step) -> str | None:
-    """Return what the safety policy asks for (the truth's column ``demand``)."""
+    """Return the safety policy's action (the truth's column ``demand``)."""
     asked = step.truth.get("demand")
     return asked if isinstance(asked, str) else None
 
 
 def _oracle(step: Step) -> str | None:
-    """Return what the ladder's oracle decides; None where the truth lacks what it reads."""
+    """Return the action of the ladder's oracle; None where the truth lacks its inputs."""
     if any(step.truth.get(name) is None for name in NEEDS):
         return None
     return Oracle().decide(Observation(step.frame, step.step, lambda: None, step.truth, DRIVING, 0)).action
 
 
 CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "demand": _demand}
-"""The scripted controllers that decisions are held against: the ladder's oracle, and the safety policy."""
+"""The scripted controllers for comparison: the ladder's oracle, and the safety policy."""
 
 
 @dataclass(frozen=True)
 class Replay(Written):
-    """One driver held against one controller.
+    """One driver compared with one controller.
 
-    ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of always taking it at
-    the same moments. ``shuffled`` is the expected agreement of the same decisions in random order, its interval that of
-    5000 permutations, and its p that of an order which agrees at least as often.
+    ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of
+    always taking it at the same steps. ``shuffled`` is the expected agreement of the same decisions
+    in random order. Its interval is that of 5000 permutations, and its p that of an order which
+    agrees at least as often.
     """
 
     written = "driver.policy driver.condition driver.run controller agreement constants shuffled"
@@ -286,13 +291,13 @@ class Replay(Written):
 
     @property
     def best_constant(self) -> tuple[str, float] | None:
-        """Return the constant that agrees most, and how often."""
+        """Return the constant with the highest agreement, and its agreement."""
         known = [(name, one.value) for name, one in self.constants.items() if one.value is not None]
         return max(known, key=lambda pair: pair[1], default=None)
 
 
 def replays(drives: Drives, *, resamples: int = 5000) -> list[Replay]:
-    """Return a driver held against each controller that the truth of its moments tells; only decisions count."""
+    """Return a driver's comparison with each controller that the truth allows, by decisions."""
     found = []
     for name, controller in CONTROLLERS.items():
         asked = [controller(step) for step in drives.steps]

@@ -1,8 +1,8 @@
-"""The model as its own blind baseline: the same policy in the same worlds with real pictures and without.
+"""The model as its own blind baseline: one policy in the same worlds with and without pictures.
 
-Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion and Conclusion: completing a
-task does not show that the camera was used. A picture that is none tells only whether there is one; another world's
-picture tells whether it matters what the picture shows.
+Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion and
+Conclusion: completing a task does not show that the camera was used. A blank picture only tests
+whether there is a picture. Another world's picture tests whether the content matters.
 """
 
 import math
@@ -23,7 +23,7 @@ from eyechart.verdicts.ruling import Ruling
 
 DIFFERS, NO_DIFFERENCE, SAME, CANNOT_SAY = "differs", "no_difference_found", "identical", "cannot_say"
 _FINDING = {"by_camera": DIFFERS, "in_part": DIFFERS, "unsteady": DIFFERS, "by_nothing_seen": SAME}
-"""The finding that a label rests on, where that has another name."""
+"""The finding of a label, where it has another name."""
 
 _WORDS = {
     "crash_rate": "crash rate",
@@ -34,13 +34,13 @@ _WORDS = {
 }
 _UNITS = {"distance_m": " m", "speed_mps": " m/s"}
 OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
-"""What the sentence reads, in its order."""
+"""The outcomes that the sentence reads, in order."""
 
 SILENT = 0.05
-"""Above this share of steps without a decision the sentence says how often the fail-safe drove."""
+"""Above this share of steps without a decision, the sentence says how often the fail-safe drove."""
 
 UNSEEN = ("blank", "text_only", "noise")
-"""Conditions that show nothing of any world: who completes with these needs no picture. Others show a wrong one."""
+"""Conditions that show nothing of any world; completing under them needs no picture."""
 
 CAMERA, REPEAT = "what the camera shows", "whether it repeats itself"
 MARGINAL, MOMENT = "own marginal", "whether it matters when it does what"
@@ -54,8 +54,10 @@ ASKS = {
     "real_repeat": REPEAT,
     MARGINAL: MOMENT,
 }
-"""What a difference between real pictures and a condition's tells of a policy; only another world's picture, as good a
-picture as its own, tells what the camera shows."""
+"""What a difference from real pictures tests, by condition.
+
+Only another world's picture, as good as its own, tests what the camera shows.
+"""
 
 
 _ALIKE, _DIFFERS = compared("alike", "value", ">=", 1.0, untested=False), p_below("difference", LEVEL)
@@ -72,14 +74,14 @@ DRIVES = Axis(
         Rule("no_difference_found", "difference"),
     ),
 )
-"""What drives with other pictures tell of a driver: ``difference`` is the outcome of the smallest p after Holm."""
+"""The labels of a driver; ``difference`` is the outcome with the smallest p after Holm."""
 
 
 @dataclass(frozen=True)
 class Blind(Written):
-    """A policy with real pictures less the same policy under another condition, and what that shows, in words.
+    """A policy with real pictures less the same policy under another condition, with the finding.
 
-    ``unasked`` is what would have to be driven besides, ``rest`` what silence and completing say.
+    ``unasked`` says what drives are missing; ``rest`` describes missing decisions and completion.
     """
 
     written = "*paired driver.policy condition asks finding sentence"
@@ -94,47 +96,48 @@ class Blind(Written):
 
     @property
     def sentence(self) -> str:
-        """Return it in words, after who drove and with which pictures."""
+        """Return the comparison in words, after the driver and the pictures."""
         who = f"{self.driver.policy}, {self.condition}: " if self.of_pictures else ""
         return who + " ".join(filter(None, [self.shows, self.unasked, self.rest]))
 
     @property
     def label(self) -> Label:
-        """Return what is shown of the driver."""
+        """Return the label of the driver."""
         return SIGHT[self.ruling.label]
 
     @property
     def finding(self) -> str:
-        """Return differs, no_difference_found, identical (every drive the same to the last digit) or cannot_say."""
+        """Return differs, no_difference_found, identical (to the last digit) or cannot_say."""
         return _FINDING.get(self.ruling.label, self.ruling.label)
 
     @property
     def decisive(self) -> str:
-        """Return the outcome that differs with the smallest p after Holm; of none that does, the reward."""
+        """Return the outcome with the smallest p after Holm if it differs; else the reward."""
         first = self.ruling.decided_by if self.finding == DIFFERS else "reward"
         differences = self.paired.differences
         return next((name for name in (first, *OUTCOMES) if differences[name].value is not None), "reward")
 
     @property
     def asks(self) -> str:
-        """Return in words what this comparison asks about."""
+        """Return in words what this comparison tests."""
         return asks(self.condition)
 
     @property
     def of_camera(self) -> bool:
-        """Return whether it asks what the camera shows, with pictures of another world."""
+        """Return whether it tests what the camera shows, with pictures of another world."""
         return self.asks == CAMERA
 
     @property
     def of_pictures(self) -> bool:
-        """Return whether it asks anything of pictures: not so beside its own marginal, which is another driver."""
+        """Return whether it tests pictures; the own marginal is another driver, so it does not."""
         return self.asks != MOMENT
 
 
 def beside_marginals(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
-    """Return each driver beside its own marginal, which drove in the same run: its decisions, drawn without looking.
+    """Return each driver against its own marginal, which draws its decisions without looking.
 
-    Holm corrects over the tests of one driver. Source: paper, section The Input-Ablation Battery.
+    The marginal must have driven in the same run. Holm corrects over the tests of one driver.
+    Source: paper, section The Input-Ablation Battery.
     """
     found, place = [], attrgetter("simulator", "run", "condition")
     for drawn in drives:
@@ -151,29 +154,29 @@ def beside_marginals(drives: Sequence[Drives], outcomes: Outcomes, *, resamples:
 
 
 def _beside(finding: str, found: Paired, tests: int) -> str:
-    """Return in words what a driver shows beside draws that are as often its actions."""
+    """Return in words a driver's comparison with draws of its actions at equal frequency."""
     if finding == DIFFERS:
         return (
-            f"it drives otherwise than who draws its actions as often without looking, in the same {found.worlds} "
-            f"worlds: {_changes(found)}. So it matters when it does what; what that hangs on is asked with pictures."
+            f"it drives differently than draws of its own actions at equal frequency, in the same {found.worlds} "
+            f"worlds: {_changes(found)}. So the timing of its actions matters; drives with other pictures show why."
         )
     if finding == SAME:
         return (
-            f"all {found.worlds} drives are the same to the last digit as those of who draws its actions as often "
-            "without looking: nothing in them needs a picture."
+            f"all {found.worlds} drives are the same to the last digit as those of draws of its own actions at equal "
+            "frequency: nothing in them needs a picture."
         )
     if finding == NO_DIFFERENCE:
         return (
-            f"no difference from who draws its actions as often without looking was found in {found.worlds} worlds. "
-            f"That is not none: {_bounds(found)}."
+            f"no difference from draws of its own actions at equal frequency was found in {found.worlds} worlds. "
+            f"There may still be one: {_bounds(found)}."
         )
-    return _too_few(found, tests, "whether it drives otherwise than who draws its actions as often without looking")
+    return _too_few(found, tests, "whether it drives differently than draws of its own actions at equal frequency")
 
 
 def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
     """Return each policy's drives with real pictures less those under each other condition.
 
-    Holm corrects over all tests of one policy: each is asked about for itself.
+    Holm corrects over all tests of one policy, because each policy is its own question.
     """
     found, whose = [], attrgetter("simulator", "policy", "run")
     for real in drives:
@@ -189,7 +192,7 @@ def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: 
 
 
 def asks(condition: str) -> str:
-    """Return in words what real pictures less a condition's ask about."""
+    """Return in words what a comparison of real pictures with a condition's tests."""
     name = condition.partition(OVER)[0]
     return ASKS.get(name) or CONDITIONS[name].asks.removesuffix("?")
 
@@ -199,7 +202,7 @@ def _unseen(condition: str) -> bool:
 
 
 def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests: int, *, shown: bool) -> Blind:
-    """Return what a comparison says; ``shown`` tells that other worlds' pictures were driven too."""
+    """Return a comparison in words; ``shown`` says that other worlds' pictures were driven too."""
     condition, failed = other.driver.condition, _failed(real, other)
     one = Blind(real.driver, condition, found, _ruling(real, other, found, condition, tests, failed=bool(failed)))
     unasked = one.finding == DIFFERS and not shown and one.asks != REPEAT
@@ -214,11 +217,11 @@ def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests:
     )
 
 
-_UNASKED = f"Whether it depends on {CAMERA} was not asked: drive it with other worlds' pictures (shuffled) too."
+_UNASKED = f"Whether it depends on {CAMERA} was not tested: drive it with other worlds' pictures (shuffled) too."
 
 
 def _ruling(real: Drives, other: Drives, found: Paired, condition: str, tests: int, *, failed: bool = False) -> Ruling:
-    """Return what drives in the same worlds show, of a driver under a condition."""
+    """Return the ruling on a driver under a condition, from drives in the same worlds."""
     same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world.keys() & other.by_world)
     name, what = min(OUTCOMES, key=lambda one: 2.0 if (p := found.holm.get(one)) is None else p), asks(condition)
     known = {
@@ -235,15 +238,16 @@ def _ruling(real: Drives, other: Drives, found: Paired, condition: str, tests: i
 
 
 def _needed(tests: int) -> int:
-    """Return how many worlds that all differ alike reach the level, by the test of signs, in a family of ``tests``.
+    """Return how many worlds a sign test needs to reach the level, in a family of ``tests``.
 
-    Of n worlds the smallest p is 2^(1 - n), which Holm multiplies by the number of tests.
+    With n worlds that all differ the same way the smallest p is 2^(1 - n), which Holm multiplies by
+    the number of tests.
     """
     return math.ceil(1 + math.log2(max(1, tests) / LEVEL))
 
 
 def _shows(finding: str, found: Paired, condition: str, tests: int) -> str:
-    """Return in words what a finding says of a dependence on pictures, and on how much that rests."""
+    """Return in words what a finding says on the use of pictures, and its evidence."""
     if finding == DIFFERS:
         return (
             f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
@@ -251,7 +255,7 @@ def _shows(finding: str, found: Paired, condition: str, tests: int) -> str:
         )
     if finding == NO_DIFFERENCE:
         return (
-            f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: "
+            f"no difference from {condition} pictures was found in {found.worlds} worlds. There may still be one: "
             f"{_bounds(found)}. A dependence within these bounds is not excluded."
         )
     if finding == SAME:
@@ -290,20 +294,20 @@ def _too_few(found: Paired, tests: int, what: str) -> str:
 def _dependence(condition: str) -> str:
     if asks(condition) == REPEAT:
         return (
-            "It was shown the same both times: it does not repeat itself, and no other difference is a sign of sight."
+            "It had the same pictures both times: it does not repeat itself, so other differences are no sign of sight."
         )
-    return f"So its driving depends on {asks(condition)}; for better or for worse is in the signs."
+    return f"So its driving depends on {asks(condition)}; the signs say whether for better or for worse."
 
 
 def _independence(condition: str) -> str:
     if asks(condition) == REPEAT:
-        return "It was shown the same both times, and repeats itself."
+        return "It had the same pictures both times, and repeats itself."
     what = "the picture" if _unseen(condition) else asks(condition)
-    return f"In these worlds {what} has no say in how it drives."
+    return f"In these worlds {what} has no influence on how it drives."
 
 
 def _failed(real: Drives, other: Drives) -> str:
-    """Return why two drives cannot be held against each other: calls failed, or the fail-safe made them alike."""
+    """Return why two drives cannot be compared: failed calls, or equal drives by the fail-safe."""
     if said := _often(real, other, "them", _failed_share):
         return f"cannot say whether the picture matters: calls failed, {said}, and the fail-safe drove."
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
@@ -313,12 +317,12 @@ def _failed(real: Drives, other: Drives) -> str:
     if alike and decided[0] != decided[1]:
         return (
             "cannot say whether the picture matters: the drives are the same, but not the decisions. At some steps it "
-            "decides nothing under one condition alone, and the fail-safe does there what it does under the other."
+            "decides nothing under one condition, and the fail-safe there does what it does under the other."
         )
     if alike and undecided_share(steps[0]) >= UNDECIDED:
         return (
             "cannot say whether the picture matters: the drives are the same, but at half of the steps or more it "
-            "decides nothing, so that they are the fail-safe's more than its own."
+            "decides nothing, so they are mostly the fail-safe's."
         )
     if never := [one.driver.condition for one in (real, other) if undecided_share(one.steps) == 1]:
         return (
@@ -329,7 +333,7 @@ def _failed(real: Drives, other: Drives) -> str:
 
 
 def _often(real: Drives, other: Drives, of: str, share_of: Callable[[Sequence[Step]], float]) -> str:
-    """Return, for each condition under which a share of the steps is not small, that share, in words."""
+    """Return the shares of steps that exceed the limit, by condition, in words."""
     shares = {one.driver.condition: share_of(one.steps) for one in (real, other)}
     return " and ".join(f"{share:.0%} of {of} with {name} pictures" for name, share in shares.items() if share > SILENT)
 
@@ -339,9 +343,10 @@ def _failed_share(steps: Sequence[Step]) -> float:
 
 
 def _completion(real: Drives, other: Drives, outcomes: Outcomes) -> str:
-    """Return what completing shows and what it does not, with the counts.
+    """Return what completing the worlds shows and does not show, with the counts.
 
-    Who completes with pictures that show nothing needs none; who does so with wrong ones may still have used them.
+    Completing with pictures that show nothing needs no picture. Completing with wrong pictures may
+    still use them.
     """
     worlds = real.by_world.keys() & other.by_world.keys()
     if not worlds:
@@ -352,13 +357,13 @@ def _completion(real: Drives, other: Drives, outcomes: Outcomes) -> str:
     counts = f"It completes {with_real} of {n} with real pictures and {without} of {n} with {condition} ones"
     if without and not _unseen(condition):
         what = "completion" if without >= with_real else "what it completes either way"
-        return f"{counts}: {what} does not show that it reads what the camera shows rightly."
+        return f"{counts}: {what} does not show that it reads what the camera shows correctly."
     if without and without >= with_real:
-        return f"{counts}: completing these worlds needs no picture, so that completion says nothing of the camera."
+        return f"{counts}: completing these worlds needs no picture, so completion says nothing about the camera."
     if without:
-        return f"{counts}: what it completes either way says nothing of the camera."
+        return f"{counts}: what it completes either way says nothing about the camera."
     if with_real:
-        return f"{counts}: completion shows that the worlds can be done, and only the comparison that pictures matter."
+        return f"{counts}: completion shows that the worlds can be done; only the comparison shows use of pictures."
     return f"{counts}: there is no completion to explain."
 
 

@@ -1,4 +1,4 @@
-"""What the browser of episodes shows: every drive step by step, and pictures of a few that were driven again."""
+"""The data of a page's browser of episodes: every step, and pictures of a few replayed drives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
 
 MOST_EPISODES = 1000
 MOST_STEPS = 60_000
-"""Episodes and steps that the page lists; of more, episodes are taken evenly."""
+"""The most episodes and steps in the page; of more, episodes are taken evenly."""
 
 PICTURED = 6
-"""Episodes that are driven again for their pictures, of as many drivers as there are."""
+"""The most episodes that are replayed for pictures, of as many drivers as possible."""
 MOST_PICTURES = 60
-"""Pictures of one episode; of a longer drive every second, third, … moment."""
+"""The most pictures of one episode; of a longer drive every second, third, … step."""
 PICTURE_BYTES = 6_000_000
 WIDTH = 480
 LONGEST_REPLY = 1500
@@ -29,14 +29,14 @@ TEXT_BUDGET = 4_000_000
 
 @dataclass(frozen=True)
 class Shown:
-    """The browser's data, and in ``notes`` what of the runs is not in it."""
+    """The browser's data, and ``notes`` on what it leaves out."""
 
     data: dict[str, object]
     notes: tuple[str, ...]
 
 
 def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> Shown:
-    """Return what the browser of episodes reads; ``pictured`` episodes are driven again for their pictures."""
+    """Return the browser's data; ``pictured`` episodes are replayed for their pictures."""
     every = [(one, episode) for one in score.drives for episode in (*one.episodes, *one.errors)]
     steps = sum(len(episode.steps) for _, episode in every)
     part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
@@ -61,7 +61,7 @@ def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell 
 def _chosen(
     drives: Sequence[Drives], listed: Sequence[tuple[Drives, Episode]], count: int
 ) -> list[tuple[Drives, Episode]]:
-    """Return episodes to be shown with pictures: one a driver, drivers evenly taken, each in another world."""
+    """Return the episodes with pictures: one per driver, drivers taken evenly, worlds varied."""
     found = []
     for turn, one in enumerate(evenly(drives, count)):
         mine = [episode for other, episode in listed if other is one and episode.steps and episode.ended != "error"]
@@ -71,7 +71,7 @@ def _chosen(
 
 
 class _Album:
-    """Pictures of the episodes that were driven again, small, and where each stands."""
+    """Small pictures of the replayed episodes, and their places."""
 
     def __init__(self) -> None:
         self.uris: list[str] = []
@@ -81,7 +81,7 @@ class _Album:
         self.full = False
 
     def add(self, drives: Drives, episode: Episode) -> None:
-        """Drive an episode again and keep its pictures, as long as there is room."""
+        """Replay an episode and keep its pictures, as long as there is room."""
         every = 1 + len(episode.steps) // MOST_PICTURES
         places, begun = [], len(self.uris)
         try:
@@ -104,12 +104,12 @@ class _Album:
         return data_uri(small)
 
     def notes(self) -> list[str]:
-        """Return in words what is not in the album."""
+        """Return in words what the album leaves out."""
         said = [f"Without pictures: {words}." for words in self.refused]
         count = len(self.places)
         said.append(
             f"Pictures of {counted(count, 'episode')}, driven again from the recorded actions and "
-            "checked against the recorded state; 'eyechart film' shows any other."
+            "checked against the recorded state; 'eyechart film' shows every other episode."
         )
         return said
 

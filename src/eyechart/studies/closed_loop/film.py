@@ -1,4 +1,4 @@
-"""A film of one episode: the camera's pictures, a controller's plan over them, and the decision and the gap below."""
+"""A film of one episode: the camera's pictures with the plan, and decision and gap below."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -26,15 +26,15 @@ WIDTH = 720
 STRIP = 26
 INK, PAPER, MUTED, RED, NOW = "#e9e7e2", "#14171b", "#a7aeba", "#f28d4f", "#6cbcf0"
 TONES = {"brake": ("#e9e7e2", 12), "proceed": ("#6d7581", 6), "other": ("#a7aeba", 9)}
-"""The colour of an action in the strip, by its role, and its height in pixels; red is for what went wrong alone."""
+"""The colour and height (pixels) of an action in the strip, by role; red means a failure."""
 LONGEST_REPLY = 4000
 MOST_BYTES = 40_000_000
-"""Of so many bytes the pictures of an HTML film may be; a longer drive is refused, with the word to write an .mp4."""
+"""The most bytes of an HTML film's pictures; a longer drive needs an .mp4."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """What stands under a picture, in words."""
+    """The words under a picture."""
 
     place: str
     decision: str
@@ -46,7 +46,7 @@ class Line:
 
 
 def lines(drives: Drives, episode: Episode) -> list[Line]:
-    """Return the words of every moment; a model's reply is there as the ledger holds it."""
+    """Return the words of every step; a model's reply is as in the ledger."""
     replies = drives.texts
     world, count = episode.key.world, len(episode.steps)
     tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
@@ -66,23 +66,24 @@ def lines(drives: Drives, episode: Episode) -> list[Line]:
 
 
 def _state(gap: object, speed_mps: float | None, *, tells: bool, crashed: bool) -> str:
-    """Return a moment's words; ``tells`` is whether the simulator tells a gap at all."""
+    """Return a step's state in words; ``tells`` is whether the simulator gives gaps at all."""
     said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "nothing ahead" if tells else "gap —"
     parts = [said, f"then {'—' if speed_mps is None else f'{speed_mps:.1f}'} m/s", "CRASH" if crashed else ""]
     return " · ".join(part for part in parts if part)
 
 
 def write_film(drives: Drives, episode: Episode, out: Path, *, fps: float = 2.0) -> int:
-    """Write the film of an episode, in the kind that the name of ``out`` says; return the number of its frames.
+    """Write the film of an episode, as the suffix of ``out`` says; return its number of frames.
 
-    Raises SpecError for another suffix, a rate of no use, and for MP4 where PyAV is not installed (extra ``film``);
-    LedgerError where the episode does not drive again here; OutputError where ``out`` may not be written.
+    Raises SpecError for another suffix, a useless rate, and for MP4 where PyAV is not installed
+    (extra ``film``). Raises LedgerError where the episode cannot be replayed here, OutputError
+    where ``out`` may not be written.
     """
     suffix = out.suffix.lower()
     if suffix not in WRITERS:
         raise SpecError(f"--out {out}: a film is written as {', '.join(WRITERS)}")
     if not 0.1 <= fps <= 60:
-        raise SpecError(f"--fps {fps:g}: give 0.1 to 60 pictures a second")
+        raise SpecError(f"--fps {fps:g}: give 0.1 to 60 pictures per second")
     if suffix == ".mp4" and find_spec("av") is None:
         raise SpecError("MP4 needs PyAV: pip install 'eyechart[film]'; or write a .gif or .html")
     words = lines(drives, episode)
@@ -98,12 +99,12 @@ class _Film:
     fps: float
 
     def moments(self) -> Iterator[tuple[Shot, Line]]:
-        """Yield the moments of the replay with their words."""
+        """Yield the steps of the replay with their words."""
         for shot, line in zip(replay(self.drives, self.episode), self.words, strict=True):
             yield shot, replace(line, plan=plan_words(shot.sketch, shot.step))
 
     def drawn(self) -> Iterator[Image.Image]:
-        """Yield each moment with its words under it."""
+        """Yield each step with its words under it."""
         roles = [self.drives.space.role(step.executed_action) for step in self.episode.steps]
         planning = False
         for number, (shot, line) in enumerate(self.moments()):
@@ -112,9 +113,10 @@ class _Film:
 
 
 def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:
-    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size.
+    """Return one picture of a film, of even size: the camera's, words, and a strip of all steps.
 
-    A film of a drive with a controller is ``planning`` from its first picture on: it has a line for the plan.
+    A film of a drive with a controller is ``planning`` from its first picture on: it has a line for
+    the plan.
     """
     picture = shot.picture
     scale = max(1, round(WIDTH / picture.shape[1])) if picture.shape[1] < WIDTH else 1
@@ -149,7 +151,7 @@ def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bo
 
 
 def _key(pen: ImageDraw.ImageDraw, x: float, y: float) -> None:
-    """Say what the lines over the picture are."""
+    """Draw the legend of the lines over the picture."""
     words = font(12)
     for stroke in reversed(STROKES):
         middle = y + 8
@@ -169,7 +171,7 @@ def _write_gif(out: Path, film: _Film) -> int:
 
 
 def _reduced(page: Image.Image) -> Image.Image:
-    """Return a picture in 128 colours, and those of a sketch's thin lines, which would be lost among them."""
+    """Return a picture in 128 colours plus those of the sketch's thin lines, to keep these."""
     found = page.quantize(128, dither=Image.Dither.NONE)
     kept = [level for stroke in STROKES for level in ImageColor.getrgb(stroke.colour)]
     palette = Image.new("P", (1, 1))
@@ -195,7 +197,7 @@ def _write_mp4(out: Path, film: _Film) -> int:
 
 
 def _codec(av: object) -> str:
-    """Return the codec that plays in most places, of those that this PyAV can write."""
+    """Return the most widely playable codec that this PyAV can write."""
     known: set[str] = getattr(av, "codecs_available", set())
     return next(name for name in ("libx264", "libopenh264", "h264", "mpeg4") if name in known)
 
@@ -228,12 +230,12 @@ def _write_html(out: Path, film: _Film) -> int:
 
 
 def lines_of(sketch: Sketch) -> dict[str, list[list[tuple[float, float]]]]:
-    """Return the lines of a sketch by their names, each in pieces of places in pixels."""
+    """Return the lines of a sketch by name, each in pieces of pixel positions."""
     return {stroke.name: pieces(getattr(sketch, stroke.name)) for stroke in STROKES}
 
 
 def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:
-    """Yield each picture as a data URI, PNG where it is small and WebP where a whole drive of them would not be."""
+    """Yield each picture as a WebP data URI, lossless until a quarter of the limit is used."""
     spent = 0
     for picture in pictures:
         small = webp(Image.fromarray(picture), lossless=spent < MOST_BYTES // 4, quality=70)
@@ -244,4 +246,4 @@ def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:
 
 
 WRITERS: dict[str, Callable[[Path, _Film], int]] = {".mp4": _write_mp4, ".gif": _write_gif, ".html": _write_html}
-"""How a film is written, by suffix."""
+"""The writer of each suffix."""

@@ -1,10 +1,12 @@
-"""Drives that are the same to the last digit are found and named: constants converge, a cache is suspect.
+"""Finds and explains drives that are identical to the last digit: constant policies, or a cache.
 
-The words and the pace of replies tell of a cache: to requests that one model got before, and of two models alike. A
-reply that follows from its decision tells no more than the decision: two models that decide alike then write alike. The
-identity of a call is its key, never its content (docs/decisions/calls.md): what answers by content cannot be measured.
+The words and the times of replies can show a cache: for repeated requests of one model, and for two
+models with equal replies. A reply that follows from its decision shows no more than the decision,
+because two models that decide equally then write equally. The identity of a call is its key, never
+its content (docs/decisions/calls.md): what answers by content cannot be measured.
 
-Source: paper, section Edge models are image-invariant (two models with numerically identical trajectories).
+Source: paper, section Edge models are image-invariant (two models with numerically identical
+trajectories).
 """
 
 import itertools
@@ -21,20 +23,20 @@ from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 
 FEWEST_REPEATS = 5
-"""So many requests that were made before must come again before their latency is looked at."""
+"""The fewest repeated requests whose latency is compared."""
 
 IMPLAUSIBLE = 0.1
-"""A repeated request that takes less than this share of what first requests take was hardly answered anew."""
+"""A repeat faster than this share of a first request was hardly answered anew."""
 
 SLOW_S = 0.1
-"""A model that answers faster than this is quick by itself, and its times tell nothing of a cache."""
+"""A model that answers faster than this has times that cannot show a cache."""
 
 
 @dataclass(frozen=True)
 class Repeats(Written):
-    """What a driver's repeated requests tell: the same request again, its text and how long it took.
+    """A driver's repeated requests: how many, with which text, and how fast.
 
-    ``ratio`` is the median seconds of repeats over that of first requests, None where they are not measured.
+    ``ratio`` is the median seconds of repeats over that of first requests, None where not measured.
     """
 
     written = "driver=driver.label driver.simulator repeats same_text latency_ratio=ratio suspect words"
@@ -48,10 +50,10 @@ class Repeats(Written):
 
 
 def repeated_requests(drives: Drives) -> Repeats | None:
-    """Return what requests that a driver made before tell when they come again; None where fewer than five did.
+    """Return a driver's repeated requests; None where there are fewer than five.
 
-    A request is the same where its text and picture are. Suspect: the first replies vary, every repeat has the text of
-    the first, and repeats come in less than a tenth of the time.
+    A request is the same where its text and picture are. Suspect: the first replies vary, every
+    repeat has the text of the first, and repeats take less than a tenth of the time.
     """
     first: dict[str, Reply] = {}
     again: list[tuple[Reply, Reply]] = []
@@ -65,11 +67,11 @@ def repeated_requests(drives: Drives) -> Repeats | None:
     ratio = fast / slow if slow and any(two.seconds is not None for _, two in again) else None
     varies = len({one.text for one in first.values()}) > 1
     suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE and slow >= SLOW_S
-    words = f"{len(again)} requests came again, {same} got the text of the first"
+    words = f"{len(again)} requests were repeated, {same} got the text of the first"
     if ratio is not None:
         words += f", in {ratio:.2g} of its time"
     if suspect:
-        words += ": a cache answered them, so that neither noise nor repeats can be measured; switch it off"
+        words += ": a cache answered them, so neither noise nor repeats can be measured; switch it off"
     return Repeats(drives.driver, len(again), same, ratio, suspect, words)
 
 
@@ -80,16 +82,16 @@ def seconds(replies: Iterable[Reply]) -> float:
 
 
 VERBATIM = 0.9
-"""A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
+"""A cache returns the text; below this share of identical replies, two models wrote their own."""
 
 
 @dataclass(frozen=True)
 class Wording:
-    """What the ledgers tell of two drivers' replies about the same moments; ``words`` says it.
+    """A comparison of two drivers' replies about the same frames; ``words`` describes it.
 
-    ``compared`` counts the moments of which both have a reply, ``same`` those with the same text. ``beyond`` counts
-    the same texts that do not follow from the decision: another text stands more often with the same action.
-    ``faster`` says whether the one took implausibly less time.
+    ``compared`` counts the frames with a reply of both, ``same`` those with the same text.
+    ``beyond`` counts the same texts that do not follow from the decision: another text is more
+    frequent with the same action. ``faster`` says whether one of them took implausibly little time.
     """
 
     compared: int
@@ -100,17 +102,17 @@ class Wording:
 
     @property
     def verbatim(self) -> bool:
-        """Return whether the replies are the same to the word; never where none can be compared."""
+        """Return whether the replies are the same to the word; False where none can be compared."""
         return self.compared > 0 and self.same >= VERBATIM * self.compared
 
     @property
     def beyond_decisions(self) -> bool:
-        """Return whether the same texts tell more than the same decisions do."""
+        """Return whether the same texts show more than the same decisions do."""
         return self.beyond >= FEWEST_REPEATS
 
 
 def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> Wording:
-    """Return what the replies of two drivers about some worlds tell, as far as the ledgers know them."""
+    """Return the comparison of two drivers' replies in some worlds, from their ledgers."""
     mine, theirs = (
         {frame: (reply, asked) for frame, reply, asked in each.replies if frame.rpartition("/")[0] in worlds}
         for each in (one, other)
@@ -131,7 +133,7 @@ def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> Wording:
 
 
 def _beyond(drives: Drives, said: Mapping[str, str]) -> int:
-    """Return how many replies have another text than the one that stands most often with their action."""
+    """Return how many replies differ from the most frequent text of their action."""
     decided = {step.frame: step.decision.action for step in drives.steps}
     texts: dict[str | None, Counter[str]] = {}
     for frame, text in said.items():
@@ -151,12 +153,12 @@ ALIKE = "decide alike throughout"
 COINCIDE = "decide alike here and there"
 
 MOSTLY = 0.5
-"""From this share of the common worlds on identical varying decisions of two models are more than coincidence."""
+"""From this share of the common worlds on, two models with equal decisions are no coincidence."""
 
 
 @dataclass(frozen=True)
 class Twins:
-    """Drivers with identical drives in ``same`` of the ``worlds`` that all of them drove; ``words`` says why."""
+    """Drivers with identical drives in ``same`` of their common ``worlds``; ``words`` says why."""
 
     drivers: tuple[Driver, ...]
     worlds: int
@@ -174,20 +176,23 @@ class Twins:
 
 
 def same_drive(one: Episode, other: Episode) -> bool:
-    """Return whether two episodes of one world went the same way to the last digit, whatever was decided."""
+    """Return whether two episodes of one world went the same way to the last digit.
+
+    The decisions may differ.
+    """
     ends = [(each.key.world, each.state_sha256, each.ended, len(each.steps)) for each in (one, other)]
     course = attrgetter("reward", "speed_mps", "distance_m", "crashed")
     return ends[0] == ends[1] and all(map(eq, map(course, one.steps), map(course, other.steps)))
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:
-    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing."""
+    """Return the simulator's own command for each action; empty where it declares none."""
     declared = declared_by(drives.driver.simulator)
     return {} if declared is None else declared.commands
 
 
 def twins(drives: Sequence[Drives]) -> list[Twins]:
-    """Return every group of drivers with identical drives: pairs of one kind, in the same worlds, are put together."""
+    """Return every group of drivers with identical drives; pairs of one kind are joined."""
     pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in WHY}
     for one, other in itertools.combinations(drives, 2):
         common = sorted(one.by_world.keys() & other.by_world.keys())
@@ -218,7 +223,7 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
 
 
 def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
-    """Return the kind of two drives by models whose decisions vary and are the same in some worlds."""
+    """Return the kind of two models' drives whose decisions vary but are equal in some worlds."""
     mostly = len(worlds) >= MOSTLY * len(one.by_world.keys() & other.by_world.keys())
     told = wording(one, other, worlds)
     if one.driver.policy == other.driver.policy:
@@ -246,7 +251,7 @@ def _modal(actions: Sequence[str]) -> tuple[str, float]:
 
 
 def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
-    """Return the groups that overlapping pairs form, in the order in which they were found."""
+    """Return the groups that overlapping pairs form, in the order of the pairs."""
     groups: list[list[Drives]] = []
     for pair in pairs:
         touched = [group for group in groups if any(each in group for each in pair)]
@@ -265,20 +270,20 @@ def _converged(group: Sequence[Drives], same: Sequence[str]) -> str:
     action, share = _modal(_executed(group[0], same))
     often = "and nothing else" if share == 1 else f"at {MODAL_CONSTANT:.0%} of the steps at least"
     own = [
-        f" At {part:.0%} of them {one.driver.label} decides nothing, and {action} is the fail-safe's."
+        f" At {part:.0%} of them {one.driver.label} decides nothing, and {action} comes from the fail-safe."
         for one in group
         if (part := _undecided(one, same))
     ]
     return (
         f"all of them take {action} {often}, which in a deterministic simulator gives one drive. That is a "
-        f"genuine convergence and no sign of a cache; nor could these drives show one.{''.join(own)}"
+        f"genuine convergence and no sign of a cache; these drives could not show a cache.{''.join(own)}"
     )
 
 
 def _no_decision(group: Sequence[Drives], same: Sequence[str]) -> str:
     shares = {one.driver.label: _undecided(one, same) for one in group}
     said = ", ".join(f"{name} at {share:.0%} of the steps" for name, share in shares.items() if share >= UNDECIDED)
-    return f"there is no decision of {said}: the fail-safe drove there, and what it does is not the policy's."
+    return f"there is no decision of {said}: the fail-safe drove there, so its actions are not the policy's."
 
 
 def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
@@ -288,24 +293,24 @@ def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
     for action in used:
         commands.setdefault(declared.get(action, action), []).append(action)
     said = "; ".join(f"{' and '.join(names)} both are {name}" for name, names in commands.items() if len(names) > 1)
-    return f"the simulator declares that {said}: one command by other words; drives and rows are identical."
+    return f"the simulator declares that {said}: one command with several names; drives and rows are identical."
 
 
 def _no_effect(group: Sequence[Drives], same: Sequence[str]) -> str:
     taken = ", ".join(f"{one.driver.label}: {_modal(_executed(one, same))[0]}" for one in group)
     return (
-        f"they took other actions (most often {taken}) and got the same drive; the simulator declares no alias, so "
-        "that the actions that differ have no effect here."
+        f"they took other actions (most often {taken}) and got the same drive. The simulator declares no alias, so "
+        "the actions that differ have no effect here."
     )
 
 
 def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
     if not any(one.asked for one in group):
-        return "a policy that asks no model decides the same again, as it should."
+        return "a policy that calls no model makes the same decisions again, as it should."
     return (
-        "the same model decides the same again. Of a model that does not sample that is expected; of one that does it "
-        "would show a cache."
+        "the same model makes the same decisions again. Without sampling that is expected; with sampling it would "
+        "show a cache."
     )
 
 
@@ -313,28 +318,28 @@ def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
     scripted = [one.driver.label for one in group if not one.asked]
     if len(scripted) == len(group):
-        return "none of them asks a model: in these worlds their rules come to the same."
-    return f"the decisions are those of {' and '.join(scripted)}, without a model: one rule, no cache."
+        return "none of them calls a model: in these worlds their rules give the same actions."
+    return f"the decisions are those of {' and '.join(scripted)}, which calls no model: one rule, no cache."
 
 
 def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
     if len({one.driver.policy for one in group}) == 1:
         shown = " and ".join(one.driver.condition for one in group)
         return (
-            f"the same model decides alike with {shown} pictures in {len(same)} worlds: what differs between them does "
-            "not matter to it there. Nothing in its replies points to a cache."
+            f"the same model makes the same decisions with {shown} pictures in {len(same)} worlds: their difference "
+            "does not matter to it there. Nothing in its replies points to a cache."
         )
-    return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
+    return f"they decide equally in {len(same)} worlds: too few worlds, or too different words, for a cache."
 
 
 def _alike(group: Sequence[Drives], same: Sequence[str]) -> str:
     told = wording(group[0], group[1], same)
-    why = "no reply of both is at hand to be compared"
+    why = "no replies of both can be compared"
     if told.compared:
-        why = f"{told.words}, but nearly each follows from its decision and tells no more"
+        why = f"{told.words}, but nearly each follows from its decision and shows no more"
     return (
-        f"their decisions vary and are the same at every step; {why}. Two like rules, one model behind two names and a "
-        "cache all look so. Ask for reasons in the reply to tell them apart."
+        f"their decisions vary and are the same at every step; {why}. Equal rules, one model behind two names, and a "
+        "cache would all look like this. A prompt that demands reasons in the reply tells them apart."
     )
 
 
@@ -347,12 +352,12 @@ def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
     said = ", ".join(reasons)
     if one.driver.policy == other.driver.policy:
         return (
-            f"{said}. One model that is asked anew hardly answers so much faster; look for a cache, or for another "
+            f"{said}. A model that answers anew is hardly so much faster. Look for a cache, or for another "
             "machine behind the same name, and drive again."
         )
     return (
-        f"{said}. Two models that look for themselves hardly agree so; look for a cache that answers for both, or for "
-        "one model behind two names, and drive again."
+        f"{said}. Two models that look for themselves hardly agree so closely. Look for a cache that answers for "
+        "both, or for one model behind two names, and drive again."
     )
 
 
@@ -367,4 +372,4 @@ WHY: Mapping[str, Callable[[Sequence[Drives], Sequence[str]], str]] = {
     SCRIPTED: _scripted,
     COINCIDE: _coincide,
 }
-"""The kinds in the order in which they are told, each with what says why."""
+"""The kinds in order of output, each with the function that explains it."""

@@ -1,7 +1,7 @@
-"""The ladder: how far, how well and how safely each policy drives, and how it compares with the best constant.
+"""The ladder: each policy's distance, reward and safety, and its comparison with the best constant.
 
-Its episodes are every constant action, random and the scripted controller, in every scenario and seed. Source: paper,
-Table t:baselines.
+Its episodes are every constant action, random and the scripted controller, in every scenario and
+seed. Source: paper, Table t:baselines.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,9 +31,9 @@ SEEDS = 8
 
 
 def ladder_policies(space: Discrete) -> tuple[str, ...]:
-    """Return the policies that a ladder ranks: the constants of an action space, random, and the oracle.
+    """Return the policies of a ladder: an action space's constants, random, and the oracle.
 
-    An action space without the actions that the oracle drives with has none.
+    The oracle is left out where the action space lacks its actions.
     """
     policies = (*(f"constant:{action}" for action in space.actions), "random")
     try:
@@ -48,7 +48,7 @@ class Ladder(Episodes):
     """The episodes of a ladder, or the rest of them."""
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield how many episodes there are, and what the models' calls are expected to take."""
+        """Yield the number of episodes, and the expected cost of the models' calls."""
         yield f"{counted(len(self.keys), 'episode')}, {len(self.keys) - len(self.left())} driven already"
         yield from self.forecast(how)
 
@@ -64,10 +64,10 @@ def plan_ladder(
     seed: int = 0,
     again: bool = False,
 ) -> Ladder:
-    """Plan the ladder, or the rest of what ``out`` holds of it: 7 policies × 4 scenarios × 8 seeds in the highway.
+    """Plan a ladder, or the rest of one in ``out``: 7 policies × 4 scenarios × 8 seeds in highway.
 
-    ``further`` are policies and models that climb it beside these; the rest is as in `eyechart.episodes.plan`, which
-    also raises.
+    ``further`` are additional policies and models. The rest is as in `eyechart.episodes.plan`,
+    which also raises.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     space = open_simulator(simulator, actions=actions).declared.action_space
@@ -77,36 +77,36 @@ def plan_ladder(
 
 
 def require_reference(planned: Episodes, against: str | None) -> None:
-    """Raise SpecError where the policy that the others are to be held against is none of those that drive."""
+    """Raise SpecError where the reference policy is not among those that drive."""
     if against is not None and against not in planned.manifest.policies:
         known = ", ".join(planned.manifest.policies)
         raise SpecError(f"--against {against}: no such policy drives here; there are {known}")
 
 
 CONSTANT = "constant:"
-"""How the SPEC of a policy that always says one action begins."""
+"""The beginning of a constant policy's SPEC."""
 
 MARGINAL = "marginal:"
-"""How the SPEC of one that draws like a controller's decisions begins."""
+"""The beginning of the SPEC of a policy that draws from a controller's decisions."""
 
 LEVEL = 0.05
 UNTOLD = "the simulator does not tell it"
 
 NUMBERS = {name: attrgetter(name) for name in ("distance_m", "reward", "speed_mps")}
-"""What an episode adds up to, each a number, or None where the simulator does not tell it."""
+"""The numbers of an episode; None where the simulator does not give one."""
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What counts as success: reaching the goal or, in ``without_goal`` scenarios, lasting until the time is up.
+    """The definition of success: the goal, or in ``without_goal`` scenarios the time limit.
 
-    A scenario has a goal where an episode that is at hand reached one, or the simulator is one that has.
+    A scenario has a goal where any of the episodes reached one, or where the simulator declares it.
     """
 
     with_goal: frozenset[tuple[str, str]]
 
     def success(self, episode: Episode) -> bool:
-        """Return whether an episode ended as it should, without a crash."""
+        """Return whether an episode ended successfully, without a crash."""
         if episode.crashed:
             return False
         goal = (episode.key.simulator, episode.key.scenario) in self.with_goal
@@ -114,7 +114,7 @@ class Outcomes:
 
 
 def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
-    """Return what counts as success in the worlds of these drives."""
+    """Return the definition of success in the worlds of these drives."""
     declared = {name: declared_by(name) for name in {one.driver.simulator for one in drives}}
     goals = {name for name, one in declared.items() if one is not None and one.has_goal}
     every = [episode for one in drives for episode in one.episodes]
@@ -124,7 +124,7 @@ def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
 
 @dataclass(frozen=True)
 class Rung(Written):
-    """One driver's row: its statistics by name, each with n and interval; a rate's is exact (Clopper-Pearson)."""
+    """One driver's row of statistics with n and interval; exact for rates (Clopper-Pearson)."""
 
     written = "*driver episodes_in_error=errors statistics"
 
@@ -135,9 +135,9 @@ class Rung(Written):
 
 @dataclass(frozen=True)
 class Paired(Written):
-    """Two drivers in the same worlds: first less second, each difference with its n, interval and p.
+    """Two drivers in the same worlds: first less second, each difference with n, interval and p.
 
-    ``holm`` holds the p of each corrected over the whole family that was compared.
+    ``holm`` holds each p corrected over the whole family of comparisons.
     """
 
     written = "first=first.label second=second.label first.simulator worlds differences holm changed"
@@ -150,12 +150,12 @@ class Paired(Written):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return what differs significantly after correction."""
+        """Return the outcomes that differ significantly after correction."""
         return tuple(name for name, p in self.holm.items() if p is not None and p < LEVEL)
 
 
 def rung(drives: Drives, outcomes: Outcomes) -> Rung:
-    """Return a driver's row; an episode that ended in an error counts nowhere but in ``errors``."""
+    """Return a driver's row; episodes that ended in an error count only in ``errors``."""
     episodes = drives.episodes
     found: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
@@ -170,18 +170,18 @@ def rung(drives: Drives, outcomes: Outcomes) -> Rung:
 
 
 NO_INTERVAL = "no interval: where few drives end early none was found that covers"
-"""Measured with one drive in ten that crashes: Student's t over 12 drives holds the mean in .68 of cases."""
+"""With one drive in ten that crashes, Student's t over 12 drives covers the mean in only .68."""
 
 
 def mean_of_drives(values: Sequence[float]) -> Statistic:
-    """Return the mean of a number over drives, without an interval; None of no drives."""
+    """Return the mean of a number over drives, without an interval; None without drives."""
     if not len(values):
         return cannot_say("no episodes", method="mean over episodes")
     return Statistic(float(np.mean(values)), len(values), method="mean over episodes", note=NO_INTERVAL)
 
 
 def exact_rate(k: int, n: int) -> Statistic:
-    """Return a share with its exact 95 % interval (Clopper-Pearson); None of nothing."""
+    """Return a share with its exact 95 % interval (Clopper-Pearson); None for n = 0."""
     found = rate(k, n)
     if found.value is None:
         return found
@@ -189,7 +189,7 @@ def exact_rate(k: int, n: int) -> Statistic:
 
 
 def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Paired:
-    """Compare two drivers in the worlds that both drove: numbers by sign flips, crash and success by exact McNemar.
+    """Compare two drivers in common worlds: numbers by sign flips, rates by exact McNemar.
 
     ``holm`` is empty until `corrected` fills it in.
     """
@@ -215,7 +215,7 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
 
 
 def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
-    """Return the difference of two paired rates with Tango's interval and the p of exact McNemar."""
+    """Return the difference of two paired rates with Tango's interval and exact McNemar's p."""
     if not one:
         return cannot_say("no world was driven by both")
     found = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
@@ -235,9 +235,10 @@ def corrected(family: Sequence[Paired]) -> list[Paired]:
 
 
 def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives | None:
-    """Return the driver that the others are held against: ``against``, or the constant of the highest mean reward.
+    """Return the reference driver: ``against``, or the constant with the highest mean reward.
 
-    None where no constant drove with real pictures. Raises SpecError where ``against`` is none of the drivers.
+    None where no constant drove with real pictures. Raises SpecError where ``against`` is not among
+    the drivers.
     """
     real = [one for one in drives if one.driver.condition == "real" and one.episodes]
     if against is not None:
@@ -248,7 +249,7 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
     constants = [one for one in real if one.driver.policy.startswith(CONSTANT)]
 
     def worth(one: Drives) -> tuple[float, bool]:
-        """Return the mean reward, and whether it is the mildest brake: of aliased commands its name is taken."""
+        """Return the mean reward, and whether it is the mildest brake, preferred among aliases."""
         mildest = one.driver.policy in [f"{CONSTANT}{action}" for action in one.space.brake[-1:]]
         return sum(each.reward for each in one.episodes) / len(one.episodes), mildest
 
@@ -256,6 +257,6 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
 
 
 def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> list[Paired]:
-    """Return every other driver less the reference in the same worlds, corrected by Holm over all tests."""
+    """Return each other driver less the reference in the same worlds, by Holm over all tests."""
     others = [one for one in drives if one is not reference]
     return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])

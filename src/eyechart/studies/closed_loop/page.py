@@ -1,4 +1,4 @@
-"""The page of runs of episodes: the ladder, the blind baseline, the audit and every drive, in one file.
+"""The report page of episodes: ladder, blind baseline, audit and every drive, in one file.
 
 Source of its figures: paper, Table t:baselines and figure fgr:mi.
 """
@@ -35,10 +35,10 @@ from eyechart.studies.closed_loop.tables import (
 from eyechart.verdicts.labels import SIGHT
 
 MOST_ROWS = 40
-"""Drivers in a figure; the tables have all of them."""
+"""The most drivers in a figure; the tables have all of them."""
 
 _SIGHTED = 12
-"""Rows of the figure at the head of the page."""
+"""The most rows of the figure at the head of the page."""
 
 _UNITS = {
     "success_rate": " (points)",
@@ -89,7 +89,7 @@ def _paired(found: Mapping[str, Blind], name: str, across: float = WIDE) -> Draw
 
 
 def information(rows: Sequence[Degeneracy]) -> list[Drawing]:
-    """Draw the entropy of actions against what they hold of the scene (figure fgr:mi), each driver by its name."""
+    """Draw action entropy against information about the scene (figure fgr:mi), by driver."""
     points = []
     for row in rows:
         x, y = row.statistics["entropy_bits"].value, row.statistics["information_bits"].value
@@ -114,7 +114,7 @@ _ANSWERS = {
 
 
 def opening(score: ClosedLoopScore) -> Opening:
-    """Return what a page of drives says first: who drives by sight, then who comes first by score."""
+    """Return the opening of a page of drives: which drive by sight, and the best by score."""
     told = by_sight(score)
     said = [
         Said(who, one.label.says, one.label.family, shows, why, "blind")
@@ -122,7 +122,7 @@ def opening(score: ClosedLoopScore) -> Opening:
         for shows, why in [told_of(one)]
     ]
     if not told:
-        sentence = "Who drives by sight was not asked: nobody drove the same worlds with other pictures too."
+        sentence = "Driving by sight was not tested: no driver drove the same worlds with other pictures too."
     else:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
     others = "shuffled ones" if all(one.of_camera for one in told.values()) else "others"
@@ -133,13 +133,13 @@ def opening(score: ClosedLoopScore) -> Opening:
 
 
 def _found(one: Blind) -> str:
-    """Return the finding of a comparison in words, with what a difference is of."""
-    what = one.asks if one.of_pictures else "it matters when it does what"
+    """Return the finding of a comparison in words, with the subject of a difference."""
+    what = one.asks if one.of_pictures else "the timing of its actions matters"
     return f"differs: {what}" if one.finding == DIFFERS else SIGHT[one.finding].says
 
 
 def _best(score: ClosedLoopScore) -> list[str]:
-    """Return in words who comes first by reward in each simulator, and whether who does sees anything."""
+    """Return the best driver by reward in each simulator, in words, and whether it is blind."""
     found = []
     for simulator in score.simulators:
         rungs = [one for one in score.ladder if one.driver.simulator == simulator]
@@ -156,7 +156,7 @@ def _best(score: ClosedLoopScore) -> list[str]:
 
 
 def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
-    """Draw who drives better with real pictures than with others; where nobody drove with others, who by score."""
+    """Draw real pictures less others by driver; without such drives, the drivers by score."""
     for name in ("reward", "distance_m", "success_rate", "crash_rate"):
         if (found := sight_of(told, name)) is not None:
             return found
@@ -166,7 +166,7 @@ def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
 
 
 def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
-    """Draw real pictures less others in one measure, by who drove; None where no comparison has a value."""
+    """Draw real pictures less others in one measure, by driver; None where no value is known."""
     if not any(one.paired.differences[name].value is not None for one in told.values()):
         return None
     with style():
@@ -175,9 +175,9 @@ def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
 
 @dataclass(frozen=True)
 class First:
-    """What a study tells of its runs before their drives: its question, the answer, and a section with the evidence.
+    """A study's own part of the page, before the drives: question, answer and evidence.
 
-    Where nobody drove with other pictures too, it stands in the place of the question who drives by sight.
+    It replaces the question of driving by sight where no driver had other pictures too.
     """
 
     question: str
@@ -196,8 +196,8 @@ def make_drives_page(
 ) -> Page:
     """Return the report of runs of episodes; the same runs give the same bytes.
 
-    ``costs`` say what decisions cost and take, ``first`` is what their study tells before the drives; ``tell`` is told
-    what is under way.
+    ``costs`` are tables of the decisions' cost and time, ``first`` is the study's part before the
+    drives; ``tell`` receives progress.
     """
     tell("figures")
     drawn = drives_figures(score)
@@ -210,7 +210,7 @@ def make_drives_page(
         scripts=("layout.js", "browser.js", "drives.js"),
         data=browser.data,
         title=", ".join(path.resolve().name for path in runs),
-        question=first.question if first else "Who drives well, and who by sight?",
+        question=first.question if first else "Which policies drive well, and which by sight?",
         answer=first.answer if first else opening(score),
         first=first.section if first else None,
         score=score,
@@ -223,7 +223,7 @@ def make_drives_page(
         ladder=ladder_table(score.ladder, score.references),
         paper=paper_table(beside) if beside else None,
         paper_words=paper_words(beside, score.ladder) if beside else [],
-        paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # told above them
+        paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # the page has it
         blind=[(one, one.label.family, _found(one)) for one in score.blind],
         blind_table=blind_table(score.blind),
         audit=degeneracy_table(score.audit),
@@ -238,7 +238,7 @@ def make_drives_page(
 
 
 def made(path: Path) -> Mapping[str, str]:
-    """Return what the run says of how it was made, as text; nothing where it says nothing."""
+    """Return the manifest of the run as text; empty entries are left out."""
     return {name: _text(value) for name, value in run_json(path).items() if value not in (None, [], {})}
 
 

@@ -1,4 +1,4 @@
-"""Runs of episodes are read as drives: all episodes of one policy in one simulator under one condition."""
+"""Runs of episodes as drives: all episodes of a policy in a simulator under a condition."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,17 +29,17 @@ from eyechart.studies import names_of
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
-"""From this modal share on a policy is called constant (paper, section Edge models are image-invariant)."""
+"""The least modal share of a constant policy (paper, section Edge models are image-invariant)."""
 
 UNDECIDED = 0.5
-"""From this share of steps without a decision on, a drive is more the fail-safe's than the policy's."""
+"""From this share of steps without a decision on, a drive belongs to the fail-safe."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Driver(Plain):
-    """Who drove: a policy in a simulator, under a condition, in a run, whose name is empty where there is but one.
+    """A policy in a simulator, under a condition, in a run; a single run has no name.
 
-    Its run's name is ``needed`` where the policy drove in several of the runs.
+    The run's name is ``needed`` in the label where the policy drove in several runs.
     """
 
     simulator: str
@@ -54,16 +54,17 @@ class Driver(Plain):
 
     @property
     def label(self) -> str:
-        """Return the driver's name in tables: the policy, and what is not a matter of course."""
+        """Return the driver's name in tables: the policy, and what is needed to distinguish it."""
         shown = self.policy if self.condition == "real" else f"{self.policy} ({self.condition})"
         return f"{self.run} · {shown}" if self.run and self.needed else shown
 
 
 @dataclass(frozen=True)
 class Drives:
-    """The episodes of one driver that count, by world, and in ``errors`` those that ended in an error.
+    """The episodes of one driver that count, by world; ``errors`` are those that ended in an error.
 
-    ``asked`` says whether a model was asked; ``marginal_of`` names the driver of the same run whose marginal this is.
+    ``asked`` says whether the driver is a model. ``marginal_of`` names the driver of the same run
+    whose marginal this is.
     """
 
     driver: Driver
@@ -86,7 +87,7 @@ class Drives:
 
     @cached_property
     def actions(self) -> NDArray[np.str_]:
-        """Return what the policy decided at each step, "" where there is no decision."""
+        """Return the policy's decision at each step, "" where there is none."""
         return np.array([step.decision.action or "" for step in self.steps], dtype=np.str_)
 
     @cached_property
@@ -109,13 +110,13 @@ class Drives:
         return [step.truth.get(column) for step in self.steps]
 
     def open_simulator(self) -> Simulator:
-        """Open the simulator in which they drove, with the run's own action map where it has one."""
+        """Open the simulator of the drives, with the run's own action map if it has one."""
         actions = self.path / ACTION_MAP
         return open_simulator(self.driver.simulator, actions=actions if actions.is_file() else None)
 
     @cached_property
     def replies(self) -> tuple[tuple[str, Reply, str], ...]:
-        """Return the replies to the policy's calls in the order of sending: frame, reply, digest of what was asked."""
+        """Return the replies in the order of sending: frame, reply, digest of the request."""
         if not self.asked:
             return ()
         with Ledger(self.path / LEDGER, absent=True) as ledger:
@@ -135,21 +136,21 @@ class Drives:
 
 
 def undecided_share(steps: Sequence[Step]) -> float:
-    """Return at what share of some steps there is no decision, so that the fail-safe drove; 0 of no steps."""
+    """Return the share of steps without a decision, when the fail-safe drove; 0 of no steps."""
     return sum(step.decision.action is None for step in steps) / len(steps) if steps else 0.0
 
 
 def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
-    """Read every driver of some runs, in the order of the runs and of what was asked.
+    """Read every driver of some runs, in the order of the runs and of their manifests.
 
-    Raises LedgerError where a folder is no run of episodes, holds none, holds two different episodes of one key, or one
-    that the run's manifest knows nothing of.
+    Raises LedgerError where a folder is no run of episodes, or holds none. Also raises it for two
+    different episodes of one key, or an episode that the run's manifest does not have.
     """
     found: list[Drives] = []
     for path, name in zip(runs, told_apart(runs), strict=True):
         manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
         if not episodes:
-            raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
+            raise LedgerError(f"{path / EPISODES} holds no finished episode; repeat the command that began the run")
         for episode in episodes:
             _hold(episode, manifest, path)
         found += _drivers(path, name, episodes, manifest)
@@ -160,7 +161,7 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
 
 
 def told_apart(runs: Sequence[Path]) -> list[str]:
-    """Return the runs' names; none where there is only one run."""
+    """Return the runs' names; "" for a single run."""
     return names_of(runs) if len(runs) > 1 else [""] * len(runs)
 
 
@@ -190,8 +191,8 @@ def _hold(episode: Episode, manifest: EpisodesManifest, path: Path) -> None:
             break
     if wrong is not None:
         raise LedgerError(
-            f"{path / EPISODES}: an episode of {key.policy} in {key.world} has {wrong}, and the run has none of that "
-            "name; restore the file from a copy, or delete its line"
+            f"{path / EPISODES}: an episode of {key.policy} in {key.world} has {wrong}, which the run does not have; "
+            "restore the file from a copy, or delete its line"
         )
 
 

@@ -1,4 +1,4 @@
-"""An episode is driven again: its executed actions in the same world, which must end in the recorded state."""
+"""Replays an episode: its actions in the same world, which must end in the recorded state."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,10 +16,10 @@ SHOWN_MOST = 6
 
 @dataclass(frozen=True)
 class Shot:
-    """One moment of a replay: the camera's picture before the decision, and the step; None at the end.
+    """One step of a replay, with the picture before the decision; ``step`` is None at the end.
 
-    ``sketch`` is what a controller below the decision then planned, where the world has one; no line of it is in the
-    picture.
+    ``sketch`` is the plan of a controller below the decision, where the world has one; the picture
+    does not show it.
     """
 
     picture: RGB
@@ -28,12 +28,12 @@ class Shot:
 
 
 def episode_id(episode: Episode) -> str:
-    """Return what ``--episode`` takes: policy, world and condition, as ``constant:SLOW highway/dense/3 real``."""
+    """Return the text for ``--episode``, such as ``constant:SLOW highway/dense/3 real``."""
     return f"{episode.key.policy} {episode.key.world} {episode.key.condition}"
 
 
 def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode]:
-    """Return the one episode that a text names: its id, or enough of its words; raises SpecError otherwise."""
+    """Return the episode of an id, or of enough words of it; raises SpecError otherwise."""
     every = [(one, episode) for one in drives for episode in (*one.episodes, *one.errors)]
     exact = [pair for pair in every if episode_id(pair[1]) == wanted.strip()]
     words = set(wanted.split())
@@ -52,10 +52,10 @@ def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode
 
 
 def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None) -> Iterator[Shot]:
-    """Yield the moments of an episode that is driven again, the last with the picture after the last step.
+    """Yield the steps of a replayed episode; the last has the picture after the last step.
 
-    The world is driven once without pictures first, so that nothing is shown of a drive that is another one. Raises
-    LedgerError, with the versions that differ, where the end is not the recorded one.
+    The world is first driven without pictures, so that no picture of a different drive is shown.
+    Raises LedgerError, with the versions that differ, where the end differs from the record.
     """
     world = simulator or drives.open_simulator()
     verify(drives, episode, world)
@@ -71,9 +71,9 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
 
 
 def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[str, Scalar]:
-    """Drive an episode's actions again without pictures; return what the simulator says of the last move.
+    """Replay an episode without pictures; return the simulator's facts on the last move.
 
-    Raises LedgerError where the end is not the recorded one.
+    Raises LedgerError where the end differs from the record.
     """
     name = episode_id(episode)
     if not episode.steps:
@@ -93,7 +93,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[st
         drive.close()
     if state != episode.state_sha256 and episode.ended == ERROR:
         raise LedgerError(
-            f"episode '{name}' ended in an error inside step {len(episode.steps)} and not after one, so that it cannot "
+            f"episode '{name}' ended in an error inside step {len(episode.steps)}, not after a step, so it cannot "
             f"be checked: {episode.detail}"
         )
     if state != episode.state_sha256:
@@ -113,10 +113,10 @@ def decided(step: Step) -> str:
 
 
 def _versions(drives: Drives, simulator: Simulator) -> str:
-    """Return in words what the run was driven with, where that differs from what is installed here."""
+    """Return in words which versions of the run differ from the ones installed here."""
     made = read_manifest(drives.path).world
     here: Mapping[str, str] = simulator.versions()
     apart = [f"{name} {made[name]}, here {now}" for name, now in here.items() if name in made and made[name] != now]
     if apart:
         return f"; the run was driven with {'; '.join(apart)}: install those"
-    return "; floating-point states repeat on one kind of machine only, so replay it where it was driven"
+    return "; floating-point states repeat on one kind of machine only, so replay it on such a machine"

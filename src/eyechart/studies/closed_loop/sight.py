@@ -1,4 +1,4 @@
-"""Who drives by sight, in a word: of each driver the comparison that asks the most of it, and why it shows no more."""
+"""Whether each driver drives by sight: its strictest comparison, and why it shows no more."""
 
 from eyechart.studies import Finding
 from eyechart.studies.closed_loop import ClosedLoopScore
@@ -6,9 +6,9 @@ from eyechart.studies.closed_loop.blind import CANNOT_SAY, NO_DIFFERENCE, SAME, 
 
 
 def by_sight(score: ClosedLoopScore) -> dict[str, Blind]:
-    """Return by name who drove the same worlds with other pictures too, each with what asks the most of it.
+    """Return the strictest comparison of each driver with other pictures in the same worlds.
 
-    Where models were asked, they are the ones that count, and not the scripted policies beside them.
+    Where models drove, only they count, and not the scripted policies beside them.
     """
     told: dict[str, Blind] = {}
     asked = {one.driver.label for one in score.drives if one.asked}
@@ -20,7 +20,7 @@ def by_sight(score: ClosedLoopScore) -> dict[str, Blind]:
 
 
 def named(one: Blind, score: ClosedLoopScore) -> str:
-    """Return who drove, and where there are several simulators, in which."""
+    """Return the driver's name, and its simulator where there are several."""
     return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
 
 
@@ -32,18 +32,18 @@ def told_of(one: Blind, measure: str = "reward") -> tuple[str, str]:
         return "", text
     if one.finding == NO_DIFFERENCE:
         return "", (
-            f"No difference from {one.condition} pictures was found in {one.paired.worlds} worlds. That is not none: "
-            f"the data allow {bounds(one.paired, measure)}, and more worlds narrow it."
+            f"No difference from {one.condition} pictures was found in {one.paired.worlds} worlds. There may still be "
+            f"one: the data allow {bounds(one.paired, measure)}, and more worlds narrow it."
         )
     if one.finding == SAME:
-        return text, f"It drove {one.paired.worlds} worlds, and what it does in others was not asked."
+        return text, f"It drove {one.paired.worlds} worlds; other worlds were not tested."
     if one.unasked:
         return first, f"{one.unasked} {one.rest}".strip()
-    return text, "What of its pictures it follows is not asked by driving: 'eyechart run battery' asks."
+    return text, "Drives do not show which part of its pictures it follows: use 'eyechart run battery'."
 
 
 def findings(score: ClosedLoopScore) -> dict[str, Finding]:
-    """Return what an index says of each driver: whether it drives by sight, by the measure that differs most surely."""
+    """Return whether each driver drives by sight, by the measure that differs most surely."""
     lacking = {one.policy: one.words for many in score.unfinished.values() for one in many}
     served = {spec.partition(" in ")[0]: guard for spec, guard in score.served.items()}
     found: dict[str, Finding] = {}

@@ -1,4 +1,4 @@
-"""Drives as a study, scored without a call: the same folders give the same numbers; and what others share of it."""
+"""Drives as a study, scored without calls (same folders, same numbers), and its shared base."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,18 +25,18 @@ from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives, to
 
 RESAMPLES = 5000
 CHOSEN_HERE = (
-    "the reference is the best constant of these same episodes, so that the differences lean to its side and the p are "
-    "not exact; they are with a reference that is named beforehand, by --against"
+    "the reference is the best constant of these same episodes, so the differences lean to its side and the p are "
+    "not exact. Name a reference beforehand with --against for exact p"
 )
-"""What must be known of tests against a reference that the same data chose."""
+"""The caveat of tests against a reference that the same data chose."""
 
 
 @dataclass(frozen=True)
 class ClosedLoopScore:
-    """What runs of episodes show, each part computed when it is asked for, from the episodes alone.
+    """The scores of runs of episodes, each part computed at first use, from the episodes alone.
 
-    ``against_policy`` names the policy that the ladder holds the others against; None takes the best constant of
-    each simulator.
+    ``against_policy`` names the ladder's reference policy; None takes the best constant of each
+    simulator.
     """
 
     drives: tuple[Drives, ...]
@@ -46,13 +46,16 @@ class ClosedLoopScore:
 
     @cached_property
     def unfinished(self) -> Mapping[str, tuple[Unfinished, ...]]:
-        """Return by run, where any is, the episodes without a record that its policies and worlds make together."""
+        """Return by run the planned episodes without a record; only runs that lack any."""
         named = zip(self.paths, told_apart(self.paths), strict=True)
         return {name: left for path, name in named if (left := unfinished_of(path))}
 
     @cached_property
     def served(self) -> Mapping[str, ServedGuard]:
-        """Return the guard of each model, of several runs with the run's name, that more than one answered for."""
+        """Return the guards of models for which several models or providers answered.
+
+        With several runs the key names the run too.
+        """
         named = zip(self.paths, told_apart(self.paths), strict=True)
         return {
             f"{spec} in {name}" if name else spec: one for path, name in named for spec, one in served_of(path).items()
@@ -60,7 +63,7 @@ class ClosedLoopScore:
 
     @property
     def simulators(self) -> tuple[str, ...]:
-        """Return the simulators that were driven, in the order in which they were met."""
+        """Return the simulators of the drives, in order of appearance."""
         return tuple(dict.fromkeys(one.driver.simulator for one in self.drives))
 
     def of(self, simulator: str) -> tuple[Drives, ...]:
@@ -69,35 +72,35 @@ class ClosedLoopScore:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """Return what counts as success in these worlds."""
+        """Return the definition of success in these worlds."""
         return outcomes_of(self.drives)
 
     @cached_property
     def ladder(self) -> tuple[Rung, ...]:
-        """Return a row a driver."""
+        """Return a row per driver."""
         return tuple(rung(one, self.outcomes) for one in self.drives)
 
     @cached_property
     def references(self) -> Mapping[str, Driver]:
-        """Return by simulator the driver that the others are held against, where there is one."""
+        """Return the reference driver of each simulator that has one."""
         found = {name: reference_of(self.of(name), self.against_policy) for name in self.simulators}
         return {name: one.driver for name, one in found.items() if one is not None}
 
     @property
     def caveat(self) -> str:
-        """Return what must be known of the paired differences, nothing where the reference was named."""
+        """Return the caveat on the paired differences, "" where the reference was named."""
         return CHOSEN_HERE if self.references and self.against_policy is None else ""
 
     @cached_property
     def paired(self) -> tuple[Paired, ...]:
-        """Return every other driver less the reference of its simulator, Holm over one simulator's tests."""
+        """Return each other driver less the reference, Holm over a simulator's tests."""
         by_driver = {one.driver: one for one in self.drives}
         pairs = ((self.of(name), by_driver[driver]) for name, driver in self.references.items())
         return tuple(one for pair in pairs for one in against(*pair, self.outcomes, resamples=self.resamples))
 
     @cached_property
     def blind(self) -> tuple[Blind, ...]:
-        """Return each policy as its own blind baseline, and beside its own marginal where that drove."""
+        """Return each policy against its blind baselines, and against its own marginal."""
         how = {"resamples": self.resamples}
         return (
             *blind_baselines(self.drives, self.outcomes, **how),
@@ -106,12 +109,12 @@ class ClosedLoopScore:
 
     @cached_property
     def audit(self) -> tuple[Degeneracy, ...]:
-        """Return a row of the degeneracy audit a driver."""
+        """Return a row of the degeneracy audit per driver."""
         return tuple(audit(self.drives, resamples=self.resamples))
 
     @cached_property
     def replays(self) -> tuple[Replay, ...]:
-        """Return each driver held against each scripted controller."""
+        """Return the replay of each driver by each scripted controller."""
         return tuple(found for one in self.drives for found in replays(one, resamples=self.resamples))
 
     @cached_property
@@ -121,7 +124,7 @@ class ClosedLoopScore:
 
     @cached_property
     def repeats(self) -> tuple[Repeats, ...]:
-        """Return what the repeated requests of each driver tell."""
+        """Return the comparison of each driver's repeated requests."""
         return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
 
     def measured(self) -> tuple[Measured, ...]:
@@ -157,20 +160,20 @@ def score(
     against_policy: str | None = None,
     resamples: int = RESAMPLES,
 ) -> ClosedLoopScore:
-    """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode."""
+    """Read runs of episodes; raises LedgerError where a folder is none or holds no episode."""
     paths = [runs] if isinstance(runs, Path) else list(runs)
     return ClosedLoopScore(read_drives(paths), against_policy, resamples, tuple(paths))
 
 
 def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
-    """Return the episodes without a record that a run's policies and worlds make together, by policy, and why."""
+    """Return a run's planned episodes without a record, by policy, with the reason."""
     manifest = read_manifest(path)
     over = {one.key for one in read_episodes(path)}
     return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))
 
 
 def served_of(path: Path) -> dict[str, ServedGuard]:
-    """Return the guard of each model of a run for which more than one model, provider or fingerprint answered."""
+    """Return the failed guards of models that several models, providers or fingerprints served."""
     found: dict[str, ServedGuard] = {}
     with Ledger(path / LEDGER, absent=True) as ledger:
         manifest = read_manifest(path)
@@ -195,7 +198,7 @@ NO_LEDGER = {
         "holds drives, which are compared world by world: use 'eyechart score'",
     ),
 }
-"""What is refused of drives, which no ledger holds, and why."""
+"""The commands that drives refuse, because no ledger holds them, with the reason."""
 
 
 class OfEpisodes(Study[S]):
@@ -241,7 +244,7 @@ class OfEpisodes(Study[S]):
         return Made(page, [*tables_of(scored), *(first.section.tables if first else ()), *costs], page.notes)
 
     def first(self, runs: Sequence[Path]) -> "First | None":
-        """Return what a study tells of its runs before the drives; None where these are all."""
+        """Return a study's own section before the drives; None where there is none."""
         del runs
         return None
 

@@ -1,4 +1,4 @@
-"""Tables of what drove: the ladder, the paper's beside it, paired differences, the audit, replayed decisions."""
+"""Tables of drives: ladder, the paper's ladder, paired differences, audit, replayed decisions."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
@@ -18,24 +18,24 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
     "constant:RIGHT": {"distance_m": 197.0, "reward": 7.01, "speed_mps": 25.0, "crash_rate": 1.0},
     "constant:STRAIGHT": {"distance_m": 145.8, "reward": 5.13, "speed_mps": 28.1, "crash_rate": 1.0},
 }
-"""Table t:baselines of the paper: 32 episodes a policy in highway-env. It leaves out STOP, whose row is SLOW's."""
+"""The paper's Table t:baselines: 32 episodes per policy in highway-env, without STOP (as SLOW)."""
 
 SIMULATOR = "highway"
 EPISODES = 32
 NEAR = 0.02
-"""A number within so much of the paper's, relatively, is called the same."""
+"""A relative difference from the paper's number up to this counts as none."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A row of ours and what it is beside the paper's: relative differences, for the crash rate points of it."""
+    """A row and its relative differences from the paper's; for the crash rate in points."""
 
     rung: Rung
     differences: Mapping[str, float]
 
     @property
     def apart(self) -> tuple[str, ...]:
-        """Return what lies further from the paper than 2 %, for crashes than one episode."""
+        """Return what differs from the paper by more than 2 %, for crashes by over one episode."""
         one_episode = 1.0 / max(1, self.rung.statistics["crash_rate"].n) + 0.001  # the paper prints one digit
         near = {name: one_episode if name == "crash_rate" else NEAR for name in self.differences}
         return tuple(name for name, by in self.differences.items() if abs(by) > near[name])
@@ -47,7 +47,7 @@ class Beside:
 
 
 def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
-    """Return the rows that the paper's table has too, in its order: real pictures in the highway only."""
+    """Return the rows that the paper's table has too: real pictures in highway, in its order."""
     mine = {
         one.driver.policy: one for one in rungs if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")
     }
@@ -65,16 +65,16 @@ def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
 
 
 def unlike(rows: Sequence[Beside]) -> str:
-    """Return in words that some rows are of other episodes than the paper's, nothing where all have as many."""
+    """Return a warning where rows have another number of episodes than the paper's, else ""."""
     counts = sorted({row.rung.statistics["reward"].n for row in rows} - {EPISODES})
     if not counts:
         return ""
     mine = " or ".join(map(str, counts))
-    return f"the paper's rows are of {EPISODES} episodes in four scenarios, these of {mine}: drive the whole ladder"
+    return f"the paper's rows have {EPISODES} episodes in four scenarios, these have {mine}: drive the whole ladder"
 
 
 def leads(rungs: Sequence[Rung]) -> dict[str, list[str]]:
-    """Return who is best by each of distance, reward and crash rate among some rows; several where they are equal."""
+    """Return the best drivers by distance, reward and crash rate; several where they are equal."""
     best: dict[str, list[str]] = {}
     for name, sign in (("distance_m", 1), ("reward", 1), ("crash_rate", -1)):
         values = {one.driver.label: sign * value for one in rungs if (value := one.statistics[name].value) is not None}
@@ -96,9 +96,9 @@ DIFFERENCES = (
     Column("worlds", "count"),
     *(each for one in SIGNED.values() for each in (one, Column(f"p {one.name.partition(' (')[0]}", "p"))),
 )
-"""The columns of the differences of a pair, whose cells ``difference_cells`` returns."""
+"""The columns of a pair's differences, whose cells ``difference_cells`` returns."""
 DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
-"""Where it is explained what differs from the paper, and why."""
+"""The page that explains the differences from the paper."""
 _SIMULATOR = Column("simulator", "word", varies=True)
 _WHO = (_SIMULATOR, Column("policy"), *columns("text", "condition", "run", varies=True))
 
@@ -118,7 +118,7 @@ def tables_of(score: ClosedLoopScore) -> tuple[Table, ...]:
 
 
 def long_tables(score: ClosedLoopScore) -> tuple[Table, ...]:
-    """Return the ladder, the paired differences and the audit, a row a number."""
+    """Return the ladder, the paired differences and the audit, a row per number."""
     every = [(one, "") for one in score.paired] + [(one.paired, one.finding) for one in score.blind]
     beware = f" (beware: {score.caveat})" if score.caveat else ""
     paired = f"Differences in the same worlds: from the reference{beware}, and real pictures less others"
@@ -137,7 +137,7 @@ def _numbers(found: Iterable[tuple[Driver, str, Statistic, str]]) -> tuple[tuple
 
 
 def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Table:
-    """Return a row for each statistic of pairs, with what was found."""
+    """Return a row for each statistic of pairs, with the finding."""
     rows = tuple(
         (one.first.label, one.second.label, name, *statistic_cells(each), one.holm.get(name), finding)
         for one, finding in found
@@ -148,8 +148,8 @@ def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Tabl
 
 
 def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
-    """Return one row a driver, the best by reward first; the reference is marked."""
-    note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the others are held against it"
+    """Return one row per driver, the best by reward first; the reference is marked."""
+    note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the reference of the others"
     rows = []
     for one in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
         star = "*" if references.get(one.driver.simulator) == one.driver else ""
@@ -162,7 +162,7 @@ def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Tab
 
 
 def paper_table(rows: Sequence[Beside]) -> Table:
-    """Return Table t:baselines: ours, the paper's and the difference, in percent or for crashes in points."""
+    """Return Table t:baselines: ours, the paper's, and the difference in % (crashes: points)."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
     made = []
     for row in rows:
@@ -180,7 +180,7 @@ def paper_table(rows: Sequence[Beside]) -> Table:
 
 
 def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
-    """Yield Tables t:baselines and t:degeneracy in the paper's form, the paper's rows beside, and decision replay."""
+    """Yield Tables t:baselines and t:degeneracy in the paper's form, its own rows, and replay."""
     rungs = [one for one in score.ladder if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")]
     if rungs:
         yield baselines_table(rungs)
@@ -193,13 +193,13 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
 
 
 def audited(score: ClosedLoopScore) -> list[Degeneracy]:
-    """Return the audit of the models that drove with real pictures, as Table t:degeneracy and figure fgr:mi have it."""
+    """Return the audit of models with real pictures, as in Table t:degeneracy and figure fgr:mi."""
     asked = {one.driver for one in score.drives if in_table(one)}
     return [one for one in score.audit if one.driver in asked]
 
 
 def baselines_table(rungs: Sequence[Rung]) -> Table:
-    """Return Table t:baselines in the paper's form: one row a policy, the longest way first."""
+    """Return Table t:baselines in the paper's form, a row per policy, longest distance first."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
     far = sorted(rungs, key=lambda one: -(one.statistics["distance_m"].value or 0.0))
     rows: tuple[tuple[Cell, ...], ...] = tuple(
@@ -211,7 +211,7 @@ def baselines_table(rungs: Sequence[Rung]) -> Table:
 
 
 def audited_table(rows: Sequence[Degeneracy]) -> Table:
-    """Return Table t:degeneracy in the paper's form, with the p of whole episodes beside the paper's."""
+    """Return Table t:degeneracy in the paper's form, with the episode-safe p beside the paper's."""
     names = ("modal_share", "entropy_bits", "information_bits", "information_share")
     made = []
     for row in rows:
@@ -232,7 +232,7 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
 
 
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
-    """Return in words who leads, and which rows lie further from the paper than 2 % (in crashes: one episode)."""
+    """Return in words the best policies, and the rows that differ from the paper's."""
     words = [unlike(rows)] if unlike(rows) else []
     real = [one for one in rungs if one.driver.condition == "real"]
     best = {NAMES[name]: " and ".join(who) for name, who in leads(real).items()}
@@ -252,18 +252,18 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
 
 
 def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
-    """Return what is left of the runs, and why, a line a policy."""
+    """Return the missing episodes of the runs and the reason, a line per policy."""
     return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
 
 
 def served_words(found: Mapping[str, ServedGuard]) -> list[str]:
-    """Return a line a model that more than one answered for: whatever is said of it is said of no one model."""
+    """Return a line per model that several models answered for: its numbers belong to no one."""
     named = (replace(one, because=f"{who}: {one.because}") for who, one in found.items())
-    return [f"{one.mark}; no number of it is that of one model" for one in named]
+    return [f"{one.mark}; none of its numbers belongs to one model" for one in named]
 
 
 def reference_tables(score: ClosedLoopScore) -> list[Table]:
-    """Return for each simulator one row a policy: it less the reference in the same worlds, with p after Holm."""
+    """Return per simulator one row per policy: less the reference, same worlds, p after Holm."""
     return [
         Table(
             f"less_reference_{place}",
@@ -277,7 +277,7 @@ def reference_tables(score: ClosedLoopScore) -> list[Table]:
 
 
 def blind_table(found: Sequence[Blind]) -> Table:
-    """Return one row a policy and condition: real less the condition, with the p that Holm leaves."""
+    """Return one row per policy and condition: real less the condition, with p after Holm."""
     rows = tuple(
         (
             f"{one.driver.run} · {one.driver.policy}" if one.driver.run and one.driver.needed else one.driver.policy,
@@ -293,13 +293,13 @@ def blind_table(found: Sequence[Blind]) -> Table:
 
 
 def difference_cells(one: Paired) -> tuple[Cell, ...]:
-    """Return each difference in the same worlds, with the p that Holm leaves."""
+    """Return each difference in the same worlds, with p after Holm."""
     each = [(one.differences[name], one.holm.get(name)) for name in MEASURES]
     return one.worlds, *(cell for pair in each for cell in pair)
 
 
 def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
-    """Return Table t:degeneracy, with the episode-safe p beside the paper's and the parse failures."""
+    """Return Table t:degeneracy, with the episode-safe p and the parse failures."""
     names = ("modal_share", "distinct_actions", "entropy_bits", "information_bits", "information_share")
     made = tuple(
         (
@@ -329,12 +329,12 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
         *columns("word", "label", "reasons"),
     )
     caption = "Policy degeneracy audit (Table t:degeneracy); both p Holm-corrected"
-    note = "From a modal share of .98 on a policy is called constant."
+    note = "With a modal share of .98 or more a policy is called constant."
     return Table("degeneracy", caption, named, made, note)
 
 
 def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
-    """Return what the table leaves to words: the geometry, what the two p are, and why one cannot be said."""
+    """Return the table's notes: the geometry, the meaning of both p, and why one is missing."""
     words = []
     geometries: dict[str, list[str]] = {}
     for row in rows:
@@ -342,7 +342,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
     words += [f"scene geometry in {', '.join(dict.fromkeys(who))}: {what}" for what, who in geometries.items()]
     words.append(
         "p (paper): steps permuted one by one, as if they were independent; p (episodes): whole episodes exchanged. "
-        "Both Holm-corrected over the policies that vary, models with real pictures apart from all others"
+        "Both are Holm-corrected over the policies that vary; models with real pictures are a family of their own"
     )
     for row in rows:
         safe = row.statistics["information_episode_safe"]
@@ -352,7 +352,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
 
 
 def replay_table(found: Sequence[Replay]) -> Table:
-    """Return one row a driver and scripted controller: agreement, the best constant's, and that in random order."""
+    """Return one row per driver and controller: agreement, the best constant's, random order's."""
     rows = tuple(
         (
             one.driver.simulator,
@@ -380,7 +380,7 @@ def replay_table(found: Sequence[Replay]) -> Table:
 
 
 def complete_replay_table(found: Sequence[Replay]) -> Table:
-    """Return the complete replay table, which the paper releases: each constant's agreement, and the random order."""
+    """Return the complete replay table, as the paper releases it, with all constants."""
     actions = list(dict.fromkeys(name for one in found for name in one.constants))
     rows = tuple(
         (
@@ -400,7 +400,7 @@ def complete_replay_table(found: Sequence[Replay]) -> Table:
 
 
 def ladder_printed(score: ClosedLoopScore) -> Iterator[Table | str]:
-    """Yield the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
+    """Yield the ladder, the comparison with the paper, the paired differences, identical drives."""
     yield ladder_table(score.ladder, score.references)
     if beside := beside_paper(score.ladder):
         yield paper_table(beside)
@@ -411,7 +411,7 @@ def ladder_printed(score: ClosedLoopScore) -> Iterator[Table | str]:
 
 
 def audit_printed(score: ClosedLoopScore, *, twins: bool = False) -> Iterator[Table | str]:
-    """Yield the degeneracy audit and decision-level replay, with ``twins`` the identical drives too."""
+    """Yield the degeneracy audit and decision-level replay; ``twins`` adds the identical drives."""
     yield degeneracy_table(score.audit)
     yield from degeneracy_words(score.audit)
     if score.replays:
@@ -421,7 +421,7 @@ def audit_printed(score: ClosedLoopScore, *, twins: bool = False) -> Iterator[Ta
 
 
 def _twins_printed(score: ClosedLoopScore) -> Iterator[str]:
-    """Yield which drivers have identical drives, and what repeated requests tell."""
+    """Yield the drivers with identical drives, and the repeated requests."""
     for one in score.twins:
         names = ", ".join(driver.label for driver in one.drivers)
         yield f"{one.kind}: {names}: identical in {one.same} of {one.worlds} worlds: {one.words}"

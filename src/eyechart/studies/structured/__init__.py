@@ -1,6 +1,7 @@
-"""The structured arm: models estimate the scene of a picture and of its reflection, and a fixed policy acts on it.
+"""The structured arm: models estimate the scene of a picture and its reflection; a policy acts.
 
-Source: paper, sections Constructive renderer-calibrated controller, Structured output is not geometric grounding.
+Source: paper, sections Constructive renderer-calibrated controller, Structured output is not
+geometric grounding.
 """
 
 from eyechart.studies.structured import online

@@ -1,4 +1,4 @@
-"""The figure of the visual interface: a frame, the calibrated view of it, and the view of its reflection.
+"""The figure of the visual interface: a frame, its calibrated view, and the reflected view.
 
 Source: paper, figure fgr:vlm-interface.
 """
@@ -15,13 +15,13 @@ from eyechart.report.charts import Drawing, panels, style
 from eyechart.studies.structured.tables import Estimates
 
 _WIDTH = 7.16
-"""Inches of a figure over both columns of the paper's class."""
+"""The width of a figure over both columns of the paper's class, in inches."""
 
 
 def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
-    """Yield figure fgr:vlm-interface of the first run whose pictures are there and whose models were shown a view.
+    """Yield figure fgr:vlm-interface of the first run with pictures and a view.
 
-    Its frame is the first with a lead that is close, else the first with one, else the first of the run.
+    Its frame is the first with a close lead, else the first with a lead, else the first of the run.
     """
     for run in evidence:
         view = find_view(run.score.manifest.view)
@@ -47,7 +47,7 @@ def _drawn(frame: Frame, pixels: RGB, view: View) -> Drawing:
         "its reflection": view.show(reflected, frame.file),
     }
     says = (
-        f"Frame {frame.id}, from left to right: as the simulator drew it, as models were shown it, and as they were "
-        "shown its reflection, under which estimates of what is ahead stay and LEFT and RIGHT exchange"
+        f"Frame {frame.id}, from left to right: as the simulator drew it, as models saw it, and as they saw its "
+        "reflection. In the reflection estimates of what is ahead stay, and LEFT and RIGHT exchange"
     )
     return Drawing("fgr-vlm-interface", "Visual interface", says, panels(shown, _WIDTH), wide=True)

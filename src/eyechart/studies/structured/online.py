@@ -1,8 +1,8 @@
-"""The online run: an estimator's scenes drive through the safety policy, in worlds that were vetted first.
+"""The online run: an estimator's scenes drive through the safety policy, in vetted worlds.
 
-Worlds are vetted before a model drives in them: the picture must be whole, and the scene be read from it. Source:
-paper, section Constructive renderer-calibrated controller (renderer-integrity and positive-control checks); the column
-of crashes of Table t:controller-local.
+Worlds are vetted before a model drives in them: the picture must be whole, and the scene must be
+readable. Source: paper, section Constructive renderer-calibrated controller (renderer-integrity and
+positive-control checks); the column of crashes of Table t:controller-local.
 """
 
 import json
@@ -42,11 +42,12 @@ _SEEDS_TRIED = 10
 
 @dataclass(frozen=True, slots=True)
 class Vetted:
-    """What the positive control met when it drove in a world.
+    """The result of vetting a world by a drive of the positive control.
 
-    ``why`` is None where the world passes. ``frames`` were checked, ``ended`` is how its drive ended, ``actions``
-    counts its decisions, ``gap_mae_m`` is its error over the frames with a lead in the picture, None without one.
-    ``unseen`` counts the frames at which a side was closed by what stands beside a forward camera, out of its picture.
+    ``why`` is None where the world passes. ``frames`` were checked, ``ended`` is how the drive
+    ended, ``actions`` counts its decisions. ``gap_mae_m`` is the error over frames with a lead in
+    the picture, None without one. ``unseen`` counts the frames where a side was blocked by a
+    vehicle beside a forward camera, out of its picture.
     """
 
     scenario: str
@@ -60,12 +61,12 @@ class Vetted:
 
 
 def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Vetted:
-    """Let the positive control drive in a world and check every frame that it is shown.
+    """Let the positive control drive in a world and check every frame of the drive.
 
-    Renderer integrity: the picture is one that the view is for, shows something, and is a road with the own vehicle.
-    Positive control: the lead is read within 0.1 m of the truth at every frame, its sides right on 90 % of them, and
-    the reflection exactly alike. A side that is closed by nothing in the picture, because what closes it stands beside
-    a forward camera, is not judged: no picture could tell.
+    Renderer integrity: the picture fits the view, is not empty, and shows a road with the own
+    vehicle. Positive control: the lead is read within 0.1 m of the truth at every frame, its sides
+    correctly on 90 % of them, and the reflection exactly equal. A side is not judged where nothing
+    in the picture blocks it, because the vehicle stands beside a forward camera.
     """
     checks, ended = Checks(), "time"
     drive = simulator.drive(scenario, seed)
@@ -93,9 +94,9 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
 def vet_worlds(
     name: str, episodes: int, view: View | None, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Vetted, ...]:
-    """Vet worlds of every scenario in turn, seed by seed, until ``episodes`` of them pass; all that were tried.
+    """Vet worlds of every scenario in turn, by seed, until ``episodes`` pass; return all tried.
 
-    Raises SpecError where so many do not pass within ten seeds a scenario.
+    Raises SpecError where too few pass within ten seeds per scenario.
     """
     simulator = open_simulator(name)
     share, rest = divmod(episodes, len(simulator.declared.scenarios))
@@ -119,7 +120,7 @@ def vet_worlds(
 
 
 def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
-    """Write which worlds were tried, and how they came out, into the run's folder."""
+    """Write the vetted worlds and their results into the run's folder."""
     out.mkdir(parents=True, exist_ok=True)
     partial = out / f".{VETTING}"
     partial.write_text(json.dumps([asdict(one) for one in vetted], indent=1) + "\n", encoding="utf-8")
@@ -127,40 +128,40 @@ def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
 
 
 def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
-    """Return the vetting of a run's folder, None where there is none; raises LedgerError where it is none."""
+    """Return a run folder's vetting, None without one; raises LedgerError for another file."""
     file = out / VETTING
     if not file.is_file():
         return None
     with raising(LedgerError, f"{file} is no record of vetted worlds", of=(ValueError, RecursionError)):
         found = build(tuple[Vetted, ...], parse_json(file.read_text(encoding="utf-8")))
     if not any(one.why is None for one in found):
-        raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
+        raise LedgerError(f"{file} is no record of vetted worlds: no world in it passed; choose another --out")
     return found
 
 
 EPISODES = 12
 CONTROL = "positive control (vetting)"
-"""The drives by which the worlds were vetted, as a line of the table."""
+"""The drives that vetted the worlds, as a line of the table."""
 
 
 @dataclass(frozen=True)
 class Online(Episodes):
-    """An online run that was planned and not yet driven: its episodes, and how their worlds were vetted."""
+    """An online run, planned but not yet driven: its episodes, and the vetting of their worlds."""
 
     vetted: tuple[Vetted, ...] = ()
 
     @property
     def episodes(self) -> Episodes:
-        """Return its episodes, which it is."""
+        """Return the run itself, which has the episodes."""
         return self
 
     def begin(self) -> EpisodesManifest:
-        """Begin the run, with the worlds that were vetted."""
+        """Begin the run, with the vetted worlds."""
         write_vetting(self.out, self.vetted)
         return super().begin()
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield which worlds were refused, how many episodes there are, and what they are expected to take."""
+        """Yield the refused worlds, the number of episodes, and their expected cost."""
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
         yield f"view: {self.manifest.view}"
         yield f"{counted(len(self.keys), 'episode')} in worlds that pass the checks, {len(self.left())} to drive"
@@ -168,7 +169,7 @@ class Online(Episodes):
         yield from self.forecast(how)
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Drive what is left."""
+        """Drive the remaining episodes."""
         write_vetting(self.out, self.vetted)
         return super().make(how, bar)
 
@@ -176,7 +177,7 @@ class Online(Episodes):
         """Yield what is left and why, and how many episodes ended in an error."""
         yield closed_loop.drives_ended({"": self}, outcome, failed)
         if errors := sum(one.errors for one in score(self.out).driven.values()):
-            yield Ending([f"{errors} episodes ended in an error; they count in nothing"], 1)
+            yield Ending([f"{errors} episodes ended in an error; no number counts them"], 1)
 
 
 def plan(
@@ -190,12 +191,13 @@ def plan(
     progress: Progress | None = None,
     vetted: tuple[Vetted, ...] | None = None,
 ) -> Online:
-    """Vet worlds, or read which ones ``out`` holds already, and plan an episode of each model in each that passed.
+    """Vet worlds, or read the vetting in ``out``, and plan an episode per model and passed world.
 
-    Nothing is written or asked yet. ``progress`` gets (worlds passed, of how many). ``vetted`` is how the worlds of
-    this plan were vetted before. ``simulator`` is a name, or a `Setup` that says besides whether an estimator is asked
-    about the reflection of each picture too, as it is by default; that steers nothing. Raises SpecError and
-    LedgerError as a closed loop's plan does, and SpecError where too few worlds pass.
+    Writes nothing and makes no call. ``progress`` gets (worlds passed, of how many). ``vetted`` is
+    an earlier vetting for this plan. ``simulator`` is a name or a `Setup`. A `Setup` also says
+    whether the estimator sees the reflection of each picture, as by default; the reflection steers
+    nothing. Raises SpecError and LedgerError as a closed loop's plan does, and SpecError where too
+    few worlds pass.
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
@@ -207,13 +209,13 @@ def plan(
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(setup, specs, out, seeds=seeds, prompt=prompt, view=shown)
 
-    planned((0,))  # what is wrong with the models or the folder is said before the worlds are driven
+    planned((0,))  # to report faults of the models or the folder before driving the worlds
     kept = read_vetting(out)
     vetted = kept or vetted or vet_worlds(setup.simulator, episodes, shown, progress)
     worlds = [(one.scenario, one.seed) for one in vetted if one.why is None]
     if kept and len(worlds) != episodes:
         raise LedgerError(
-            f"this run has {len(worlds)} worlds that passed, now {episodes} episodes were asked for; "
+            f"this run has {len(worlds)} worlds that passed, now {episodes} episodes were given; "
             "give the same options to resume it, or another --out for another run"
         )
     whole = planned(tuple(dict.fromkeys(number for _, number in worlds)))
@@ -222,15 +224,15 @@ def plan(
 
 
 def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> Outcome:
-    """Drive the planned episodes that the folder does not hold yet, and return how that ended; see `episodes.run`."""
+    """Drive the planned episodes that the folder lacks; see `episodes.run`."""
     write_vetting(planned.out, planned.vetted)
     return closed_loop.run(planned, bounds=bounds, progress=progress)
 
 
 def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
-    """Check every frame that the estimators of a run saw, as far as that was not done; see `seen.check`.
+    """Check every frame of a run's estimators that was not checked yet; see `seen.check`.
 
-    Worlds are driven again for it, and nobody is asked.
+    It replays the worlds and makes no call.
     """
     manifest = read_manifest(out)
     episodes = [one for one in read_episodes(out) if one.ended != "error"]
@@ -239,11 +241,12 @@ def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
 
 @dataclass(frozen=True)
 class Driven(Plain):
-    """What came of one estimator's episodes: how many it drove, crashed in, and what it decided.
+    """The results of one estimator's episodes: crash rate and decisions.
 
-    ``fail_safe`` counts the steps at which SLOW was executed because there was no estimate; it is credited to nobody.
-    ``errors`` ended otherwise than by driving and count in nothing. ``statistics`` are the figures of the static
-    battery over the frames that it met; empty for the vetting.
+    ``fail_safe`` counts the steps without an estimate, at which SLOW was executed; they are
+    credited to no model. ``errors`` are episodes that ended in an error and count in nothing.
+    ``statistics`` are the figures of the static battery over the frames of the drives; empty for
+    the vetting.
     """
 
     crash_rate: Statistic
@@ -254,13 +257,13 @@ class Driven(Plain):
 
     @property
     def clauses(self) -> tuple[Held, ...]:
-        """Return the clauses of admission, held against what it met."""
+        """Return the clauses of admission, checked on the frames of the drives."""
         return hold(self.statistics) if self.statistics else ()
 
 
 @dataclass(frozen=True)
 class OnlineScore:
-    """What came of an online run, by estimator, how its worlds were vetted, and for which several models answered."""
+    """The results of an online run by estimator, the vetting, and mixed models behind one name."""
 
     manifest: EpisodesManifest
     vetted: tuple[Vetted, ...]
@@ -270,12 +273,12 @@ class OnlineScore:
     drives: tuple[Drives, ...] = ()
 
     def left(self, spec: str) -> tuple[int, int]:
-        """Return how many episodes an estimator finished, and how many it was to drive."""
+        """Return how many episodes an estimator finished, and how many were planned."""
         over = self.driven[spec]
         return over.crash_rate.n + over.errors, sum(one.why is None for one in self.vetted)
 
     def frames(self, spec: str) -> tuple[bool | None, str]:
-        """Return whether every frame that an estimator saw passes both checks, None where not all were checked; why."""
+        """Return whether an estimator's frames all pass both checks, and why; None if unchecked."""
         mine = [one for one in self.seen if one.policy == spec]
         if faults := [one for one in mine if one.why is not None]:
             first = f"{faults[0].scenario}/{faults[0].seed}: {faults[0].why}"
@@ -286,12 +289,12 @@ class OnlineScore:
         return True, f"renderer integrity and positive control hold on all {frames} frames that it saw"
 
     def evidence(self) -> dict[str, Evidence]:
-        """Return what there is to hold every estimator to; of one that finished no episode there is none."""
+        """Return the gate's evidence on every estimator; without frames no clause has a value."""
         found = {}
         for spec in self.manifest.models:
             one, guard = self.driven[spec], self.served.get(spec)
             steps = sum(one.decisions.values()) + one.fail_safe
-            nothing = dict.fromkeys(CLAUSES, cannot_say("no frame was met"))
+            nothing = dict.fromkeys(CLAUSES, cannot_say("the drives have no frame"))
             guards = () if guard is None else (guard,)
             found[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
         return found

@@ -1,4 +1,4 @@
-"""What the page of an online run says first: who is admitted on what it met while it drove, and who crashes."""
+"""The first part of an online run's page: the admitted estimators, and the crashes."""
 
 from collections.abc import Collection, Iterator, Mapping
 
@@ -12,9 +12,9 @@ from eyechart.studies.structured.tables import clauses_words, met_table, online_
 
 _ANSWERS = {"sees": ("admitted",), "blind": ("not admitted",), "open": ("cannot say", "for")}
 _INTRO = (
-    "An estimator may steer only if it meets every clause on the frames that it met while it drove, and each of these "
-    "frames passes the checks of the renderer and of the positive control. Crashes measure caution too: who brakes "
-    "at everything seldom crashes."
+    "An estimator may steer only if it meets every clause on the frames of its own drives. Each of these frames "
+    "must also pass the checks of the renderer and of the positive control. Crashes measure caution too: a model that "
+    "brakes at everything seldom crashes."
 )
 
 
@@ -38,7 +38,7 @@ def first_of(scores: Mapping[str, OnlineScore]) -> First:
 
 
 def _said(of: str, score: OnlineScore) -> Iterator[Said]:
-    """Yield what a page says first of each estimator: whether it is admitted, and what stands against it."""
+    """Yield whether each estimator is admitted, and the clauses that it does not meet."""
     gate = hold_online(score)
     for spec in score.manifest.models:
         mine = [one for one in gate.checks if one.model == spec and one.requirement != UNPARSED]
@@ -49,7 +49,7 @@ def _said(of: str, score: OnlineScore) -> Iterator[Said]:
 
 
 def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Drawing:
-    """Draw in what share of its episodes each estimator crashed, the positive control first."""
+    """Draw each estimator's crash rate, the positive control first."""
     rows = [
         (who := f"{of}{spec}", one.crash_rate, INK if spec == CONTROL else BLUE, not {spec, who} & {CONTROL, *admitted})
         for of, score in named.items()
@@ -62,6 +62,6 @@ def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Dra
 
 
 def _lines(of: str, score: OnlineScore) -> Iterator[str]:
-    """Yield what the checks found on the frames that each estimator saw, and which worlds were refused."""
+    """Yield the checks of each estimator's frames, and the refused worlds."""
     yield from (f"{of}{spec}: {score.frames(spec)[1]}." for spec in score.manifest.models)
     yield from (f"{of}refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)

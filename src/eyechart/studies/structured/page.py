@@ -1,4 +1,4 @@
-"""The page of runs of scene estimates: who is admitted and by which clause, every figure, and the worst frames."""
+"""The page of scene estimates: admission by clause, every figure, and the worst frames."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -32,15 +32,15 @@ from eyechart.studies.structured.tables import (
 from eyechart.studies.structured.told import Told, faults, gap_error_m, weight
 
 _DRAWN = 12
-"""Models that have a figure of their own in the page."""
+"""The most models with a figure of their own in the page."""
 _OPENING_MODELS = 3
-"""Models whose estimates stand at the head of the page."""
+"""The most models whose estimates stand at the head of the page."""
 MOST_PICTURES = 24
-"""Frames of all runs together that are shown with their view."""
+"""The most frames of all runs that are shown with their view."""
 MOST_ROWS = 2400
-"""Rows of the tables of all frames, over all models."""
+"""The most rows of the tables of all frames, over all models."""
 _POINTED_OUT = 0.1
-"""A model's estimate stands beside the truth from this fault on: a tenth of what is close, where only the gap errs."""
+"""The least fault of an estimate that is shown: a gap error of .1 of the close distance."""
 _LONGEST = 600
 _LEADS = {"no lead told", "a lead that is not there"}
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
@@ -56,14 +56,14 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         drawn = [drawing for place, who in enumerate(everyone[:_DRAWN], 1) for drawing in gaps(who, place)]
     tell("pictures")
     worst = {}
-    for run in evidence:  # the frames with the worst estimates of all models together first
+    for run in evidence:  # the frames with the worst estimates of all models together come first
         every = [[weight(one.told, place) for place in range(len(run.frames))] for one in run.score.models.values()]
         order = np.argsort(-np.sum(every, axis=0), kind="stable") if every else ()
         worst[run.name] = [int(place) for place in order]
     frames, notes = shown_frames(evidence, worst)
     listed, more = listed_frames(everyone, worst)
     if len(everyone) > _DRAWN:
-        more.append(f"Figures of one model each stand here for the first {_DRAWN} of {len(everyone)} models.")
+        more.append(f"Figures of single models stand here for the first {_DRAWN} of {len(everyone)} models.")
     notes += more
     tell("the page")
     scored = scored_of(everyone)
@@ -91,7 +91,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
 def _opening(
     evidence: Sequence[Estimates], cards: Sequence[Mapping[str, Any]], worst: Mapping[str, Sequence[int]]
 ) -> Opening:
-    """Return what the page says first: who is admitted, and what was told of the frame with the worst estimates."""
+    """Return the opening: the admitted models, and the estimates of the worst frame."""
     said = [
         Said(
             card["model"],
@@ -120,7 +120,7 @@ def _opening(
 
 
 def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, str, str]:
-    """Return what a model told of a frame, and whether any of it is wrong."""
+    """Return a model's estimate of a frame, and whether any of it is wrong."""
     told = run.score.models[spec].told
     words, wrong = _words(told.replies_to(condition)[place]), faults(told, place)
     if condition != "real":
@@ -130,7 +130,7 @@ def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, s
 
 
 def gaps(who: Estimator, place: int) -> list[Drawing]:
-    """Draw the gap that a model told against the true one, where a lead is in the picture; nothing where none was."""
+    """Draw the estimated gap against the true one, for leads in the picture; empty without any."""
     told, one = who.model.told, who.model.statistics["gap_mae_m"]
     pairs = [
         (float(told.gap_m[number]), estimate.gap_m)
@@ -150,9 +150,9 @@ def gaps(who: Estimator, place: int) -> list[Drawing]:
     axes.set_xlim(0, most)
     axes.set_ylim(0, most)
     axes.set_xlabel("true gap, m")
-    axes.set_ylabel("told gap, m")
+    axes.set_ylabel("estimated gap, m")
     words = f"{one.n} frames with a lead in the picture; mean absolute error {one.value:.3f} m. A line marks equality."
-    return [Drawing(f"gap-told-{place}", f"Told and true gap: {who.label}", words, figure, of=who.label)]
+    return [Drawing(f"gap-told-{place}", f"Estimated and true gap: {who.label}", words, figure, of=who.label)]
 
 
 def _run(run: Estimates) -> dict[str, object]:
@@ -197,7 +197,7 @@ def _card(who: Estimator) -> dict[str, Any]:
 def shown_frames(
     evidence: Sequence[Estimates], order: Mapping[str, Sequence[int]]
 ) -> tuple[list[dict[str, object]], list[str]]:
-    """Return, run by run, the frames with the worst estimates, with their views, and what has to be said of that."""
+    """Return the frames with the worst estimates by run, with their views, and notes."""
     each = max(1, MOST_PICTURES // max(1, len(evidence)))
     runs: list[dict[str, object]] = []
     notes = []
@@ -214,7 +214,7 @@ def shown_frames(
 def listed_frames(
     everyone: Sequence[Estimator], order: Mapping[str, Sequence[int]]
 ) -> tuple[list[dict[str, object]], list[str]]:
-    """Return a table a model of what it told of the frames, worst first, and what has to be said of that."""
+    """Return a table per model of its estimates, the worst frames first, and notes."""
     each = max(1, MOST_ROWS // max(1, len(everyone)))
     tables: list[dict[str, object]] = []
     notes = []
@@ -301,7 +301,7 @@ def _truth_words(told: Told, place: int) -> str:
 
 def _words(reply: SceneDecision | None) -> str:
     if reply is None:
-        return "not asked"
+        return "no call"
     one = reply.action
     if one is None:
         return _missing(reply)
@@ -331,7 +331,7 @@ def _verbatim(reply: Reply | None) -> str:
 
 
 def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
-    """Return the picture and its reflection as the models were shown them, or nothing where they are not at hand."""
+    """Return the picture and its reflection as the models saw them; empty without pictures."""
     if run.pictures is None:
         return []
     manifest = run.score.manifest

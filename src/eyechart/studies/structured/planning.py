@@ -1,4 +1,4 @@
-"""Planning the structured study: every frame and its reflection through the view; for admission sixteen pairs."""
+"""Plans the structured study: frames and their reflections through a view; sixteen to admit."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -34,21 +34,21 @@ def plan(
     seed: int = 0,
     limit: int | None = None,
 ) -> Battery:
-    """Plan an ``admission`` or a ``structured`` run, or the rest of one that ``out`` holds; nothing is asked yet.
+    """Plan an ``admission`` or ``structured`` run, or the rest of one in ``out``; makes no call.
 
-    ``view`` is ``calibrated`` or ``none``, and by default calibrated where the bank's pictures have such a view.
-    Admission asks about 8 close and 8 other frames, chosen by ``seed``, whose ids the manifest records; the structured
-    run about all frames or the first ``limit``. Every frame needs a mirror axis, and the bank a gap. The plan is
-    counted, estimated, run and resumed by `eyechart.studies.battery`. Raises BankError, SpecError or LedgerError as a
-    battery's plan does.
+    ``view`` is ``calibrated`` or ``none``; the default is calibrated where the bank's pictures have
+    such a view. Admission uses 8 close and 8 other frames, chosen by ``seed``; the manifest records
+    their ids. A structured run uses all frames or the first ``limit``. Every frame needs a mirror
+    axis, and the bank a gap. `eyechart.studies.battery` counts, estimates, runs and resumes the
+    plan. Raises BankError, SpecError or LedgerError as a battery's plan does.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
     if bank.manifest.gap is None:
-        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
+        raise BankError(f"the bank {bank.root} records no gap, so it is unknown which leads are close")
     for frame in bank:
         if frame.mirror_axis == "none":
-            raise BankError(f"frame '{frame.id}' has no mirror axis, and every estimate is asked for in both views")
+            raise BankError(f"frame '{frame.id}' has no mirror axis, but every estimate needs the mirrored view too")
     shown = view_for(view, bank.manifest.simulator)
     chosen = choose(bank, seed) if study == ADMISSION else ()
     manifest = RunManifest.begun(
@@ -75,13 +75,13 @@ class Scenes(Battery):
     """A battery whose answers are scene estimates, through a view."""
 
     def sizes(self) -> list[str]:
-        """Say through which view pictures are shown, how many calls there are, and what binds the answers."""
+        """Return the view, how many calls there are, and whether a schema binds the answers."""
         modes = map(self.manifest.mode, self.plan.models)
         return [f"view: {self.manifest.view}", *super().sizes(), *bound(modes)]
 
 
 def bound(modes: Iterable[RequestMode]) -> list[str]:
-    """Say of each model whether its server is told the schema, and warn where a probe found that it does not bind."""
+    """Return for each model whether its server gets the schema, or was found to ignore it."""
     lines = []
     for mode in modes:
         if mode.spec.startswith("scripted:"):
@@ -96,11 +96,11 @@ def bound(modes: Iterable[RequestMode]) -> list[str]:
 
 
 def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
-    """Return the admission set in the bank's order: 8 close and 8 other frames, drawn by the seed.
+    """Return the admission set in the bank's order: 8 close and 8 other frames, by the seed.
 
-    Within a class the actions that the safety policy demands of the truth are taken in turn, so that the set demands
-    as many of them as the bank has, and the episodes of an action likewise. Raises BankError where the bank has too
-    few of a class.
+    Within a class the actions that the safety policy demands are taken in turn, so the set demands
+    as many of them as the bank has. The episodes of an action are taken in turn too. Raises
+    BankError where the bank has too few frames of a class.
     """
     rng = np.random.default_rng(key_seed("admission", seed, bank.manifest.fingerprint))
     chosen, gap = list[Frame](), bank.manifest.gap
@@ -117,7 +117,7 @@ def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
 
 
 def _in_turn(frames: Sequence[Frame]) -> list[Frame]:
-    """Return the frames so that the demanded actions come in turn, and within an action the episodes do."""
+    """Return the frames with demanded actions in turn, and within an action the episodes."""
     by_demand: dict[str, list[Frame]] = {}
     for frame in frames:
         by_demand.setdefault(str(frame.truth.get("demand")), []).append(frame)

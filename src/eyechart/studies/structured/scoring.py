@@ -1,4 +1,4 @@
-"""Scoring a structured run: ledger and bank to estimates to figures; it only reads, and gives the same bytes always."""
+"""Scores a structured run: ledger and bank to estimates to figures; only reads, same bytes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ _ONE_EPISODE = "Wilson: one episode shows no spread"
 
 @dataclass(frozen=True, slots=True)
 class How:
-    """How intervals are made: over these episodes, one a frame, or not at all where the bank records none."""
+    """The episodes for intervals, one per frame; None where the bank records none."""
 
     episodes: NDArray[np.str_] | None
 
@@ -37,8 +37,9 @@ class How:
 class Figures:
     """Every figure of one model's estimates, over the frames of a mask.
 
-    A reply without an estimate is never right: it is a wrong call of ``close``, an unequal pair and no swap. Accuracies
-    and decisions are those of the frames as they are; their reflections count in ``parse`` and in the pairs.
+    A reply without an estimate is never right: it is a wrong value of ``close``, an unequal pair
+    and no swap. Accuracies and decisions are those of the unreflected frames; the reflections count
+    in ``parse`` and in the pairs.
     """
 
     def __init__(self, told: Told, space: Discrete, mask: Mask, how: How) -> None:
@@ -115,20 +116,20 @@ class Figures:
         return mean_of_shares(*counted)
 
     def _gap_error(self) -> Statistic:
-        """Return the mean absolute error of the gap, in metres, where a lead is in the picture and a gap was told."""
+        """Return the gap's mean absolute error in metres, over leads in the picture."""
         if self._told.unit != "m":
             return cannot_say(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
         told = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
         given = self._told.visible[self._frames] & (np.array(told) >= 0)
         if not given.any():
-            return cannot_say("no gap was told of a lead that is in the picture")
+            return cannot_say("no estimate gives a gap for a lead that is in the picture")
         errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
         found = self._mean(np.column_stack([errors, given]))
         worst = float(errors.max())
         return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
 
     def _pairs(self, equal: Callable[[Estimate, Estimate], bool], of: Mask | None = None) -> Statistic:
-        """Return the share of equal pairs over the frames whose reflection was asked about, or those ``of`` them."""
+        """Return the share of equal pairs over frames with a reflected call, or of a mask."""
         both = zip(self._real, self._mirrored, strict=True)
         hits = [one is not None and other is not None and equal(one, other) for one, other in both]
         return self._share(np.array(hits, dtype=np.bool_), self._asked if of is None else self._asked & of)
@@ -157,9 +158,10 @@ def _nothing() -> Statistic:
 
 @dataclass(frozen=True)
 class EstimatorScore(Written):
-    """One model's estimates and figures: over all frames, and over those before any collision of their episode.
+    """One model's estimates and figures: over all frames, and over those before a collision.
 
-    ``before`` is None where the bank does not record collisions. ``clauses`` are held against ``statistics``.
+    ``before`` is None where the bank does not record collisions. ``clauses`` are checked on
+    ``statistics``.
     """
 
     written = (
@@ -189,7 +191,7 @@ class EstimatorScore(Written):
 
 @dataclass(frozen=True)
 class StructuredScore(Written, CallsScore[EstimatorScore]):
-    """Everything that the ledger of an admission or a structured run says, and, apart from it, what the calls took."""
+    """The scores of an admission or structured run, and apart from them the costs of its calls."""
 
     written = (
         "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.view manifest.seed "
@@ -203,7 +205,7 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
 
     @property
     def space(self) -> SceneSpace:
-        """Return the estimates, read by the version of the rules by which they were read here."""
+        """Return the space of the estimates, with the version of its reader."""
         return scenes_of(self.bank)
 
     def measured(self) -> tuple[Measured, ...]:
@@ -219,7 +221,7 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
         )
 
     def evidence(self) -> dict[str, Evidence]:
-        """Return what there is to hold every model to."""
+        """Return the gate's evidence on every model."""
         return {
             spec: Evidence(
                 model=spec,
@@ -236,8 +238,8 @@ class StructuredScore(Written, CallsScore[EstimatorScore]):
 def score(path: Path, *, reread: bool = False) -> StructuredScore:
     """Score the admission or structured run in a folder, finished or not.
 
-    ``reread`` has the replies of a run that was begun under an older version of the reader read by today's.
-    Raises LedgerError or BankError where the folder is no such run, or needs ``reread``.
+    ``reread`` lets today's reader read the replies of a run begun under an older one. Raises
+    LedgerError or BankError where the folder is no such run, or needs ``reread``.
     """
     manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, reread=reread)
@@ -245,16 +247,17 @@ def score(path: Path, *, reread: bool = False) -> StructuredScore:
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
-    """Raise LedgerError where a run may not be scored as was asked, see ``score``."""
+    """Raise LedgerError where a run may not be scored so, see ``score``."""
     if manifest.study not in STUDIES:
         raise LedgerError(f"{path} is a run of the study '{manifest.study}', not one of {', '.join(STUDIES)}")
     manifest.require_reader(path, SCENE_READERS, reread=reread)
 
 
 def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> StructuredScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+    """Score the calls in a ledger by a run's manifest and its bank.
 
-    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    With ``held`` each call is compared with the run's requests; raises LedgerError where one
+    differs.
     """
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
@@ -273,7 +276,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 
 
 def _scored(told: Told, how: How, version: str, planned: int) -> EstimatorScore:
-    """Score one model; the safety policy's actions are the five of driving, whatever space the bank is of."""
+    """Score one model; the safety policy has the five driving actions, whatever the bank's."""
     every = np.ones(len(told.frames), dtype=np.bool_)
     statistics = Figures(told, DRIVING, every, how).statistics()
     return EstimatorScore(

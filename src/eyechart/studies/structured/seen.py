@@ -1,7 +1,7 @@
-"""What estimators saw online, frame by frame: checked as worlds are vetted, and their estimates held to the gate.
+"""The frames that estimators saw online, checked as worlds are vetted, and their figures.
 
-Source: paper, section Constructive renderer-calibrated controller (the online diagnostic retains the same gate, and
-online frames additionally pass renderer-integrity and positive-control checks).
+Source: paper, section Constructive renderer-calibrated controller (the online diagnostic retains
+the same gate, and online frames additionally pass renderer-integrity and positive-control checks).
 """
 
 import json
@@ -34,12 +34,12 @@ GAP_ERROR_M = 0.1
 """Half a pixel of highway-env's picture is 0.091 m."""
 
 SIDES_RIGHT = 0.9
-"""Between two lanes a side may be read and told differently for a moment."""
+"""Between two lanes the reading of a side may differ from the truth for a moment."""
 
 
 @dataclass
 class Checks:
-    """What is found frame by frame; ``failed`` is the first fault that fails a world."""
+    """The results of the checks by frame; ``failed`` is the first fault that fails a world."""
 
     frames: int = 0
     errors_m: list[float] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Checks:
     failed: str | None = None
 
     def look(self, drive: Drive, pixels: RGB, view: View | None, axis: str) -> str | None:
-        """Check one frame as a model is shown it; return the safe action of what was read, None where nothing was."""
+        """Check a frame as a model sees it; return the safe action of its scene, if any."""
         self.frames += 1
         sides = (pixels, flip(pixels, axis))
         shown, reflected = (np.ascontiguousarray(one if view is None else view.show(one)) for one in sides)
@@ -68,7 +68,7 @@ class Checks:
     def _compare(self, scene: Scene, truth: Mapping[str, Scalar], unseen: frozenset[str]) -> None:
         told = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
         if isinstance(told, bool | str):
-            raise SpecError(f"the world tells the gap {told!r}, which is no number")
+            raise SpecError(f"the world gives the gap {told!r}, which is no number")
         if (told is None) != (scene.gap_m is None):
             self._fail("positive control: a lead is read and not there, or there and not read")
         elif told is not None and scene.gap_m is not None:
@@ -85,7 +85,7 @@ class Checks:
         return float(np.mean(self.errors_m)) if self.errors_m else None
 
     def whole(self) -> str | None:
-        """Return why the frames do not pass, the sides among them, None where they do."""
+        """Return why the frames do not pass, sides included; None where they do."""
         if self.failed is None and self.sides_right < SIDES_RIGHT * self.frames:
             return f"positive control: the sides are read right on {self.sides_right} of {self.frames} frames"
         return self.failed
@@ -96,10 +96,10 @@ class Checks:
 
 @dataclass(frozen=True, slots=True)
 class Seen(Plain):
-    """The frames of one episode that an estimator drove, checked as a world is vetted.
+    """The checked frames of one episode that an estimator drove.
 
-    ``why`` is None where every frame passes; ``frames`` were checked, ``gap_mae_m`` is the error of the positive
-    control over those with a lead in the picture, None without one.
+    ``why`` is None where every frame passes. ``frames`` were checked. ``gap_mae_m`` is the positive
+    control's error over frames with a lead in the picture, None without one.
     """
 
     policy: str
@@ -111,7 +111,7 @@ class Seen(Plain):
 
 
 def check(simulator: Simulator, episode: Episode, view: View | None) -> Seen:
-    """Drive an episode again by what was executed, and check every frame that its estimator was shown.
+    """Replay an episode by its executed actions, and check every frame of its estimator.
 
     Renderer integrity and the positive control are those of `online.vet`.
     """
@@ -137,7 +137,7 @@ def check(simulator: Simulator, episode: Episode, view: View | None) -> Seen:
 
 
 def _same(step: Step, truth: Mapping[str, Scalar]) -> bool:
-    """Return whether a moment is the one that was recorded, by its gap to 3 decimals."""
+    """Return whether a step has its recorded gap, to 3 decimals."""
     before, now = step.truth.get("lead_gap_m"), truth["lead_gap_m"]
     if isinstance(before, int | float) and isinstance(now, int | float):
         return abs(before - now) < _ROUNDED
@@ -150,7 +150,7 @@ _ROUNDED = 0.002
 def check_all(
     out: Path, simulator: Simulator, episodes: Sequence[Episode], view: View | None, progress: Progress | None = None
 ) -> tuple[Seen, ...]:
-    """Check what was not checked yet of a run's episodes, and write all of it into the run's folder."""
+    """Check the unchecked episodes of a run, and write all results into the run's folder."""
     found = {(one.policy, one.scenario, one.seed): one for one in read_seen(out)}
     for done, episode in enumerate(episodes, 1):
         key = episode.key
@@ -165,7 +165,7 @@ def check_all(
 
 
 def read_seen(out: Path) -> tuple[Seen, ...]:
-    """Return what was checked of a run's frames, nothing where nothing was.
+    """Return the checked frames of a run, empty where none were.
 
     Raises LedgerError where the file is no such record.
     """
@@ -180,7 +180,7 @@ def read_seen(out: Path) -> tuple[Seen, ...]:
 def figures(
     manifest: EpisodesManifest, episodes: Sequence[Episode], replies: Iterable[tuple[CallKey, Reply]]
 ) -> dict[str, Statistic]:
-    """Return the figures of one estimator over all frames that it met, those of the static battery."""
+    """Return the static battery's figures of one estimator, over all frames of its drives."""
     declared = declared_by(manifest.simulator)
     axis = "vertical" if declared is None else declared.mirror_axis
     distances = distances_of("" if declared is None else declared.camera)

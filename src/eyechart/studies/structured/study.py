@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from eyechart.studies.structured.tables import Estimates
 
 _UNSAID = "admission_cannot_be_said"
-_NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
+_NO_VERDICT = "is a run of scene estimates, which has clauses and no verdict: use 'eyechart score' or 'eyechart gate'"
 
 
 class Structured(OfFrames[StructuredScore]):
@@ -97,8 +97,8 @@ class Structured(OfFrames[StructuredScore]):
 
 
 def _finding(statistics: Mapping[str, Statistic], state: str, marks: Sequence[str] = ()) -> Finding:
-    """Return whether an estimator is admitted, with the first clause that it fails, or else that cannot be said."""
-    ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", Reason("no frame was met"))
+    """Return whether an estimator is admitted, with its first failed clause; or cannot say."""
+    ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", Reason("the drives have no frame"))
     ruling = replace(ruling, label=_UNSAID) if state else ruling
     return Finding.of(ruling, ADMITTED[ruling.label], state, marks)
 

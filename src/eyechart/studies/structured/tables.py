@@ -1,4 +1,4 @@
-"""Tables of scene estimates: Table t:controller-local, the clauses of admission, every figure, and online driving."""
+"""Tables of scene estimates: Table t:controller-local, admission, all figures, online drives."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,12 +13,14 @@ from eyechart.studies.structured.planning import ADMISSION
 from eyechart.verdicts.admission import CLAUSES, Held
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
-"""The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
-0.167 of its 12 online episodes."""
+"""The positive control's line of Table t:controller-local, on the paper's own 288 pairs.
+
+It crashes in 0.167 of its 12 online episodes.
+"""
 CONTROLLERS = "Task-calibrated estimators"
-"""How the title of Table t:controller-local begins, whose columns are of two kinds of run."""
+"""The beginning of the title of Table t:controller-local, whose columns come from two runs."""
 POSITIVE = "scripted:scene_positive_control"
-"""The image-only positive control as an estimator: who drives where worlds are vetted."""
+"""The image-only positive control as an estimator; it drives when worlds are vetted."""
 _ROW = {
     "parse": "parse",
     "bal. acc.": "balanced_accuracy",
@@ -28,7 +30,7 @@ _ROW = {
     "swap": "swap_rate",
 }
 _TOLD = 2
-"""Clauses that are told at the head of a page with what was found; the table has all of them."""
+"""The clauses that the head of a page gives with their results; the table has all of them."""
 _OUTCOME = {True: Mark("pass", "good"), False: Mark("fail", "bad"), None: Mark("cannot say", "open")}
 
 Estimates = RunEvidence[EstimatorScore]
@@ -36,21 +38,21 @@ Estimator = OfModel[EstimatorScore]
 """A run of scene estimates, and a model in it."""
 
 Scored = tuple[str, EstimatorScore, Sequence[str]]
-"""A model's label, its score, and in words the guards that its calls fail."""
+"""A model's label, its score, and its failed guards in words."""
 
 
 def scored_of(everyone: Sequence[Estimator]) -> list[Scored]:
-    """Return the models of a report's evidence."""
+    """Return the models of a report's evidence with their scores."""
     return [(who.label, who.model, who.run.score.marks(who.spec)) for who in everyone]
 
 
 def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
-    """Return every table of models that told scenes."""
+    """Return every table of models with scene estimates."""
     return controller_table(everyone), clauses_table(everyone), figures_table(everyone)
 
 
 def controller_table(everyone: Sequence[Scored]) -> Table:
-    """Return Table t:controller-local: a line a model; the paper's positive control stands in the note."""
+    """Return Table t:controller-local, a line per model, with the paper's control in the note."""
     rows: list[tuple[Cell, ...]] = []
     for label, score, fails in everyone:
         found, left = score.statistics, score.planned - score.answered
@@ -65,7 +67,7 @@ def controller_table(everyone: Sequence[Scored]) -> Table:
 
 
 def paper_tables(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Iterator[Table]:
-    """Yield Table t:controller-local of runs by name; those of admission, of sixteen pairs, stand in a table apart.
+    """Yield Table t:controller-local of runs by name; admission runs have a table of their own.
 
     The swap rate's denominator stands in parentheses.
     """
@@ -80,7 +82,7 @@ def paper_tables(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Iterator[T
 
 
 def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
-    """Return a row an estimator in the paper's form, whose caption says on how many pairs."""
+    """Return a row per estimator in the paper's form; the caption gives the number of pairs."""
     form = (Column(name, "estimate", beside="n" if name == "swap" else "") for name in _ROW)
     named = (Column("estimator"), *form)
     models = {name: one.models for name, one in scores.items()}
@@ -93,7 +95,7 @@ def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
 
 
 def _admitted(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
-    """Return `_estimators` with whether each is admitted, and the clauses that it fails or that cannot be said."""
+    """Return `_estimators` with admission, and the clauses that fail or cannot be said."""
     made = _estimators(scores)
     every = [one for run in scores.values() for one in run.models.values()]
     rows = tuple(
@@ -114,7 +116,7 @@ def _figures(spec: str, score: EstimatorScore) -> tuple[Cell, ...]:
 
 
 def clauses_words(found: Iterable[tuple[str, bool | None, str]]) -> str:
-    """Return in words which clauses fail or cannot be said, of their names, whether each holds, and what was found."""
+    """Return in words the clauses that fail or cannot be said, from (name, holds, result)."""
     every = list(found)
     told = []
     for begins, outcome in (("It fails ", False), ("Cannot say: ", None)):
@@ -131,9 +133,9 @@ def _clause_words(name: str, because: str) -> str:
 
 
 def clauses_table(everyone: Sequence[Scored]) -> Table:
-    """Return one row a clause: what it asks for, what was found, and pass or fail."""
+    """Return one row per clause: what it needs, its value, and pass or fail."""
     held = ((label, one) for label, score, _ in everyone for one in score.clauses)
-    return _held_table("clauses", "The clauses of admission, held against each estimator", held)
+    return _held_table("clauses", "The clauses of admission, checked for each estimator", held)
 
 
 def _held_table(name: str, caption: str, held: Iterable[tuple[str, Held]]) -> Table:
@@ -167,7 +169,7 @@ def figures_table(everyone: Sequence[Scored]) -> Table:
 
 
 def online_table(score: OnlineScore) -> Table:
-    """Return one row an estimator: its crash rate, its decisions, and how often it gave none."""
+    """Return one row per estimator: its crash rate, its decisions, and the steps without one."""
     actions, passed = score.manifest.action_space.actions, sum(one.why is None for one in score.vetted)
     worlds = f"{passed} of {len(score.vetted)} worlds pass the checks"
     rows: tuple[tuple[Cell, ...], ...] = tuple(
@@ -188,16 +190,16 @@ def online_table(score: OnlineScore) -> Table:
 
 
 def met_table(score: OnlineScore) -> Table:
-    """Return one row a clause of admission: what was found over the frames that an estimator met online."""
+    """Return one row per clause of admission, over the frames of an estimator's online drives."""
     held = ((spec, one) for spec, driven in score.driven.items() for one in driven.clauses)
-    return _held_table("met", "The clauses of admission, held against what each estimator met online", held)
+    return _held_table("met", "The clauses of admission, checked on the frames of each estimator's drives", held)
 
 
 def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
-    """Return the online column of Table t:controller-local, of runs by name: an estimator's crash rate.
+    """Return the online column of Table t:controller-local by run: an estimator's crash rate.
 
-    The drives by which worlds were vetted are the positive control's, whose row they are unless it drove as an
-    estimator; of runs in the same worlds they count once.
+    The vetting drives are the positive control's row, unless it drove as an estimator. For runs in
+    the same worlds they count once.
     """
     drove = any(POSITIVE in one.driven for one in scores.values())
     found, vettings = {}, []
@@ -217,7 +219,7 @@ def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
 
 
 def reading_words(score: EstimatorScore) -> list[str]:
-    """Return in words whether a model is admitted, how many replies held no estimate and why, and what was repaired."""
+    """Return in words whether a model is admitted, and its missing and repaired estimates."""
     partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
     lines = [f"{score.model}: {'admitted' if score.admitted else 'not admitted'}{partial}"]
     for what, counts in (("no estimate", score.told.reasons), ("repaired", score.told.repairs)):

@@ -1,4 +1,4 @@
-"""What one model told of the scenes: its estimate of every picture and of its reflection, beside the ground truth."""
+"""One model's scene estimates of every picture and its reflection, and the ground truth."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -28,18 +28,19 @@ FAULTS = {
     "right is wrong": 1.0,
     "the reflection differs": 1.0,
 }
-"""What counts against an estimate, and how much; an error of the gap counts in thresholds, two of them at most."""
+"""The weight of each fault of an estimate; a gap error counts in thresholds, at most two."""
 _MOST_OF_GAP = 2.0
 
 
 @dataclass(frozen=True)
 class Told:
-    """A model's replies as scenes. ``replies[condition]`` is aligned with ``frames``; None where there is no reply.
+    """A model's replies as scenes. ``replies[condition]`` follows ``frames``; None without a reply.
 
-    ``gap_m`` is the true gap of each frame in the bank's ``unit``, infinite where there is no lead; ``close`` whether
-    it is below the bank's threshold; ``visible`` whether there is a lead in the picture. ``before`` marks the frames
-    before any collision of their episode, and is None where the bank does not record collisions. ``distances`` are what
-    counts as near in the world. ``finished`` counts the calls whose reply is final.
+    ``gap_m`` is the true gap of each frame in the bank's ``unit``, infinite without a lead.
+    ``close`` says whether it is below the bank's threshold; ``visible`` whether a lead is in the
+    picture. ``before`` marks the frames before any collision of their episode; it is None where the
+    bank does not record collisions. ``distances`` define near in the world. ``finished`` counts the
+    calls whose reply is final.
     """
 
     model: str
@@ -58,12 +59,12 @@ class Told:
         return tuple(None if one is None else one.action for one in self.replies_to(condition))
 
     def replies_to(self, condition: str) -> tuple[SceneDecision | None, ...]:
-        """Return what came back about each frame, None where nothing did."""
+        """Return the reply about each frame, None where there is none."""
         return self.replies.get(condition, (None,) * len(self.frames))
 
     @cached_property
     def reasons(self) -> dict[str, int]:
-        """Return how many replies hold no estimate, by reason; ``unparsed`` ones by what is wrong with them."""
+        """Return how many replies lack an estimate, by reason; ``unparsed`` ones by their fault."""
         every = (one for column in self.replies.values() for one in column if one is not None and one.missing)
         return dict(sorted(Counter(str(one.why or one.missing) for one in every).items()))
 
@@ -75,28 +76,27 @@ class Told:
 
 
 def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameBank, frames: tuple[Frame, ...]) -> Told:
-    """Read every reply of a model as a scene estimate; replies about frames that are not asked for are left out.
+    """Read every reply of a model about these frames as a scene estimate.
 
-    They are read by the version of the rules by which the bank is asked about. Raises BankError where it records no
-    gap.
+    The bank's version of the reader is used. Raises BankError where the bank records no gap.
     """
     gap = bank.manifest.gap
     if gap is None:
-        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
+        raise BankError(f"the bank {bank.root} records no gap, so it is unknown which leads are close")
     gap_m = np.array([gap.of(frame) for frame in frames], dtype=np.float64)
     told = told_of(replies, frames, gap_m, gap.threshold, scenes_of(bank).in_world(worlds_distances(bank)))
     return replace(told, model=model, before=before_collision(bank, frames), unit=gap.unit)
 
 
 def scenes_of(bank: FrameBank) -> SceneSpace:
-    """Return the estimates that are told of a bank, read by the version of the rules by which it is asked about."""
+    """Return the space of estimates for a bank, with the bank's version of the reader."""
     return SCENES.by(bank.manifest.action_space.reader)
 
 
 def told_of(
     replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, space: SceneSpace
 ) -> Told:
-    """Return what was told of frames with such gaps, the ``close`` ones smaller, as a world's ``space`` reads it."""
+    """Return the replies as scenes; gaps below ``close`` are close, and ``space`` reads replies."""
     found, finished = read_columns(replies, frames, space.read)
     there = np.array([frame.truth.get("lead_visible") is not False for frame in frames], dtype=np.bool_)
     visible = np.isfinite(gap_m) & there
@@ -104,9 +104,9 @@ def told_of(
 
 
 def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
-    """Return which frames come before any collision of their episode; None where the bank does not record them.
+    """Return the frames before any collision of their episode; None without recorded collisions.
 
-    All frames of the bank count for that, asked about or not.
+    All frames of the bank count for that, whether the run has them or not.
     """
     if any("crashed" not in frame.truth for frame in bank):
         return None
@@ -118,7 +118,7 @@ def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
 
 
 def faults(told: Told, place: int) -> list[str]:
-    """Return in words what is wrong with a model's estimate of a frame; nothing where it was not asked about."""
+    """Return the faults of a model's estimate of a frame; empty where there was no call."""
     reply = told.replies_to("real")[place]
     if reply is None:
         return []
@@ -140,14 +140,14 @@ def faults(told: Told, place: int) -> list[str]:
 
 
 def weight(told: Told, place: int) -> float:
-    """Return how bad a model's estimate of a frame is: the sum of its faults, and its error of the gap."""
+    """Return how bad a model's estimate of a frame is: the sum of its faults and gap error."""
     error = gap_error_m(told, place)
     threshold = told.distances.close_m
     return sum(FAULTS[name] for name in faults(told, place)) + min((error or 0.0) / threshold, _MOST_OF_GAP)
 
 
 def gap_error_m(told: Told, place: int) -> float | None:
-    """Return by how much a told gap differs from that of a lead in the picture; None where nothing can be compared."""
+    """Return the error of an estimated gap for a lead in the picture; None without one."""
     one = told.estimates("real")[place]
     if one is None or one.gap_m is None or not told.visible[place] or told.unit != "m":
         return None
