@@ -172,7 +172,7 @@ def test_two_banks_are_compared_frame_by_frame(bank: FrameBank) -> None:
     done = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(other.root)])
     assert done.exit_code == 1
     first = next(iter(bank)).id
-    assert f"{len(bank)} frames stand in both banks, of {len(bank)} and of {len(bank) + 2}" in done.output
+    assert f"{len(bank)} frames are in both banks ({len(bank)} and {len(bank) + 2} frames)" in done.output
     assert f"{len(bank) - 1} are the same moments" in done.output
     assert f"{first} differs in lead_gap_m" in done.output
     assert "lead_gap_m: at most 0.500 apart" in done.output
@@ -180,7 +180,7 @@ def test_two_banks_are_compared_frame_by_frame(bank: FrameBank) -> None:
     assert (same.exit_code, json.loads(same.stdout)["geometry"]["equal"]) == (0, len(bank))
     none = banks.build_bank(bank.root.parent / "none", scenarios=["strange"])
     apart = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(none.root)])
-    assert (apart.exit_code, "has one name in both banks" in apart.output) == (1, True)
+    assert (apart.exit_code, "frames have no name in common" in apart.output) == (1, True)
 
 
 def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(

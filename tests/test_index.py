@@ -285,7 +285,7 @@ def test_report_of_a_folder_writes_the_index_with_its_tables(folder: Path, tmp_p
     assert {path.name for path in (tmp_path / "tables").glob("*.csv")} == {"runs.csv", "models.csv", "history.csv"}
     refused = report(folder, "--out", tmp_path / "other.html", "--figures", tmp_path / "figures")
     assert isinstance(refused.exception, SpecError)
-    assert str(refused.exception) == "an index of runs takes no --figures: give the runs themselves"
+    assert str(refused.exception) == "an index of runs does not take --figures: give the runs themselves"
     assert not (tmp_path / "other.html").exists()
 
 

@@ -125,7 +125,7 @@ def test_probe_refuses_what_it_may_not_write_and_tells_blindness_and_limits(tmp_
             "probe", "openai:m", *at, "--out", mode, "--max-cost", 0.005, "--prices", tmp_path / "prices.toml"
         )
         assert (limited.exit_code, mode.exists()) == (3, False)
-        assert "--max-cost is 0.005; what was found is not kept" in limited.stderr
+        assert "--max-cost is 0.005; the findings are not kept" in limited.stderr
         assert call("probe", "openai:m", *at, "--out", mode).exit_code == 1
         assert read_mode(mode).measured.sees_image is False
 

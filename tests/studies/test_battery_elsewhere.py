@@ -724,7 +724,7 @@ def test_the_commands_from_export_to_verdict(bank: FrameBank, tmp_path: Path) ->
     both = run.invoke(
         app, ["frames", "export", str(bank.root), "--run", str(out), "--out", str(tmp_path / "x"), *words]
     )
-    assert "--run says what is asked" in str(both.exception)
+    assert "--run decides which calls are written" in str(both.exception)
 
 
 def attempts_of(run: Path) -> list[Any]:
