@@ -224,7 +224,7 @@ def test_a_loss_is_accepted_where_that_is_said(bank: FrameBank, tmp_path: Path) 
         Path(f"{run / LEDGER}{beside}").unlink(missing_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MissingCallsWarning)
-        with pytest.raises(LedgerError, match="or go on without them with accept_loss=True"):
+        with pytest.raises(LedgerError, match="or continue without them with accept_loss=True"):
             run_battery(bank, decide, run, limit=2, controls="none")
     score = run_battery(bank, decide, run, limit=2, controls="none", accept_loss=True).score
     (model,) = score.models.values()

@@ -81,7 +81,7 @@ def test_backslashes_lead_nowhere(tmp_path: Path) -> None:
     entry.filename = "run/bank/..\\..\\out.png"
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as file:
         file.writestr(entry, "x")
-    assert "is no plain name" in refused(tmp_path / "b.zip", tmp_path)
+    assert "is not a plain file name" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_link_is_refused(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as file:
         file.writestr("run/bank/a", "x")
         file.writestr("run/bank/a/b.png", "x")
-    assert "two of its files have one place" in refused(tmp_path / "b.zip", tmp_path)
+    assert "two of its files have the same path" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_comp
     found = validate(repacked(tmp_path / "b.zip", tmp_path, change))
     assert [one.where.rpartition(", ")[2] for one in found.otherwise] == ["answered"]
     assert [one.where.rpartition(", ")[2] for one in found.differences] == ["real"]
-    assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes otherwise"]
+    assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes differently"]
 
 
 def test_a_zip_without_an_index_is_no_bundle(tmp_path: Path) -> None:
