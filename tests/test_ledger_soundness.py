@@ -278,7 +278,7 @@ def test_a_reply_without_a_checksum_is_none_of_format_3(change: str, tmp_path: P
         for number in range(3):
             ledger.close(ledger.begin(said._replace(frame=f"f{number}"), "digest"), Reply("RIGHT"))
     _unchecked(path, change)
-    with pytest.raises(LedgerError, match=r"not what its checksum says is m's reply about f\d"):
+    with pytest.raises(LedgerError, match=r"is damaged in m's reply about f\d"):
         Ledger(path)
 
 

@@ -100,7 +100,7 @@ def format_of(sql: sqlite3.Connection, path: Path) -> int:
         size = path.stat().st_size
         raise LedgerError(
             f"{path} holds no table ({size} bytes): restore it from a copy, or continue the run without its "
-            "rows by --accept-loss"
+            "rows with --accept-loss"
         )
     if program:
         raise LedgerError(f"{path} is no ledger: it says that it is a database of program {program}")

@@ -27,9 +27,7 @@ def require_sound(sql: sqlite3.Connection, path: Path) -> None:
     found = list(damaged(sql))
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        raise LedgerError(
-            f"{path} is damaged: {printable(found[0])}{more} does not match its checksum; restore it from a copy"
-        )
+        raise LedgerError(f"{path} is damaged in {printable(found[0])}{more}; restore it from a copy")
 
 
 def require_whole(sql: sqlite3.Connection, path: Path) -> None:
