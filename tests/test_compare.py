@@ -64,7 +64,7 @@ def test_runs_that_share_no_bank_or_no_model_are_refused(runs: tuple[Path, Path]
     assert len(frames_in_common(first, elsewhere)) == len(other)
     strange = banks.build_bank(tmp_path / "strange", scenarios=["strange"])
     battery.run(battery.plan(strange.root, ["scripted:depth"], tmp_path / "nothing"))
-    with pytest.raises(SpecError, match="share no frame of equal geometry"):
+    with pytest.raises(SpecError, match="without a frame of equal geometry"):
         frames_in_common(first, battery.score(tmp_path / "nothing"))
     bank = runs[0].parent / "bank"
     battery.run(battery.plan(bank, ["scripted:random"], tmp_path / "another"))
@@ -198,7 +198,7 @@ def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(
     alone = battery.score(runs[0], frames=shared)
     assert alone.models["scripted:depth"].answers.frames == tuple(bank)[1:]
     assert depth["labels"]["verdict"][0] == judge(alone)["scripted:depth"].calibrated.label
-    with pytest.raises(SpecError, match=f"of which they share {len(bank) - 1}: score both on these alone"):
+    with pytest.raises(SpecError, match=f"and they share {len(bank) - 1}: score both on these alone"):
         compare(battery.score(runs[0]), battery.score(tmp_path / "second"))
     with pytest.raises(SpecError, match="it asks about none of them"):
         battery.score(runs[0], frames=["nowhere"])

@@ -65,7 +65,7 @@ def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, 
     belongs = "the reply to attempt 9, which belongs to no call"
     named = belongs if column == "attempt" else f"{MODEL}'s reply about f3 under real"
     for create in (False, True):
-        with pytest.raises(LedgerError, match=rf"ledger\.sqlite is damaged: .* is {named}; restore it from a copy"):
+        with pytest.raises(LedgerError, match=rf"ledger\.sqlite is damaged in {named}; restore it from a copy"):
             Ledger(path, create=create)
     with Ledger(path, sound=False) as ledger:
         assert ledger.damaged() == [named]
@@ -82,7 +82,7 @@ def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, 
 def test_what_was_asked_in_a_call_is_part_of_its_checksum(path: Path, script: str) -> None:
     """A reply whose call or attempt was changed is another reply."""
     change(path, f"UPDATE {script}".replace("repeat || 'x'", "repeat + 1"))
-    with pytest.raises(LedgerError, match=f"is damaged: .*{MODEL}x?'s reply about f"):
+    with pytest.raises(LedgerError, match=f"is damaged in .*{MODEL}x?'s reply about f"):
         Ledger(path)
 
 

@@ -114,14 +114,14 @@ def test_a_model_that_is_billed_costs_so_much_a_thousand_decisions() -> None:
     lacking = replace(account, cost_from={"priced": 9, "unknown": 1}, energy_measured=9)
     halfway = replace(account, finished=9)
     table = deployment_table({"a": account, "b": lacking, "c": halfway})
-    assert "whose endpoint the paper does not name: --prices FILE" in table.note
+    assert "Set a price with --prices FILE" in table.note
     assert "Price unknown" not in deployment_table({"a": account}).note
     own = deployment_table({"python:mine": lacking, "trained:sees": lacking}).note
-    assert "A callable of one's own has no price here" in own
-    assert "whose endpoint the paper does not name" not in own
+    assert "A local callable has no price" in own
+    assert "the paper does not name their endpoint" not in own
     both = deployment_table({"python:mine": lacking, "b": lacking}).note
-    assert "no price here" in both
-    assert "whose endpoint the paper does not name" in both
+    assert "A local callable has no price" in both
+    assert "the paper does not name their endpoint" in both
     (row, other, third) = table.rows
     assert row[2:6] == (2.0, 40.0, 0.2, 0.5)
     assert row[7] == 10.0

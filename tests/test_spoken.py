@@ -104,7 +104,7 @@ def test_text_swapped_keeps_the_picture_and_says_what_another_frame_would(bank: 
 def test_where_all_frames_say_the_same_no_text_can_be_swapped(bank: FrameBank) -> None:
     """Named, not asked in vain."""
     mute = replace(bank, frames=tuple(replace(frame, fields={"speed": 5}) for frame in bank), said=("speed",))
-    with pytest.raises(BankError, match=r"all frames say the same \[5\]"):
+    with pytest.raises(BankError, match=r"all frames have the same \[5\]"):
         speaker(mute.frames[0], mute, 0)
 
 

@@ -299,7 +299,7 @@ def test_shards_ask_the_first_stage_and_the_merged_run_the_rest(bank: FrameBank,
     assert more == 2 * LEADS + ABSENT + AGAIN + FRAMES
     for check in hold(study.score(tmp_path / "1", resamples=99), ["depth"]).checks:
         assert check.holds is None
-        assert "a shard asks no controls, the merged run, resumed, does" in check.because
+        assert "a shard asks no controls: merge the shards and resume the run" in check.because
     for name, words in (("1", "controls not asked"), ("merged", f"{2 * LEADS} planned calls have no outcome")):
         verdict = judge(study.score(tmp_path / name, resamples=99))[READER]
         assert verdict.unfinished is not None
