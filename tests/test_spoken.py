@@ -174,9 +174,9 @@ def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameB
         ),
         (
             SAID.replace("{speed}", "{pace}"),
-            "{pace}, which is no prompt column; a prompt of this bank may say: speed",
+            "{pace}, which is not a prompt column; a prompt of this bank may say: speed",
         ),
-        (SAID.replace("{speed}", "{scenario}"), "asks for {scenario}, which is no prompt column"),
+        (SAID.replace("{speed}", "{scenario}"), "asks for {scenario}, which is not a prompt column"),
         (
             "user = 'At {speed}: HALT?'",
             "does not ask for the actions HALT, GO of action space",

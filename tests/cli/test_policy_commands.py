@@ -56,7 +56,7 @@ def test_a_policy_that_answers_with_no_motion_is_set_aside(
     assert words in said
     assert "nothing can be judged" in said
     assert "of 10 finished calls none holds a motion" in said
-    assert "calls are unfinished: mend what is wrong with" in said
+    assert "calls are unfinished: correct the cause for" in said
     assert "may pass" not in said
     with Ledger(tmp_path / "run" / "ledger.sqlite") as ledger:
         assert len(ledger.finished()) == 10

@@ -271,7 +271,7 @@ def test_a_run_keeps_what_it_was_begun_with_and_may_be_widened(bank: FrameBank, 
     make(bank, out, READER, controls="auto")
     assert read_run(out)[0].controls == "auto"
     assert set(order(out, READER)) & set(CONTROLS) == {*LANES, *REST}
-    with pytest.raises(LedgerError, match="begun with --controls auto, now none was asked for"):
+    with pytest.raises(LedgerError, match="started with --controls auto, but the command gives none"):
         planned(bank, out, READER, controls="none")
     with pytest.raises(SpecError, match="--controls 'some' is none of none, auto, all"):
         planned(bank, tmp_path / "other", READER, controls="some")
