@@ -208,7 +208,9 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     assert "converted to PNG: 1 pictures (1 turned)" in done.stderr
     assert "columns, guessed by their names: " in done.stderr
     said = flat(done.stdout)
-    assert "12 calls ended in an error, so 'gate' and assert_looks are inconclusive. The first error: exception: " in said
+    assert (
+        "12 calls ended in an error, so 'gate' and assert_looks are inconclusive. The first error: exception: " in said
+    )
     assert "TypeError" in said
     gate = CliRunner().invoke(app, ["gate", "looks/python-needs_one-decide/run", "--require", "looks"])
     assert gate.exit_code == 2

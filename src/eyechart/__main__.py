@@ -58,10 +58,7 @@ def _interrupted(*_signal: object) -> None:
 
 
 def _leave(status: object) -> None:
-    """End with this exact status.
-
-    After a SIGINT during the ``exec`` of a module, Python would end itself by SIGINT.
-    """
+    """End with this exact status, not by SIGINT as Python may after an interrupted ``exec``."""
     import atexit  # noqa: PLC0415 - seldom needed
 
     try:

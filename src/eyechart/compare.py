@@ -73,10 +73,7 @@ class Comparison(Written):
         return all(one.replicated for one in self.models.values())
 
     def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
-        """Yield how the runs differ, then a table and a line per model.
-
-        The table has the main statistics, or ``every`` one.
-        """
+        """Yield how the runs differ, then a table and a line per model, main or ``every`` row."""
         from rich.text import Text  # noqa: PLC0415 - a comparison needs no terminal
 
         yield from (f"not the same: {line}" for line in self.apart)

@@ -1,7 +1,4 @@
-"""A gate checks a run against requirements: yes, no, or "cannot say".
-
-It never passes for lack of evidence.
-"""
+"""A gate checks a run against requirements: yes, no, or "cannot say" without evidence."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -254,10 +251,7 @@ class Met(Scored, Protocol):
         """Return the numbers of finished and planned episodes of a model."""
 
     def frames(self, spec: str) -> tuple[bool | None, str]:
-        """Return whether every frame that a model saw passes the checks (None: unknown).
-
-        Also return the reason.
-        """
+        """Return whether every frame that a model saw passes (None: unknown), and why."""
 
 
 def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:

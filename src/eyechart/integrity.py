@@ -322,7 +322,7 @@ _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenar
 def _dropped(tokens: Mapping[str, Mapping[str, int]]) -> str:
     """Return how many prompts with a picture have the tokens of their words alone, or ""."""
     bare = tokens.get("text_only", {})
-    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):  # cached ones
+    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):
         return ""
     for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
         both = counts.keys() & bare.keys()
@@ -450,10 +450,7 @@ class _Repeats:
         return Guard("cache", True, f"{same} of {pairs} repeats are equal, and none came suspiciously fast")
 
     def under_load(self) -> tuple[Guard, ...]:
-        """Return whether repeats agree in the run as they did alone at temperature 0.
-
-        Empty if that is unknown.
-        """
+        """Return whether repeats agree in the run as alone at temperature 0; none if unknown."""
         alike, decided = self.counts["alike"], self.counts["decided"]
         if self.alone is None or decided < FEWEST:
             return ()

@@ -58,10 +58,7 @@ def to_its_end(run: "Coroutine[Any, Any, T]") -> T:
 
 
 def make_calls(run: Callable[..., T], progress: Progress | None) -> T:
-    """Run a study with ``progress``, in a thread if an event loop is running here.
-
-    An interrupt ends it there too.
-    """
+    """Run a study with ``progress``, in a thread if a loop runs here; an interrupt ends both."""
     if not running():
         return run(progress=progress)
     calls = _Calls(progress)

@@ -169,10 +169,7 @@ class Manifest:
         return is_formerly(version, other.facts.get(spec, {}), self.facts.get(spec, {}))
 
     def moved(self, modes: Iterable[RequestMode]) -> Self:
-        """Return this manifest with its models moved to the addresses of these modes.
-
-        ``facts`` record the move and its time.
-        """
+        """Return this manifest moved to these modes' addresses; ``facts`` record the move."""
         kept, facts, when = dict(self.modes), dict(self.facts), dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
         for mode in modes:
             before = kept.get(mode.spec)

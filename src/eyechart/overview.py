@@ -263,10 +263,7 @@ def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
 
 
 def _counted(entries: Sequence[Entry]) -> str:
-    """Return in one sentence the number of models by newest answer, for each kind.
-
-    Models without a verdict are counted too.
-    """
+    """Return in one sentence the number of models by newest answer, for each kind."""
     kinds: dict[tuple[str, str], list[str]] = {}
     judged = _newest(entries)
     for (_, kind), mine in judged.items():

@@ -41,10 +41,7 @@ class Stages(Protocol):
         del key, reply
 
     def more(self, model: str) -> Sequence[CallKey]:
-        """Return a model's next stage of calls in order, when none is under way.
-
-        No calls end its run.
-        """
+        """Return a model's next stage of calls, when none is under way; none ends its run."""
 
 
 @dataclass(frozen=True)

@@ -182,10 +182,7 @@ def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
 def _opened(
     policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], timeout_s: float | None
 ) -> list[Opened]:
-    """Return each policy with its mode.
-
-    Raises SpecError for a subject that is no policy, and for two callables with the same name.
-    """
+    """Return each policy with its mode; raises SpecError for no policy, or a name twice."""
     opened: dict[str, Opened] = {}
     for name, one in each_named(policies, "policy", "policies", (str,)):
         if isinstance(one, str):

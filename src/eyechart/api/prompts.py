@@ -69,10 +69,7 @@ class PromptsReport:
         return study.prompts_table(self.score.cells)
 
     def differences(self, *, every: bool = False) -> list[Table]:
-        """Return a table per model and prompt with its differences from the first prompt.
-
-        They are those of the main statistics, or of ``every`` one.
-        """
+        """Return a table per model and prompt: differences in main or ``every`` statistics."""
         return [
             replace(replication_table(one, every=every), caption=f"{spec}: {name} against {self.first}")
             for name, found in self.against.items()

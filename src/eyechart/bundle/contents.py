@@ -124,10 +124,7 @@ class Derived:
 def derive(
     run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
 ) -> Derived:
-    """Compute results, report and tables from a run's folder and its banks.
-
-    ``banks`` are the bank of the run, and that with its pictures.
-    """
+    """Compute results, report and tables from a run's folder, its bank, and its pictures' bank."""
     tell("scoring")
     study, reading = study_of(run, "bundle"), Reading(recipe.independent, resamples=recipe.resamples)
     score, made = study.derive(Packed(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)

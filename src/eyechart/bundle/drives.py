@@ -197,10 +197,7 @@ def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) ->
 
 
 def _hold_states(repeats: Repeats, found: Found) -> None:
-    """Compare exact states with the record.
-
-    If none agrees and they map one to one, another kind of machine drove.
-    """
+    """Compare exact states with the record; if none agrees, another machine drove."""
     unlike = [one for one in repeats.states if one[1] != one[2]]
     one_to_one = len({pair[1:] for pair in repeats.states}) == len({one[1] for one in repeats.states})
     if unlike and len(unlike) == len(repeats.states) and one_to_one:
@@ -284,10 +281,7 @@ def _hold_seen(
     *,
     told: bool,
 ) -> None:
-    """Check again every frame of episodes that an online run recorded as checked.
-
-    ``told`` says whether the run recorded any.
-    """
+    """Check again every frame that an online run recorded as checked."""
     if not told:
         return
     if UNVETTED in found.uncompared:

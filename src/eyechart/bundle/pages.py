@@ -141,10 +141,7 @@ def tokens_of(html: str) -> Iterator[Token]:
 
 @dataclass(frozen=True, slots=True)
 class Strictness:
-    """Whether to compare positions in ``drawings`` and bytes of ``pictures``.
-
-    Both depend on versions of libraries.
-    """
+    """Whether to compare positions in ``drawings`` and ``pictures``, which libraries change."""
 
     drawings: bool
     pictures: bool

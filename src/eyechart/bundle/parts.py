@@ -112,10 +112,7 @@ def _decisions(score: object) -> dict[str, bytes]:
 
 
 def _episodes(run: Path) -> dict[str, str]:
-    """Return a digest of a run's episode records by policy.
-
-    It covers what driving again cannot check, such as a bound.
-    """
+    """Return a digest of a run's episode records by policy, for what no drive can check."""
     found: dict[str, hashlib._Hash] = {}
     for one in read_episodes(run):
         found.setdefault(one.key.policy, hashlib.sha256()).update(one.as_line().encode("utf-8", "backslashreplace"))

@@ -222,10 +222,7 @@ def _add(mine: Found, found: Validation, said: str = "") -> None:
 
 
 def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[RunManifest, FrameBank, FrameBank]:
-    """Check the bank and the requests of a run on it.
-
-    Return its manifest, its bank as the run used it, and the bank as it is.
-    """
+    """Check a run's bank and requests; return its manifest, its bank as used, and as stored."""
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)

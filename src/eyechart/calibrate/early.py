@@ -83,10 +83,7 @@ def _of(marks: Sequence[bool], yes: str, no: str = "SLOW") -> list[str]:
 
 
 def _at_margin(condition: str, share: float, *, most: bool = False) -> Draw:
-    """Return the null that a condition changes just the margin's share of the frames.
-
-    That share is rounded up, or down for ``most``.
-    """
+    """Return the null that a condition changes just the margin's share of the frames."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         exact = share * len(frames)
@@ -130,10 +127,7 @@ def _halves(frames: Sequence[Frame], rng: random.Random) -> Columns:
 
 
 def _lost(extra: int) -> Draw:
-    """Return the null of ``extra`` calls without a decision above the cut.
-
-    They are in neighbouring frames, both calls of a frame.
-    """
+    """Return the null of ``extra`` calls without a decision above the cut, side by side."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         count = math.floor(UNPARSED_CUT * 2 * len(frames) + 1e-9) + extra
@@ -230,10 +224,7 @@ SAVERS: Mapping[str, float] = {"constant": 0.5, "truncating": 0.5, "depth": 0.3,
 
 @dataclass(frozen=True, slots=True)
 class Early:
-    """The result of early stopping for one controller on one bank.
-
-    A run that did not stop saved nothing and is equal.
-    """
+    """The result of early stopping on one bank; equal if the controller never stopped."""
 
     label: str
     stopped: bool
@@ -309,10 +300,7 @@ def mean_saved(sums: Sums) -> tuple[float, float, float]:
 def misses(
     early: Mapping[str, Mapping[str, Mapping[str, Sums]]], ever: Sequence[int], replications: int, *, strict: bool
 ) -> list[str]:
-    """Return in words every missed target of early stopping.
-
-    A ``strict`` share is compared itself, else its interval.
-    """
+    """Return in words every missed target of early stopping."""
     found = []
     for variant, by in early.get("default", {}).items():
         for name, sums in by.items():

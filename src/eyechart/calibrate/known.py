@@ -70,10 +70,7 @@ KNOWN: Mapping[str, Known] = {
 
 
 def adversaries() -> "Mapping[str, Adversary]":
-    """Return the rules that must not pass, by name.
-
-    Raises SpecError that says what to install if they are missing.
-    """
+    """Return the rules that must not pass; raises SpecError if they are not installed."""
     organisms_folder("'eyechart calibrate'")
     from eyechart_organisms.adversaries import ADVERSARIES  # noqa: PLC0415 - a distribution of its own
 

@@ -188,10 +188,7 @@ class Tried:
 
     @property
     def seen(self) -> float | None:
-        """Return the same share for labels that are false for the drawn episodes too.
-
-        No run can detect the others.
-        """
+        """Return the same share for labels that are false for the drawn episodes too."""
         return self._most(less=TRUE_OF_THESE)
 
     @property
@@ -404,10 +401,7 @@ _WHOLE, _OWN = ("blank", "exchanged"), ("blank", "exchanged", "near")
 
 
 def _wanted(one: Setting) -> dict[str, float]:
-    """Return the share of the latent variance that each condition changes.
-
-    For the swap it is the share that the channel carries.
-    """
+    """Return the share of the latent variance that each condition changes."""
     share = _latent_share(one.share) if one.numbers == "bang-bang" else one.share
     if one.margin in _CONTENT:
         return {"swapped": 0.40, "matched": 0.40, "blank": 0.40}

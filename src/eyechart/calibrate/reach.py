@@ -98,10 +98,7 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
 
 
 def unreachable(bank: FrameBank) -> dict[str, str]:
-    """Return the labels that no policy can get on a bank, with the reason.
-
-    A label of one camera is ``LABEL of camera:NAME``.
-    """
+    """Return the labels that no policy can get on a bank, with why; "LABEL of camera:NAME"."""
     found: dict[str, str] = {}
     for label, why in (*_of_episodes(bank), *_of_cameras(bank), *_of_the_rest(bank)):
         found.setdefault(label, why)

@@ -179,10 +179,7 @@ class Described:
         )
 
     def format_of(self, folder: Path, *, named: bool) -> Format:
-        """Return the format that was ``named``, or else the folder's.
-
-        Raises SpecError if it does not take the other options.
-        """
+        """Return the ``named`` or the folder's format; raises SpecError for options it lacks."""
         ahead = (self.horizon, self.kind) != (None, None)
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
         return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])

@@ -98,10 +98,7 @@ class Costing:
     ] = None
 
     def made(self) -> "Costs | None":
-        """Return the costs, or None if none are given.
-
-        Raises GuardianError if some are missing.
-        """
+        """Return the costs, or None; raises GuardianError if some are missing."""
         from eyechart.stats.committee import Costs
 
         if (self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate) == (None,) * 4:
@@ -417,10 +414,7 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
 def _parted(
     table: "VoteTable", bound_episodes: str | None, other: "VoteTable | None"
 ) -> "tuple[VoteTable, VoteTable | None]":
-    """Return the votes to score and the votes for the bound.
-
-    The bound takes another table, some of the episodes, or the rows whose split is bound.
-    """
+    """Return the votes to score, and those for the bound: a table, some episodes, or a split."""
     if other is not None:
         return _part(table, "score"), _part(other, "bound")
     if bound_episodes is not None:

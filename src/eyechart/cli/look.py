@@ -80,10 +80,7 @@ def look(
 
 
 def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
-    """Return a model's request mode.
-
-    Raises SpecError if the file is for another model, or both file and option give the address.
-    """
+    """Return a model's request mode; raises SpecError for another model's, or two addresses."""
     given = {} if base_url is None else {"base_url": base_url}
     if mode is None:
         return mode_of(spec, given)
@@ -94,10 +91,7 @@ def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
 
 
 def _agree(bill: "Bill", *, yes: bool) -> None:
-    """Print the bill, and ask for consent if it may cost.
-
-    Raises SpecError if no terminal can answer, or the answer is no.
-    """
+    """Print the bill, and get consent if it may cost; raises SpecError without consent."""
     say(f"{bill.mode.spec}: {bill.words}")
     if bill.is_free or yes:
         return

@@ -119,10 +119,7 @@ _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "js
 
 @dataclass(frozen=True)
 class Addressing:
-    """How to reach models without a mode file.
-
-    Studies that vary the form of replies take only these options.
-    """
+    """The options that reach models without a mode file, also in studies of reply forms."""
 
     base_url: Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")] = None
     key_env: Annotated[str | None, typer.Option(help="Environment variable with the key.")] = None
@@ -339,7 +336,7 @@ def _pairs(
     for text in given or ():
         name, found, value = text.partition(sign)
         if not found or not name.strip():
-            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")  # a secret?
+            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")
         pairs[name.strip()] = read(value.strip())
     return pairs or None
 
@@ -358,10 +355,7 @@ def _scalar(text: str) -> "Scalar":
 
 
 def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
-    """Return the step of each SPEC.
-
-    Raises SpecError if one is not ``SPEC=N``, or if a run is not one of policies.
-    """
+    """Return the step of each SPEC; raises SpecError for another form or kind of run."""
     found = {}
     for one in given or []:
         spec, sign, step = one.rpartition("=")
@@ -374,10 +368,7 @@ def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict
 
 
 def read_places(words: Sequence[str]) -> dict[str, str]:
-    """Return the column of each place in ``PLACE=COLUMN``.
-
-    Raises SpecError for another form, or for a place that comes twice.
-    """
+    """Return the column of each place in ``PLACE=COLUMN``; raises SpecError for a bad pair."""
     places: dict[str, str] = {}
     for word in words:
         place, equals, column = word.partition("=")

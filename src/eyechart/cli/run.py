@@ -329,10 +329,7 @@ def _end(end: "Ending") -> None:
 def _probed(
     study: "Planner[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
 ) -> "tuple[P, dict[str, str]]":
-    """Plan a study with its models probed; also return why models were left out.
-
-    Exits 1 if no model is left.
-    """
+    """Plan a study with its models probed, and why some were left out; exit 1 without any."""
     from eyechart.planned import unasked
     from eyechart.probe import ProbeError
     from eyechart.probe.pinning import MOST_CALLS

@@ -42,10 +42,7 @@ def score(
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
-    """Print the verdict on every model of a run, and what decided it.
-
-    Example: eyechart verdict run.
-    """
+    """Print every model's verdict and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import Reading, study_of
 
     study = study_of(run, "verdict")

@@ -124,10 +124,7 @@ def _output() -> TextIO:
 
 
 def print_json(values: object) -> None:
-    """Print plain values as JSON on standard output.
-
-    It refuses NaN and infinity, and escapes characters that could control a terminal.
-    """
+    """Print plain values as JSON: no NaN, and terminal control characters escaped."""
     text = as_typed(json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False))
     if not text.replace("\n", "").isprintable():
         text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)

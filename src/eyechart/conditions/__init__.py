@@ -146,10 +146,7 @@ def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
 
 
 def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
-    """Return the maker of a frame with one channel of its partner's.
-
-    For ``kept`` all channels but one are the partner's.
-    """
+    """Return the maker of a frame with one channel of its partner, or all but one (``kept``)."""
 
     def make(channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
         own, other = frame, partner_of(frame, source, base, channel)
@@ -484,10 +481,7 @@ def _over(whole: Condition, camera: str) -> Condition:
 
 
 def require_partners(names: Sequence[str], source: Source) -> None:
-    """Raise BankError if a frame lacks the partner or the other text that a condition needs.
-
-    It is called before any call is made.
-    """
+    """Raise BankError before any call if a frame lacks a condition's partner or other text."""
     for name in names:
         needs = find_condition(name).needs
         if needs & {"partner", "stranger"}:

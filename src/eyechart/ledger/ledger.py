@@ -320,10 +320,7 @@ class Ledger:
             _TAKEN.add(self._digest)
 
     def damaged(self) -> list[str]:
-        """Return in words the rows that differ from what was written.
-
-        A reply without a checksum cannot show a difference.
-        """
+        """Return in words the rows that differ from what was written, as checksums show."""
         return list(damaged(self._sql))
 
     def unchecked(self) -> int:

@@ -84,10 +84,7 @@ class Look(Written):
         return None if self.run is None else str(self.run)
 
     def exit_code(self, *, accept_part: bool = False) -> int:
-        """Return 0 for Yes, 1 for No and In part, 2 for Inconclusive.
-
-        With ``accept_part`` it is 0 for In part too.
-        """
+        """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""
         return 0 if accept_part and self.answer == "In part" else EXIT_CODES[self.answer]
 
     def __str__(self) -> str:

@@ -199,10 +199,7 @@ def _failed(wanted: Wanted) -> Iterator[str]:
 
 
 def _pictures(answers: Answers) -> tuple[tuple[Pictured, ...], str]:
-    """Return three pictures with their answer counts, on the frames with a far lead.
-
-    A lead is far at or beyond the median gap.
-    """
+    """Return three pictures with their answer counts, on frames with a lead past the median."""
     gaps, every = answers.gaps, range(len(answers.frames))
     far, among = list(every), f"on {len(every)} frames"
     if gaps is not None and np.isfinite(gaps).any():

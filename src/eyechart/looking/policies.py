@@ -95,10 +95,7 @@ class PolicyLook:
         return self.wanted.held or open_policy(self.wanted.spec)
 
     def _sized(self) -> PolicyRun:
-        """Return the plan on all frames, or on as many as the budget allows.
-
-        The budget assumes that the policy samples its answers.
-        """
+        """Return the plan on all frames, or on as many as the budget allows a sampling policy."""
         wanted = self.wanted
         limit = read_manifest(wanted.run).limit if is_run(wanted.run) else None
         planned = self._plan(limit)
@@ -169,10 +166,7 @@ def _most(planned: PolicyRun, frames: int) -> int:
 
 
 def _because(verdict: PolicyVerdict) -> str:
-    """Return the statistic that decided, or the failed sanity check, in words.
-
-    It adds a warning if the policy's error is large against the log.
-    """
+    """Return in words what decided or which guard failed, with a warning of a large error."""
     if verdict.guards:
         return verdict.because
     said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"

@@ -139,10 +139,7 @@ class Bill:
 
 @dataclass(frozen=True)
 class Watch:
-    """The functions that report a look: lines, bars, and the bill.
-
-    ``agree`` accepts the bill or raises SpecError.
-    """
+    """Functions that report a look; ``agree`` accepts the bill or raises SpecError."""
 
     say: Callable[..., None]
     bar: Bar

@@ -72,10 +72,7 @@ def _shown(*values: float | None) -> str:
 
 
 def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
-    """Return the costs of calls: a row per model, and with ``every`` per condition.
-
-    An unknown value is no number.
-    """
+    """Return the costs of calls, a row per model, and with ``every`` per condition."""
     rows = tuple(
         (
             *(spec, *([name] if every else [])),

@@ -263,10 +263,7 @@ def dots(
     zero: bool = False,
     across: float = WIDE,
 ) -> Figure:
-    """Return named statistics as dots with intervals in their colours; hollow ones on request.
-
-    ``zero`` draws a line at 0.
-    """
+    """Return named statistics as coloured dots with intervals; ``zero`` draws a line at 0."""
     left = room([label for label, *_ in rows])
     figure, axes = canvas(left + across, 0.7 + 0.27 * len(rows), (left, 0.2, 0.5, 0.05))
     if zero:
@@ -309,10 +306,7 @@ def named_rows(axes: Axes, labels: Sequence[str], below: float) -> None:
 
 
 def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: str, corner: str) -> Figure:
-    """Return named points, with axes to at least 1 bit and 0.25 bit.
-
-    ``corner`` explains the lower right.
-    """
+    """Return named points, on axes to at least 1 and 0.25 bit, with words in a ``corner``."""
     figure, axes = canvas(5.5, 4.0, (0.65, 0.2, 0.6, 0.2))
     right = max([1.0, *(x for _, x, _ in points)]) * 1.3
     top = max([0.25, *(y for _, _, y in points)]) * 1.15

@@ -1,7 +1,4 @@
-"""A controller's plan as lines over a camera's picture, for people only.
-
-No model sees them, and no record holds them.
-"""
+"""A controller's plan as lines over a camera's picture, for people, not for models."""
 
 import itertools
 import math

@@ -136,10 +136,7 @@ def parted(said: Sequence[Said], answers: Mapping[str, Sequence[str]], what: str
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: an introduction, figures, tables and lines.
-
-    ``folded`` tables are closed at first.
-    """
+    """A part of a page, with figures, tables and lines; ``folded`` tables start closed."""
 
     title: str
     intro: str = ""
@@ -171,10 +168,7 @@ def write_page(page: Page, out: Path) -> None:
 
 
 def write_figures(drawn: Mapping[str, Sequence[Drawing]], folder: Path) -> list[Path]:
-    """Write every figure as SVG and PDF; return the files.
-
-    Raises OutputError as `write_files` does.
-    """
+    """Write every figure as SVG and PDF; raises OutputError as `write_files` does."""
     files = {}
     for drawing in (one for section in drawn.values() for one in section):
         files[f"{drawing.name}.svg"] = drawing.svg().encode("utf-8", "backslashreplace")

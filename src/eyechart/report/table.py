@@ -189,10 +189,7 @@ class Table:
         return ": ".join(filter(None, (self.about, self.caption)))
 
     def labelled(self, label: str, caption: str = "") -> "Table":
-        """Return the table under the paper's label, which names its files.
-
-        A given caption replaces its own.
-        """
+        """Return the table under the paper's label, which names its files, recaptioned if given."""
         return replace(self, name=label.replace(":", "-"), caption=caption or self.caption, label=label)
 
     def counted(self, counts: Sequence[int | None], unit: str, each: str = "") -> "Table":
@@ -428,10 +425,7 @@ def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
-    """Write tables as CSV, Markdown and LaTeX; return the files.
-
-    Raises OutputError as `write_files` does.
-    """
+    """Write tables in all forms; return the files. Raises OutputError as `write_files` does."""
     return write_files(files_of(tables), folder)
 
 

@@ -91,10 +91,7 @@ class Motion:
 
     @classmethod
     def read(cls, text: str) -> "Motion":
-        """Return the motion in such a text; raises ValueError if there is none.
-
-        Bytes that do not match their digest raise it too.
-        """
+        """Return the motion in such a text; raises ValueError without one or its exact bytes."""
         try:
             kept = json.loads(text)["motion"]
             shape, kind = tuple(map(int, kept["shape"])), str(kept["type"])
@@ -251,10 +248,7 @@ class MotionSpace(Usual):
         return Decision(motion)
 
     def lacks(self, reply: Answer) -> str:
-        """Return in words why a reply holds no motion, and what to do; "" if it is fine.
-
-        An error gives "" too.
-        """
+        """Return in words why a reply holds no motion; "" for a motion or an error."""
         decision = self.read(reply)
         if decision.action is not None or decision.missing == "error":
             return ""

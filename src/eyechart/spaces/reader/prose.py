@@ -785,10 +785,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> lis
 
 
 def _joins(marked: str, before: int, place: int, end: int) -> bool:
-    """Return whether two mentions are in one list.
-
-    A comma alone does not join a mention that has its own predicate.
-    """
+    """Return whether two mentions are in one list."""
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
@@ -852,10 +849,7 @@ def _is_state(left: str, right: str, one: Mention) -> bool:
 
 
 def _only_said(left: str, right: str, one: Mention) -> bool:
-    """Return whether a mention is no choice of the speaker.
-
-    It is another's act or words, conditional, an example, for later, or the state of a side.
-    """
+    """Return whether a mention is another's words, conditional, an example, or a state."""
     if (
         _is_state(left, right, one)
         or _SPOKEN_OF.search(left)
@@ -971,10 +965,7 @@ def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
 
 
 def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_Placed]:
-    """Return the mentions without choices of a pedal's number.
-
-    They are no choice beside another control's number, or where numbers have signs.
-    """
+    """Return the mentions; a pedal's number beside other controls is no choice."""
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
     return [

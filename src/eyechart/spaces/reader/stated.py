@@ -214,10 +214,7 @@ _BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 
 def _in_brackets(value: str, names: Names) -> Decision[str] | None:
-    """Return the mark in brackets after its meaning, as in "faster (3)".
-
-    None if other words are an action too.
-    """
+    """Return the mark after its meaning, "faster (3)"; None if other words are actions."""
     found = _BRACKETS.fullmatch(value)
     action = None if found is None else names.whole(found.group(2))
     if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
@@ -335,10 +332,7 @@ def _stated_under(
 
 
 def _thing(key: str, *, alone: bool) -> int:
-    """Return what an object under a key is about; a key ``alone`` is about the own motion.
-
-    That does not hold for a key of things seen.
-    """
+    """Return what an object under a key is about: an answer, the own thing, or another."""
     if _HOLDS.fullmatch(key):
         return _ANSWER
     return _OWN_THING if _MOVES.fullmatch(key) or (alone and not _SEEN.search(key)) else _OTHER_THING
@@ -414,10 +408,7 @@ def _is_of_other_side(action: str, side: str, names: Names) -> bool:
 
 
 def _has_other_unit(value: _Pairs, names: Names) -> bool:
-    """Return whether an object has another unit than the space's.
-
-    An example is ``{"speed": 10, "unit": "km/h"}``.
-    """
+    """Return whether an object has another unit than the space's, as {"unit": "km/h"}."""
     units = {one.upper() for one in names.quantity.units}
     said = [inner for key, inner in value if key.lower() in {"unit", "units"} and isinstance(inner, str)]
     return bool(units) and any(one.strip().upper() not in units for one in said)
