@@ -201,7 +201,7 @@ NULLS: tuple[Null, ...] = (
     Null("swaps_pairing", "turns that do not depend on each other", _turning(0.5, 0.5)),
     Null("swaps_pairing", "mostly left, and mostly right in the mirror, whatever it shows", _turning(0.8, 0.2)),
     Null("no_swaps", f"exactly half of the turns exchanged, {_CLUSTER}", _half_swapped),
-    Null("no_swaps", "turns that do not depend on each other, both sides equal", _turning(0.5, 0.5)),
+    Null("no_swaps", "turns that do not depend on each other, either side alike", _turning(0.5, 0.5)),
     Null("few_turns", f"as few turns as could show exchange, {_CLUSTER}", _few),
 )
 """Every null, at its boundary if it has one."""
