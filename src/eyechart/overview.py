@@ -328,7 +328,7 @@ def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -
 
 
 def models_table(entries: Sequence[Entry]) -> Table:
-    """Return a row per model and a column per subject, with the newest verdict."""
+    """Return a row per model and a column per bank or simulator, with the newest verdict."""
     judged = [one for one in entries if one.judged]
     kinds = dict.fromkeys((one.about, one.study) for one in judged)
     heads = {
@@ -342,10 +342,10 @@ def models_table(entries: Sequence[Entry]) -> Table:
         cells.append((model, *("—" if one is None else _said(one) for one in mine)))
     return Table(
         "models",
-        "The newest verdict on each model, by subject",
+        "The newest verdict on each model, by bank or simulator",
         (Column("model", "word"), *(Column(one, "word") for one in heads.values())),
         tuple(cells),
-        "Verdicts on different banks answer different questions: this table compares no numbers.",
+        "Verdicts on different banks answer different questions, so they are not compared.",
     )
 
 

@@ -44,10 +44,10 @@ def assert_grounded(
     (default ``camera:camera_content``). ``terms`` are those of `eyechart.gate.FurtherTerms`:
     ``order``, as ``order=0.05``, ``allow_fingerprints`` and ``made_elsewhere``. ``independent`` and
     ``reread`` are those of `eyechart.api.read_report`.
-    "Cannot say" fails too: so does an empty or unfinished run. Answers from several models, from
-    several fingerprints of one, or from elsewhere fail unless a term allows them. The message fits
-    on one screen: failures come first, and the others are counted; `eyechart.gate.hold` returns
-    every check.
+    "Cannot say" fails too, and so does an empty or unfinished run, or one with answers from several
+    models. Several fingerprints of one model and answers from elsewhere fail unless a term allows
+    them. The message fits on one screen: failures come first, and the others are counted;
+    `eyechart.gate.hold` returns every check.
     Raises LedgerError or BankError if the folder is no run or needs ``reread``, and SpecError if
     its kind has no gate.
     """

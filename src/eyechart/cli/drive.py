@@ -275,7 +275,7 @@ def audit(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of episodes.", metavar="RUN...")],
     json: options.Json = False,
 ) -> None:
-    """Show whether drives differ by decisions or by chance.
+    """Show whether drivers decide or only vary.
 
     It prints Table t:degeneracy, the replay of decisions, and identical drives. Exit 1: a cache is
     suspected. Example: eyechart audit run-a run-b --json
