@@ -198,7 +198,7 @@ def test_an_end_that_is_not_known_is_said() -> None:
     sent = sent_with(lambda at, name: replace(fine(at, name), finish_reason="pause" if at < 2 else "eos"))
     found = {one.name: one for one in guards(sent, keys(), MODE)}
     assert found["truncation"].holds is None
-    assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', a word that is not known")
+    assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', an unknown finish reason")
 
 
 @pytest.mark.parametrize("lost", [1, 4, 10])

@@ -99,7 +99,7 @@ def test_runs_of_one_kind_stand_in_one_table_and_say_whose_row_it_is(tmp_path: P
 
 def test_a_guardian_without_votes_says_what_to_name() -> None:
     """A run of no scene estimates holds none."""
-    with pytest.raises(SpecError, match="name a run of scene estimates, or a table of votes"):
+    with pytest.raises(SpecError, match="give a run of scene estimates, or a table of votes"):
         artefacts([MADE / "prompts"], guardian=MADE / "watcher.json")
 
 
@@ -192,11 +192,11 @@ def test_what_worlds_were_vetted_by_is_the_row_of_the_positive_control() -> None
 def test_notes_of_stacked_tables_are_joined_in_any_order() -> None:
     """A price that only one of the runs lacks is not lost."""
     tables = {
-        "a": Table("", "", (Column("who"),), (("x",),), "— not known"),
-        "b": Table("", "", (Column("who"),), (("y",),), "— not known. Price unknown: none has it"),
+        "a": Table("", "", (Column("who"),), (("x",),), "— unknown"),
+        "b": Table("", "", (Column("who"),), (("y",),), "— unknown. Price unknown: none has it"),
     }
     for order in (("a", "b"), ("b", "a")):
-        assert stacked({name: tables[name] for name in order}).note == "— not known. Price unknown: none has it"
+        assert stacked({name: tables[name] for name in order}).note == "— unknown. Price unknown: none has it"
 
 
 def test_entropy_against_information_is_drawn_of_models_only() -> None:

@@ -209,5 +209,5 @@ def test_a_limit_that_stops_a_run_opens_no_further_model(bank: FrameBank, tmp_pa
 
 def test_an_argument_that_is_no_choice_is_said(bank: FrameBank, tmp_path: Path) -> None:
     """From Python, by its name."""
-    with pytest.raises(SpecError, match="sequential is True, False or None, not 'yes'"):
+    with pytest.raises(SpecError, match="sequential must be True, False or None, not 'yes'"):
         run_battery(bank, MODELS, tmp_path / "run", sequential="yes")  # type: ignore[arg-type]

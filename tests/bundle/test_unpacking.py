@@ -99,7 +99,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
         file.writestr("bundle.json", "{}")
         with pytest.warns(UserWarning, match="Duplicate name"):
             file.writestr("bundle.json", "[]")
-    assert "a name stands in it twice" in refused(tmp_path / "b.zip", tmp_path)
+    assert "it holds a name twice" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path: Path) -> None:

@@ -440,7 +440,7 @@ def test_what_is_not_driven_again_is_said(packed: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(checked, "MOST_DRIVEN", 1)
     assert validate(packed).uncompared == ["3 of 3 episodes of rover"]
     monkeypatch.setattr(checked, "MOST_STEPS", 5)
-    assert "it has more than the 5 steps that are validated: nothing is recomputed" in said(validate(packed))
+    assert "it has more than 5 steps, the most that are validated: nothing is recomputed" in said(validate(packed))
 
 
 def test_a_machine_that_computes_other_last_bits_is_told_from_a_changed_record(packed: Path, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def asked(bank: FrameBank, out: Path, name: str, *more: object, code: int = 0) -
     [
         ("faulty_arms:with_batch", f"{BATCH} batch: [0]"),
         ("arms:half", "return 8 steps, or import the bank with --horizon 4"),
-        ("arms:not_a_number", "some of its numbers are no numbers (NaN"),
+        ("arms:not_a_number", "some of its values are not numbers (NaN"),
         ("faulty_arms:one_answer", "exception: ValueError: a dict is no array of numbers"),
     ],
 )
