@@ -175,7 +175,7 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
         if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
             said.append(f"{spec} had another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
-        said += [f"{spec}: only in the {which} run" for spec in mine.models if spec not in theirs.models]
+        said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
         left = {spec: unfinished(one.answered, one.planned) for spec, one in mine.models.items()}
         said += [
             f"{spec}: the {which} run is {words}" for spec, words in left.items() if words and spec in theirs.models

@@ -447,7 +447,7 @@ class _Repeats:
         if mode.temperature and same == pairs:
             says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
             return Guard("cache", None, f"{says}: by a cache, or by a model that is sure of a short answer")
-        return Guard("cache", True, f"{same} of {pairs} repeats are equal, and none came suspiciously fast")
+        return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")
 
     def under_load(self) -> tuple[Guard, ...]:
         """Return whether repeats agree in the run as alone at temperature 0; none if unknown."""
