@@ -223,7 +223,7 @@ def test_pictures_of_one_condition_that_were_dropped_fail_the_guard(condition: s
     found = guard("picture", [*sent, *more], mode)
     assert found.holds is holds
     if not holds:
-        assert f"10 of 10 prompts with a picture, of {condition}, have exactly the tokens" in found.because
+        assert f"10 of 10 prompts with a picture, under {condition}, have exactly the tokens" in found.because
 
 
 @pytest.mark.parametrize("counted", [None, 0, 3])

@@ -232,7 +232,7 @@ def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
             f"another question, whose answer was 'content'; not the same {name}",
         )
     same = replace(now, asked=before.asked)
-    assert history_table([before, same]).texts()[1][2] == "another verdict: it was content, asked the same"
+    assert history_table([before, same]).texts()[1][2] == "another verdict: it was content, with the same question"
 
 
 def test_verdicts_of_two_kinds_are_not_held_against_each_other() -> None:

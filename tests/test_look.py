@@ -332,7 +332,7 @@ def test_two_places_for_frames_are_refused(small: Path, here: Path) -> None:
     """And what belongs to one that is not given."""
     assert "both give frames" in str(look("scripted:depth", "--frames", small, "--dataset", here).exception)
     assert "belong together" in str(look("scripted:depth", "--photos", here).exception)
-    assert "--threshold is said of" in str(look("scripted:depth", "--threshold", 5).exception)
+    assert "--threshold needs" in str(look("scripted:depth", "--threshold", 5).exception)
     assert "unknown model 'gpt-4o'" in str(look("gpt-4o").exception)
     assert "did you mean 'openai'" in str(look("opnai:gpt-4o").exception)
 

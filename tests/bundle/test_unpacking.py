@@ -243,7 +243,7 @@ def test_a_run_whose_pictures_are_gone_is_not_bundled(run: Path, tmp_path: Path)
     shutil.copytree(run, tmp_path / "run")
     raw = json.loads((tmp_path / "run" / "run.json").read_text())
     (tmp_path / "run" / "run.json").write_text(json.dumps(raw | {"bank_path": str(tmp_path / "none")}))
-    with pytest.raises(BundleError, match=r"are not at hand: .*give the bank with --frames"):
+    with pytest.raises(BundleError, match=r"are missing: .*give the bank with --frames"):
         write_bundle(tmp_path / "run", tmp_path / "out" / "b.zip")
     assert not (tmp_path / "out" / "b.zip").exists()
 
