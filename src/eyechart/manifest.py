@@ -283,7 +283,7 @@ class RunManifest(Manifest):
         if self.reader not in known and not reread:
             raise LedgerError(
                 f"{path} was started with version {self.reader} of the reader of replies, and this is version "
-                f"{known[-1]}. Replies may now be read differently: read them anew with --reread"
+                f"{known[-1]}. Replies may now be read differently: read its replies anew with --reread"
             )
 
     @classmethod
