@@ -171,7 +171,7 @@ def _because(verdict: PolicyVerdict) -> str:
         return verdict.because
     said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
     if verdict.misfit is not None and verdict.misfit >= MISFIT:
-        said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than the log."
+        said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
     return said
 
 
