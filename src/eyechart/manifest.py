@@ -113,7 +113,7 @@ class Manifest:
             if mine != theirs:
                 before, now = self._said_of(name, other), other._said_of(name, self)
                 raise LedgerError(
-                    f"this run has {before}, but the command gives {now}; give the same options to resume it, "
+                    f"this run has {before}, now {now} was asked for; give the same options to resume it, "
                     "or another --out for another run"
                 )
         grown = self._wider(other)
@@ -310,7 +310,7 @@ class RunManifest(Manifest):
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
         if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):
             raise LedgerError(
-                f"this run was started with --controls {self.controls}, but the command gives {other.controls}; "
+                f"this run was started with --controls {self.controls}, now {other.controls} was asked for; "
                 "give at least as many to resume it, or another --out for another run"
             )
         limit = None if None in {self.limit, other.limit} else max(self.limit or 0, other.limit or 0)
@@ -380,7 +380,7 @@ class EpisodesManifest(Manifest):
     def _wider(self, other: "EpisodesManifest") -> dict[str, Any]:
         if other.max_steps < self.max_steps:
             raise LedgerError(
-                f"this run has --max-steps {self.max_steps}, but the command gives {other.max_steps}: finished "
+                f"this run has --max-steps {self.max_steps}, now {other.max_steps} was asked for: finished "
                 "drives may be longer; give at least as many, or another --out"
             )
         return {"max_steps": other.max_steps}

@@ -57,7 +57,10 @@ def many_frames(folder: Path) -> None:
 
 
 STRANGE = {
-    "repeated conditions": (run_with(conditions=["real"] * 10**6), r"it has 1000000 conditions, more than the 1000 that"),
+    "repeated conditions": (
+        run_with(conditions=["real"] * 10**6),
+        r"it has 1000000 conditions, more than the 1000 that",
+    ),
     "a long seed": (run_with(seed=10**400), r"seed is 1000\d+…, not a number up to 1e\+30"),
     "a longer seed": (
         in_json("run/run.json", lambda raw: json.dumps(raw).replace('"seed": 0', f'"seed": {"9" * 4400}')),

@@ -140,7 +140,7 @@ def test_what_the_bound_on_steps_ended_is_driven_anew_under_a_larger_one(tmp_pat
     first, then = read_episodes(tmp_path)
     assert (first.ended, first.detail, first.max_steps) == ("error", "it did not end within 4 steps", 4)
     assert (then.ended, then.max_steps, then.steps[:4]) == ("goal", 12, first.steps)
-    with pytest.raises(LedgerError, match="has --max-steps 12, but the command gives 4"):
+    with pytest.raises(LedgerError, match="has --max-steps 12, now 4 was asked for"):
         study.plan(study.Setup("tiny", max_steps=4), [policy], tmp_path, **asked)  # type: ignore[arg-type]
     if policy == LOOK:
         with Ledger(tmp_path / LEDGER) as ledger:

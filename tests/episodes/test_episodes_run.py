@@ -142,7 +142,7 @@ def test_policies_seeds_and_conditions_may_be_added_and_nothing_else_may_change(
     for asked, words in (
         ({"seed": 3}, "has seed 0, now seed 3"),
         ({"prompt": "minimal"}, "has prompt baseline@.*, now prompt minimal@"),
-        ({"max_steps": 9}, "has --max-steps 1000, but the command gives 9"),
+        ({"max_steps": 9}, "has --max-steps 1000, now 9 was asked for"),
     ):
         with pytest.raises(LedgerError, match=words):
             planned(out, "oracle", **asked)

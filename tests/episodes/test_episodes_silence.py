@@ -243,7 +243,7 @@ def test_what_is_no_silence_leaves_the_drive_unfinished(tmp_path: Path, silence:
 def test_a_run_is_resumed_under_the_rule_that_it_was_begun_with(tmp_path: Path) -> None:
     """Half a run of waiting and half a run of stopping would be none of both."""
     study.run(tiny(tmp_path / "run", "fading", "unfinished"), bounds=Bounds(limits=Limits(calls=1)))
-    with pytest.raises(LedgerError, match="this run has silence unfinished, but the command gives silence fail-safe"):
+    with pytest.raises(LedgerError, match="this run has silence unfinished, now silence fail-safe was asked for"):
         tiny(tmp_path / "run", "fading", "fail-safe")
     with pytest.raises(SpecError, match="unknown silence 'stop'; a model that says nothing is unfinished or fail-safe"):
         tiny(tmp_path / "other", "fading", "stop")

@@ -378,7 +378,7 @@ def test_what_cannot_be_stopped_early_is_refused(bank: FrameBank, tmp_path: Path
 
 def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_path: Path) -> None:
     """Neither is a run that stops early resumed without, nor another one with it."""
-    with pytest.raises(LedgerError, match="this run has stop_early True, but the command gives stop_early False"):
+    with pytest.raises(LedgerError, match="this run has stop_early True, now stop_early False was asked for"):
         study.plan(bank.root, [STEADY], stopped)
     study.run(study.plan(bank.root, [STEADY], tmp_path / "run", extent=study.Extent(2)))
     with pytest.raises(LedgerError, match="stop_early False"):
