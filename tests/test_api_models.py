@@ -152,7 +152,7 @@ def test_a_served_model_is_probed_with_what_is_given(bank: FrameBank, tmp_path: 
     mode = given.score.manifest.mode("openai:m")
     assert (mode.max_tokens, mode.measured is not None) == (900, True)
     with served() as moved:
-        with pytest.raises(LedgerError, match="or moved=True to go on there and record it"):
+        with pytest.raises(LedgerError, match="or moved=True to continue there and record it"):
             run_battery(bank, "openai:m", tmp_path / "run", limit=2, base_url=moved.base_url, max_tokens=900)
         how = {"base_url": moved.base_url, "max_tokens": 900, "moved": True}
         more = run_battery(bank, "openai:m", tmp_path / "run", limit=2, **how)  # type: ignore[arg-type]
@@ -208,7 +208,7 @@ def test_callables_that_hold_other_things_are_other_models(bank: FrameBank, tmp_
         run = tmp_path / f"run-{number}"
         rows = run_battery(bank, {"m": first}, run, limit=1, controls="none").rows()
         assert run_battery(bank, {"m": first}, run, limit=1, controls="none").rows() == rows
-        with pytest.raises(LedgerError, match="two versions in one run cannot be told apart"):
+        with pytest.raises(LedgerError, match="One run cannot hold two versions"):
             run_battery(bank, {"m": other}, run, limit=1, controls="none")
         assert run_battery(bank, {"m": make("STOP")}, run, limit=1, controls="none").rows() == rows
 
@@ -224,7 +224,7 @@ def test_a_loss_is_accepted_where_that_is_said(bank: FrameBank, tmp_path: Path) 
         Path(f"{run / LEDGER}{beside}").unlink(missing_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MissingCallsWarning)
-        with pytest.raises(LedgerError, match="or go on without them with accept_loss=True"):
+        with pytest.raises(LedgerError, match="or continue without them with accept_loss=True"):
             run_battery(bank, decide, run, limit=2, controls="none")
     score = run_battery(bank, decide, run, limit=2, controls="none", accept_loss=True).score
     (model,) = score.models.values()

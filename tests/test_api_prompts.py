@@ -116,7 +116,7 @@ def test_what_cannot_be_compared_is_refused(bank: FrameBank, report: PromptsRepo
         with pytest.raises(SpecError, match=why):
             compare_prompts(bank, "scripted:depth", prompts, tmp_path / "none")
     for asking, why in (
-        ({"conditions": "real,blank"}, "conditions are several, for example"),
+        ({"conditions": "real,blank"}, "conditions takes several values, for example"),
         ({"promt": "baseline"}, "unexpected keyword argument 'promt'.* it takes .*limit"),
         ({"limt": 3}, "did you mean 'limit'"),
     ):

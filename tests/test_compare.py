@@ -64,7 +64,7 @@ def test_runs_that_share_no_bank_or_no_model_are_refused(runs: tuple[Path, Path]
     assert len(frames_in_common(first, elsewhere)) == len(other)
     strange = banks.build_bank(tmp_path / "strange", scenarios=["strange"])
     battery.run(battery.plan(strange.root, ["scripted:depth"], tmp_path / "nothing"))
-    with pytest.raises(SpecError, match="share no frame of equal geometry"):
+    with pytest.raises(SpecError, match="without a frame of equal geometry"):
         frames_in_common(first, battery.score(tmp_path / "nothing"))
     bank = runs[0].parent / "bank"
     battery.run(battery.plan(bank, ["scripted:random"], tmp_path / "another"))
@@ -172,7 +172,7 @@ def test_two_banks_are_compared_frame_by_frame(bank: FrameBank) -> None:
     done = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(other.root)])
     assert done.exit_code == 1
     first = next(iter(bank)).id
-    assert f"{len(bank)} frames stand in both banks, of {len(bank)} and of {len(bank) + 2}" in done.output
+    assert f"{len(bank)} frames are in both banks ({len(bank)} and {len(bank) + 2} frames)" in done.output
     assert f"{len(bank) - 1} are the same moments" in done.output
     assert f"{first} differs in lead_gap_m" in done.output
     assert "lead_gap_m: at most 0.500 apart" in done.output
@@ -180,7 +180,7 @@ def test_two_banks_are_compared_frame_by_frame(bank: FrameBank) -> None:
     assert (same.exit_code, json.loads(same.stdout)["geometry"]["equal"]) == (0, len(bank))
     none = banks.build_bank(bank.root.parent / "none", scenarios=["strange"])
     apart = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(none.root)])
-    assert (apart.exit_code, "has one name in both banks" in apart.output) == (1, True)
+    assert (apart.exit_code, "frames have no name in common" in apart.output) == (1, True)
 
 
 def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(
@@ -198,7 +198,7 @@ def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(
     alone = battery.score(runs[0], frames=shared)
     assert alone.models["scripted:depth"].answers.frames == tuple(bank)[1:]
     assert depth["labels"]["verdict"][0] == judge(alone)["scripted:depth"].calibrated.label
-    with pytest.raises(SpecError, match=f"of which they share {len(bank) - 1}: score both on these alone"):
+    with pytest.raises(SpecError, match=f"and they share {len(bank) - 1}: score both on these alone"):
         compare(battery.score(runs[0]), battery.score(tmp_path / "second"))
     with pytest.raises(SpecError, match="it has none of them"):
         battery.score(runs[0], frames=["nowhere"])

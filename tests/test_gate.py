@@ -112,7 +112,7 @@ def test_a_null_that_nothing_bounds_cannot_say(demo: Demo, tmp_path: Path) -> No
     weaker = replace(model, statistics={**model.statistics, "depth_interventional": few})
     held = [hold(replace(scored, models={spec: one}), ["depth"]).checks[0] for one in (model, weaker)]
     assert [one.holds for one in held] == [False, None]
-    assert "is not shown either (no bound below 0.1)" in held[1].because
+    assert "ignores distance (no bound below 0.1)" in held[1].because
 
 
 def test_calls_that_failed_are_no_replies_of_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

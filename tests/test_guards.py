@@ -198,7 +198,7 @@ def test_an_end_that_is_not_known_is_said() -> None:
     sent = sent_with(lambda at, name: replace(fine(at, name), finish_reason="pause" if at < 2 else "eos"))
     found = {one.name: one for one in guards(sent, keys(), MODE)}
     assert found["truncation"].holds is None
-    assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', a word that is not known")
+    assert found["truncation"].because.startswith("6 of 30 answers end with 'pause', an unknown finish reason")
 
 
 @pytest.mark.parametrize("lost", [1, 4, 10])
@@ -223,7 +223,7 @@ def test_pictures_of_one_condition_that_were_dropped_fail_the_guard(condition: s
     found = guard("picture", [*sent, *more], mode)
     assert found.holds is holds
     if not holds:
-        assert f"10 of 10 prompts with a picture, of {condition}, have exactly the tokens" in found.because
+        assert f"10 of 10 prompts with a picture, under {condition}, have exactly the tokens" in found.because
 
 
 @pytest.mark.parametrize("counted", [None, 0, 3])

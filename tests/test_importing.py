@@ -434,7 +434,7 @@ def test_steps_that_stand_twice_and_numbers_beyond_every_bank_are_named_beside_a
     for fault in (
         "--mirror takes vertical, horizontal or none, not 'diagonal'",
         "none.toml cannot be read",
-        "--threshold is a number up to 1e+30",
+        "--threshold must be a number up to 1e+30",
         "row 2: the step 'tick' is 'x'",
         "row 4: the episode 'drive' is empty",
         "row 6: the gap 'lidar_m' is 1e+35",
@@ -461,7 +461,7 @@ def test_ground_truth_that_no_bank_holds_is_named_by_every_row(imported: Import,
     [
         (["--table", "t.txt"], "is no table that can be read; known endings are .csv"),
         (["--table", "none.csv"], "does not exist or is no file"),
-        ([], "give --table FILE of the pictures, or --format lerobot"),
+        ([], "give either --table FILE of the pictures or --format lerobot"),
         (["--format", "zip"], "--format takes table or lerobot"),
         (["--table", "t.csv", "--map", "gap"], "--map takes PLACE=COLUMN"),
         (["--table", "t.csv", "--mirror", "left"], "--mirror takes vertical, horizontal or none"),

@@ -52,11 +52,11 @@ def test_a_format_that_is_named_is_taken_at_its_word(tmp_path: Path) -> None:
     for one in ("photo.png", FORMATS["lerobot"].sign):
         (tmp_path / one).parent.mkdir(exist_ok=True)
         (tmp_path / one).touch()
-    with pytest.raises(SpecError, match="give --table FILE of the pictures"):
+    with pytest.raises(SpecError, match="give either --table FILE of the pictures"):
         find_format("table", tmp_path, [])
     given = ["frames", "import", str(tmp_path), "--out", str(tmp_path / "bank")]
     named, told = (CliRunner().invoke(app, [*given, *more]).exception for more in (["--format", "table"], []))
-    assert "give --table FILE of the pictures" in str(named)
+    assert "give either --table FILE of the pictures" in str(named)
     assert "no description of a LeRobotDataset" in str(told)
 
 

@@ -95,7 +95,7 @@ def test_a_model_over_time_is_held_against_the_run_before(folder: Path) -> None:
     rows = [row for row in history_table(entries).texts() if row[0] == STEADY]
     assert [row[3] for row in rows] == ["a", "later/b", "later/c"]
     assert rows[0][2] == "the first"
-    assert rows[1][2] == "the same verdict, asked the same"
+    assert rows[1][2] == "the same verdict, with the same question"
     assert rows[2][2].endswith("not the same bank")
     assert NOISY not in {row[0] for row in history_table(entries).texts()}
 
@@ -142,7 +142,7 @@ def test_runs_of_one_day_stand_in_the_order_of_their_first_calls(tmp_path: Path)
     rows = history_table(entries).texts()
     assert [(row[3], row[2]) for row in rows] == [
         ("z-before", "the first"),
-        ("a-after", "the same verdict, asked the same"),
+        ("a-after", "the same verdict, with the same question"),
     ]
     assert all(re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", row[4]) for row in rows)
     assert runs_table(entries).texts()[0][2] == "a-after"
@@ -229,10 +229,10 @@ def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
     else:
         assert (said.beware, words) == (
             "",
-            f"another question, to which the answer was 'content'; not the same {name}",
+            f"another question, whose answer was 'content'; not the same {name}",
         )
     same = replace(now, asked=before.asked)
-    assert history_table([before, same]).texts()[1][2] == "another verdict: it was content, asked the same"
+    assert history_table([before, same]).texts()[1][2] == "another verdict: it was content, with the same question"
 
 
 def test_verdicts_of_two_kinds_are_not_held_against_each_other() -> None:
@@ -285,7 +285,7 @@ def test_report_of_a_folder_writes_the_index_with_its_tables(folder: Path, tmp_p
     assert {path.name for path in (tmp_path / "tables").glob("*.csv")} == {"runs.csv", "models.csv", "history.csv"}
     refused = report(folder, "--out", tmp_path / "other.html", "--figures", tmp_path / "figures")
     assert isinstance(refused.exception, SpecError)
-    assert str(refused.exception) == "an index of runs takes no --figures: give the runs themselves"
+    assert str(refused.exception) == "an index of runs does not take --figures: give the runs themselves"
     assert not (tmp_path / "other.html").exists()
 
 

@@ -321,7 +321,7 @@ def test_a_ledger_of_format_1_is_not_appended_to(tmp_path: Path) -> None:
     path = tmp_path / "ledger.sqlite"
     older(path, 1)
     before = files(tmp_path)
-    with pytest.raises(LedgerError, match="format 1, which is read and not appended to"):
+    with pytest.raises(LedgerError, match="format 1, which can be read but not appended to"):
         Ledger(path, create=True)
     assert files(tmp_path) == before
 

@@ -265,7 +265,7 @@ def test_commands_say_how_many_calls_are_missing(tmp_path: Path) -> None:
         assert "--accept-loss" in str(refused.exception)
         again = CliRunner().invoke(app, [*asked, "--accept-loss"])
     assert again.exit_code == 0, again.output
-    assert "are lost: the run goes on without them" in again.output
+    assert "are lost: the run continues without them" in again.output
     with Ledger(out / "ledger.sqlite") as ledger:
         assert (ledger.held(), ledger.missing) == (made, NOTHING)
 
@@ -294,4 +294,4 @@ def test_every_run_goes_on_without_what_was_lost(tmp_path: Path, study: str) -> 
         assert isinstance(refused.exception, LedgerError)
         again = CliRunner().invoke(app, [*asked, "--accept-loss"])
     assert again.exit_code == 0, again.output
-    assert "are lost: the run goes on without them" in again.output
+    assert "are lost: the run continues without them" in again.output

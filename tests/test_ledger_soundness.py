@@ -65,7 +65,7 @@ def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, 
     belongs = "the reply to attempt 9, which belongs to no call"
     named = belongs if column == "attempt" else f"{MODEL}'s reply about f3 under real"
     for create in (False, True):
-        with pytest.raises(LedgerError, match=rf"ledger\.sqlite is damaged: .* is {named}; restore it from a copy"):
+        with pytest.raises(LedgerError, match=rf"ledger\.sqlite is damaged in {named}; restore it from a copy"):
             Ledger(path, create=create)
     with Ledger(path, sound=False) as ledger:
         assert ledger.damaged() == [named]
@@ -82,7 +82,7 @@ def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, 
 def test_what_was_asked_in_a_call_is_part_of_its_checksum(path: Path, script: str) -> None:
     """A reply whose call or attempt was changed is another reply."""
     change(path, f"UPDATE {script}".replace("repeat || 'x'", "repeat + 1"))
-    with pytest.raises(LedgerError, match=f"is damaged: .*{MODEL}x?'s reply about f"):
+    with pytest.raises(LedgerError, match=f"is damaged in .*{MODEL}x?'s reply about f"):
         Ledger(path)
 
 
@@ -90,7 +90,7 @@ def test_what_was_asked_in_a_call_is_part_of_its_checksum(path: Path, script: st
 def test_an_attempt_that_is_none_of_its_calls_is_named(path: Path, script: str) -> None:
     """Also one that nothing came of, which has no checksum."""
     change(path, f"UPDATE attempts SET {script}")  # noqa: S608 - our own words
-    with pytest.raises(LedgerError, match=f"attempt {script[-1]}, which is not the next of its call's"):
+    with pytest.raises(LedgerError, match=f"attempt {script[-1]}, which breaks the count of its call"):
         Ledger(path)
 
 
@@ -101,7 +101,7 @@ def test_several_damaged_rows_are_counted(path: Path) -> None:
         Ledger(path)
 
 
-@pytest.mark.filterwarnings("ignore:.*stands without its counter")
+@pytest.mark.filterwarnings("ignore:.*is without its counter")
 def test_no_flipped_bit_changes_what_is_read(path: Path, tmp_path: Path) -> None:
     """Anywhere in the file: all that is said of the calls is what it was, or the ledger is refused."""
     whole, truth, bits = path.read_bytes(), rows_of(path), random.Random(1)  # noqa: S311 - which bits, no secret
@@ -226,7 +226,7 @@ ledger.Ledger(Path({str(path)!r}), create=True)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["ledger.sqlite", "ledger.sqlite.counter"]
 
 
-@pytest.mark.filterwarnings("ignore:.*stands without its counter")
+@pytest.mark.filterwarnings("ignore:.*is without its counter")
 def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -278,7 +278,7 @@ def test_a_reply_without_a_checksum_is_none_of_format_3(change: str, tmp_path: P
         for number in range(3):
             ledger.close(ledger.begin(said._replace(frame=f"f{number}"), "digest"), Reply("RIGHT"))
     _unchecked(path, change)
-    with pytest.raises(LedgerError, match=r"not what its checksum says is m's reply about f\d"):
+    with pytest.raises(LedgerError, match=r"is damaged in m's reply about f\d"):
         Ledger(path)
 
 
@@ -305,7 +305,7 @@ def test_a_ledger_that_was_copied_without_what_lies_beside_it_is_said_to_be(left
             if not one.name.endswith(tuple(left.split())):
                 shutil.copyfile(one, tmp_path / "copied" / one.name)
         ledger.copy_to(tmp_path / "whole.sqlite")
-    with pytest.warns(MissingCallsWarning, match=r"stands without its counter, .* copy ledger\.sqlite\.counter and"):
+    with pytest.warns(MissingCallsWarning, match=r"is without its counter, .* copy ledger\.sqlite\.counter and"):
         Ledger(tmp_path / "copied" / path.name).__exit__(None, None, None)
     with Ledger(tmp_path / "whole.sqlite") as copy, Ledger(path) as own:
         assert copy.held() == own.held()

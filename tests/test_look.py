@@ -138,7 +138,7 @@ def test_an_endpoint_that_drops_pictures_is_inconclusive_before_a_frame_is_asked
     with served(sees=False, counts_pictures=False) as server:
         said = flat(screen("openai:m", "--base-url", server.base_url, "--frames", small, code=2))
         assert server.requests <= 30
-    assert said.startswith("Inconclusive. Nothing was asked about the frames")
+    assert said.startswith("Inconclusive. No call about the frames was made")
     assert "Likely cause:" in said
     assert "eyechart doctor openai:m --base-url" in said
     assert not (here / "looks/openai-m/run").exists()
@@ -172,7 +172,7 @@ def test_a_model_of_ollama_is_looked_at_over_its_own_api(small: Path, here: Path
         assert read_manifest(here / "looks/ollama-llava/run").mode("ollama:llava").measured is not None
         stand_in.endpoint, stand_in.capabilities = Endpoint(sees=False), ["completion"]
         said = flat(screen(*words, "--out", "blind", code=2))
-    assert said.startswith("Inconclusive. Nothing was asked about the frames")
+    assert said.startswith("Inconclusive. No call about the frames was made")
     assert "its capabilities are completion" in said
 
 
@@ -208,7 +208,9 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     assert "converted to PNG: 1 pictures (1 turned)" in done.stderr
     assert "columns, guessed by their names: " in done.stderr
     said = flat(done.stdout)
-    assert "12 calls ended in an error, so that 'gate' and assert_looks cannot say. The first: exception: " in said
+    assert (
+        "12 calls ended in an error, so 'gate' and assert_looks are inconclusive. The first error: exception: " in said
+    )
     assert "TypeError" in said
     gate = CliRunner().invoke(app, ["gate", "looks/python-needs_one-decide/run", "--require", "looks"])
     assert gate.exit_code == 2
@@ -306,14 +308,14 @@ def test_a_budget_is_kept_and_what_is_out_of_reach_is_said_before_a_call(demo: D
     more = look("scripted:constant", "--frames", demo.bank, "--budget", 3000)
     said = flat(more.stderr)
     frames = read_manifest(here / "looks/scripted-constant/run").limit
-    assert f"was begun on {frames} of 144 frames, and goes on with those, whatever the budget" in said
+    assert f"was started on {frames} of 144 frames, and keeps those, whatever the budget" in said
     assert "--budget 3000 --out looks/scripted-constant-2" in said
-    assert said.index("was begun on") < said.index("at most 0 calls")
+    assert said.index("was started on") < said.index("at most 0 calls")
     with Ledger(here / "looks/scripted-constant/run" / LEDGER) as ledger:
         assert ledger.finished() == kept
     few = look("scripted:constant", "--frames", demo.bank, "--budget", 30, "--out", "few")
     assert isinstance(few.exception, SpecError)
-    assert "no answer is within reach of so few calls" in str(few.exception)
+    assert "so few calls can give no answer" in str(few.exception)
 
 
 def test_what_costs_is_not_begun_where_nobody_agrees(small: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,9 +330,9 @@ def test_what_costs_is_not_begun_where_nobody_agrees(small: Path, here: Path, mo
 
 def test_two_places_for_frames_are_refused(small: Path, here: Path) -> None:
     """And what belongs to one that is not given."""
-    assert "two places for frames" in str(look("scripted:depth", "--frames", small, "--dataset", here).exception)
+    assert "both give frames" in str(look("scripted:depth", "--frames", small, "--dataset", here).exception)
     assert "belong together" in str(look("scripted:depth", "--photos", here).exception)
-    assert "--threshold is said of" in str(look("scripted:depth", "--threshold", 5).exception)
+    assert "--threshold needs" in str(look("scripted:depth", "--threshold", 5).exception)
     assert "unknown model 'gpt-4o'" in str(look("gpt-4o").exception)
     assert "did you mean 'openai'" in str(look("opnai:gpt-4o").exception)
 
@@ -392,8 +394,8 @@ def test_a_command_that_goes_on_repeats_all_that_was_given(tmp_path: Path) -> No
 
 def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:
     """And not with an error of a folder that is not there."""
-    unseen = Look("m", "Inconclusive", "Nothing was asked about the frames.")
-    with pytest.raises(AssertionError, match=r"Inconclusive\. Nothing was asked"):
+    unseen = Look("m", "Inconclusive", "No call about the frames was made.")
+    with pytest.raises(AssertionError, match=r"Inconclusive\. No call about"):
         assert_looks(unseen)
 
 

@@ -99,7 +99,7 @@ def test_runs_of_one_kind_stand_in_one_table_and_say_whose_row_it_is(tmp_path: P
 
 def test_a_guardian_without_votes_says_what_to_name() -> None:
     """A run of no scene estimates holds none."""
-    with pytest.raises(SpecError, match="name a run of scene estimates, or a table of votes"):
+    with pytest.raises(SpecError, match="give a run of scene estimates, or a table of votes"):
         artefacts([MADE / "prompts"], guardian=MADE / "watcher.json")
 
 
@@ -114,14 +114,14 @@ def test_a_model_that_is_billed_costs_so_much_a_thousand_decisions() -> None:
     lacking = replace(account, cost_from={"priced": 9, "unknown": 1}, energy_measured=9)
     halfway = replace(account, finished=9)
     table = deployment_table({"a": account, "b": lacking, "c": halfway})
-    assert "whose endpoint the paper does not name: --prices FILE" in table.note
+    assert "Set a price with --prices FILE" in table.note
     assert "Price unknown" not in deployment_table({"a": account}).note
     own = deployment_table({"python:mine": lacking, "trained:sees": lacking}).note
-    assert "A callable of one's own has no price here" in own
-    assert "whose endpoint the paper does not name" not in own
+    assert "A local callable has no price" in own
+    assert "the paper does not name their endpoint" not in own
     both = deployment_table({"python:mine": lacking, "b": lacking}).note
-    assert "no price here" in both
-    assert "whose endpoint the paper does not name" in both
+    assert "A local callable has no price" in both
+    assert "the paper does not name their endpoint" in both
     (row, other, third) = table.rows
     assert row[2:6] == (2.0, 40.0, 0.2, 0.5)
     assert row[7] == 10.0
@@ -192,11 +192,11 @@ def test_what_worlds_were_vetted_by_is_the_row_of_the_positive_control() -> None
 def test_notes_of_stacked_tables_are_joined_in_any_order() -> None:
     """A price that only one of the runs lacks is not lost."""
     tables = {
-        "a": Table("", "", (Column("who"),), (("x",),), "— not known"),
-        "b": Table("", "", (Column("who"),), (("y",),), "— not known. Price unknown: none has it"),
+        "a": Table("", "", (Column("who"),), (("x",),), "— unknown"),
+        "b": Table("", "", (Column("who"),), (("y",),), "— unknown. Price unknown: none has it"),
     }
     for order in (("a", "b"), ("b", "a")):
-        assert stacked({name: tables[name] for name in order}).note == "— not known. Price unknown: none has it"
+        assert stacked({name: tables[name] for name in order}).note == "— unknown. Price unknown: none has it"
 
 
 def test_entropy_against_information_is_drawn_of_models_only() -> None:

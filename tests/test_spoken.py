@@ -104,7 +104,7 @@ def test_text_swapped_keeps_the_picture_and_says_what_another_frame_would(bank: 
 def test_where_all_frames_say_the_same_no_text_can_be_swapped(bank: FrameBank) -> None:
     """Named, not asked in vain."""
     mute = replace(bank, frames=tuple(replace(frame, fields={"speed": 5}) for frame in bank), said=("speed",))
-    with pytest.raises(BankError, match=r"all frames say the same \[5\]"):
+    with pytest.raises(BankError, match=r"all frames have the same \[5\]"):
         speaker(mute.frames[0], mute, 0)
 
 
@@ -174,9 +174,9 @@ def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameB
         ),
         (
             SAID.replace("{speed}", "{pace}"),
-            "{pace}, which is no prompt column; a prompt of this bank may say: speed",
+            "{pace}, which is not a prompt column; a prompt of this bank may say: speed",
         ),
-        (SAID.replace("{speed}", "{scenario}"), "asks for {scenario}, which is no prompt column"),
+        (SAID.replace("{speed}", "{scenario}"), "asks for {scenario}, which is not a prompt column"),
         (
             "user = 'At {speed}: HALT?'",
             "does not ask for the actions HALT, GO of action space",

@@ -135,7 +135,7 @@ def test_every_run_keeps_one_model_at_a_time(
         assert result.exit_code == 0, result.stderr
         assert weighty.most_at_once() == (len(specs[1]) if how else 1)
         assert result.stderr.count("warning: hf:scene_constant: its weights alone do not fit") == (specs[1] == SCENES)
-        assert ("one after another, each closed before the next is opened: " in result.stderr) is not bool(how)
+        assert ("one after another, with only one open at a time: " in result.stderr) is not bool(how)
         assert {one.partition(" ")[2] for one in weighty.EVENTS} == {one.partition(":")[2] for one in specs[1]}
         weighty.EVENTS.clear()
 
@@ -145,7 +145,7 @@ def test_what_is_planned_says_who_follows_whom_and_what_weights_take(bank: Frame
     words = ("run", "battery", "--frames", bank.root, "--out", tmp_path / "run", *options("--model"), "--dry-run")
     said = call(*words).stderr
     assert (
-        "one after another, each closed before the next is opened: hf:depth, hf:presence, hf:random; "
+        "one after another, with only one open at a time: hf:depth, hf:presence, hf:random; "
         "--together asks them at once" in said
     )
     assert "memory: at most 9 GB of 16 GB for weights at once" in said
@@ -209,5 +209,5 @@ def test_a_limit_that_stops_a_run_opens_no_further_model(bank: FrameBank, tmp_pa
 
 def test_an_argument_that_is_no_choice_is_said(bank: FrameBank, tmp_path: Path) -> None:
     """From Python, by its name."""
-    with pytest.raises(SpecError, match="sequential is True, False or None, not 'yes'"):
+    with pytest.raises(SpecError, match="sequential must be True, False or None, not 'yes'"):
         run_battery(bank, MODELS, tmp_path / "run", sequential="yes")  # type: ignore[arg-type]

@@ -47,7 +47,7 @@ def test_a_plan_of_one_is_said_in_the_singular(tmp_path: Path, words: list[str],
 def test_a_run_that_asked_nobody_yet_is_called_one(tmp_path: Path) -> None:
     """What is no run at all is asked whether it is one."""
     (tmp_path / "run.json").write_text("{}")
-    with pytest.raises(LedgerError, match="its run asked nobody yet"):
+    with pytest.raises(LedgerError, match="its run made no call yet"):
         Ledger(tmp_path / "ledger.sqlite")
     with pytest.raises(LedgerError, match=r"is .*none a run\? 'eyechart run' makes one"):
         Ledger(tmp_path / "none" / "ledger.sqlite")

@@ -4,7 +4,7 @@ __version__ = "0.2.0.dev0"
 
 
 def __getattr__(name: str) -> object:
-    """Return ``look`` or ``compare_prompts`` of `eyechart.api` once somebody asks for it: it is slow to import."""
+    """Return ``look`` or ``compare_prompts`` of `eyechart.api` on first use: import is slow."""
     if name in {"look", "compare_prompts"}:
         from eyechart import api  # noqa: PLC0415 - the version alone is to be had without it
 

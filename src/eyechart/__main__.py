@@ -1,7 +1,6 @@
-"""``python -m eyechart`` is the command ``eyechart``: a process of its own, which a signal ends in words at any moment.
+"""``python -m eyechart``: the command ``eyechart``, which a signal can end at any moment.
 
-Nothing is imported here that Python has not at its start: whatever is imported takes a while, in which an interrupt may
-come.
+It imports only what Python has at its start, because an interrupt may come during any other import.
 """
 
 import os
@@ -13,7 +12,7 @@ _AGAIN_S = 0.05
 
 
 def main() -> None:
-    """Run the command line; a Ctrl-C while it is imported, or as Python ends, is one line and exit 130 too."""
+    """Run the command line; Ctrl-C during its import or at Python's end is one line, exit 130."""
     try:
         try:
             sys.unraisablehook = _not_swallowed
@@ -31,7 +30,7 @@ def main() -> None:
 
 
 def _not_swallowed(what: "sys.UnraisableHookArgs") -> None:
-    """Have an interrupt that came where Python lets no error through, as in a finalizer, come again a moment later."""
+    """Repeat an interrupt a moment later if it came where Python swallows it, as in a finalizer."""
     if not issubclass(what.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(what)
         return
@@ -44,7 +43,7 @@ def _not_swallowed(what: "sys.UnraisableHookArgs") -> None:
 
 
 def _end_at_once() -> None:
-    """Let an interrupt from now on end the process at once: the command has ended, and Python tidies up."""
+    """Let an interrupt from now on end the process at once, while Python shuts down."""
     import signal  # noqa: PLC0415 - it takes a while to import
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -54,12 +53,12 @@ def _end_at_once() -> None:
 def _interrupted(*_signal: object) -> None:
     try:
         os.write(2, b"interrupted\n")
-    finally:  # also of a terminal that is gone
+    finally:  # also without a terminal
         os._exit(130)
 
 
 def _leave(status: object) -> None:
-    """End with the very status: Python would end itself by SIGINT where that came inside an ``exec`` of a module."""
+    """End with this exact status, not by SIGINT as Python may after an interrupted ``exec``."""
     import atexit  # noqa: PLC0415 - seldom needed
 
     try:

@@ -1,4 +1,4 @@
-"""Two runs are compared model by model: whether each statistic and each verdict came out again."""
+"""Comparison of two runs by model: whether each statistic and verdict is replicated."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 ALPHA = 0.05
-"""Level of the tests of difference, after Holm's correction over the statistics of a model."""
+"""Level of the tests of difference, after Holm's correction over a model's statistics."""
 
 
 @dataclass(frozen=True)
 class Replication(Written):
-    """One model in two runs: its labels, each statistic's difference, and the p of those corrected by Holm.
+    """One model in two runs: its labels, the differences of statistics, and their Holm-corrected p.
 
-    ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to what the first and the second run say.
+    ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to the first and the second run's label.
     """
 
     written = "replicated versions labels differences holm changed"
@@ -39,7 +39,7 @@ class Replication(Written):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return the statistics that differ significantly, after correction."""
+        """Return the statistics that differ significantly after correction."""
         return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA)
 
     @property
@@ -49,18 +49,16 @@ class Replication(Written):
 
     @property
     def replicated(self) -> bool:
-        """Return whether the calibrated verdict and the lateral label came out again and no statistic differs."""
+        """Return whether calibrated and lateral label are equal and no statistic differs."""
         same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
         return same and not self.changed
 
 
 @dataclass(frozen=True)
 class Comparison(Written):
-    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
+    """All models of both runs; ``apart`` says in words how the runs differ or are unfinished.
 
-    A run that is not finished is named there too.
-
-    ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
+    ``marks`` are the failed guards of either run: its numbers are not reliable.
     """
 
     written = "replicated apart failed_guards=marks models"
@@ -71,11 +69,11 @@ class Comparison(Written):
 
     @property
     def replicated(self) -> bool:
-        """Return whether every model's verdict and statistics came out again."""
+        """Return whether every model's verdict and statistics are replicated."""
         return all(one.replicated for one in self.models.values())
 
     def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
-        """Yield what the runs did not share, and of each model a table and a line; ``every`` statistic, or the main."""
+        """Yield how the runs differ, then a table and a line per model, main or ``every`` row."""
         from rich.text import Text  # noqa: PLC0415 - a comparison needs no terminal
 
         yield from (f"not the same: {line}" for line in self.apart)
@@ -87,18 +85,19 @@ class Comparison(Written):
 
 
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:
-    """Compare two batteries on the same frames, model by model; the second run's numbers minus the first's.
+    """Compare two batteries on the same frames by model: the second run minus the first.
 
-    Raises SpecError where the runs are on different banks and were not scored on the frames that both have
-    (``frames_in_common``), have no model in common, or stopped early. Another prompt, seed, version or set of
-    conditions is allowed and named: then the difference is what that change did. Source: paper, paragraph Replication.
+    Raises SpecError if the banks differ and the runs were not scored on ``frames_in_common``, if
+    they share no model, or if one stopped early. Another prompt, seed, version or set of conditions
+    is allowed and named; the difference is then the effect of that change. Source: paper, paragraph
+    Replication.
     """
     if first.manifest.fingerprint != second.manifest.fingerprint:
         both = set(frames_in_common(first, second))
         if not all({frame.id for frame in one.answers.frames} <= both for one in (*_models(first), *_models(second))):
             raise SpecError(
-                f"the runs are on different banks ({first.bank.name} and {second.bank.name}); a replication asks about "
-                f"the same frames, of which they share {len(both)}: score both on these alone"
+                f"the runs are on different banks ({first.bank.name} and {second.bank.name}); a replication "
+                f"needs the same frames, and they share {len(both)}: score both on these alone"
             )
     common = [spec for spec in first.models if spec in second.models]
     if not common:
@@ -106,8 +105,8 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     for which, run in (("first", first), ("second", second)):
         if stopped := [spec for spec in common if run.models[spec].stopped is not None]:
             raise SpecError(
-                f"{stopped[0]} stopped early in the {which} run: its answers chose its frames, so no test compares them"
-                "; leave --stop-early out of runs that are to be compared"
+                f"{stopped[0]} stopped early in the {which} run: its answers chose its frames, so no test can "
+                "compare them; leave out --stop-early in runs to compare"
             )
     judged = judge(first), judge(second)
     models = {}
@@ -137,17 +136,17 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
 
 
 def frames_in_common(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
-    """Return the frames that two runs asked about and that are the same moments in their banks.
+    """Return the frames of two runs that show the same moments in both banks.
 
-    Raises SpecError where there is none.
+    Raises SpecError if there are none.
     """
     asked = [{frame.id for one in _models(run) for frame in one.answers.frames} for run in (first, second)]
     moments = same_moments(first.bank.manifest, second.bank.manifest)
     if found := tuple(frame for frame in moments if frame in asked[0] & asked[1]):
         return found
     raise SpecError(
-        f"the runs are on different banks ({first.bank.name} and {second.bank.name}) that share no frame of equal "
-        "geometry; a replication asks about the same frames: 'eyechart frames check BANK OTHER' compares them"
+        f"the runs are on different banks ({first.bank.name} and {second.bank.name}) without a frame of equal "
+        "geometry. A replication needs the same frames: 'eyechart frames check BANK OTHER' compares them"
     )
 
 
@@ -156,7 +155,7 @@ def _models(run: BatteryScore) -> Iterable[ModelScore]:
 
 
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
-    """Return what the two runs do not have in common, in words."""
+    """Return in words how the two runs differ."""
     pairs = {
         "prompt": (first.manifest.prompt.key, second.manifest.prompt.key),
         "seed": (first.manifest.seed, second.manifest.seed),
@@ -174,7 +173,7 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
         asked = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
         said += [both.format(f"{spec} controls", *asked)] if asked[0] != asked[1] else []
         if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
-            said.append(f"{spec} was asked in another request mode in the second run")
+            said.append(f"{spec} had another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
         left = {spec: unfinished(one.answered, one.planned) for spec, one in mine.models.items()}
@@ -197,28 +196,28 @@ MAIN = (
     "mirror_swap_rate",
     "modal_share",
 )
-"""What a comparison prints unless all statistics are asked for: the paper's replication paragraph, and its like."""
+"""The main statistics of a comparison: those of the paper's replication paragraph, and the like."""
 
 
 def replication_table(one: Replication, *, every: bool = False) -> Table:
-    """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
+    """Return a row per statistic: both values, the difference with its interval, n and p."""
     rows: list[tuple[Cell, ...]] = []
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
             sides = (found.first, found.second) if isinstance(found, Difference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else found.value
-            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
+            note = {"across_runs": "share of equal answers", "answer_shift": "distance"}.get(name, found.note)
             rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
     named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
     return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
 
 
 def replications(scores: Mapping[str, BatteryScore]) -> Iterator[tuple[str, Comparison]]:
-    """Yield each run, with the first of the runs before it that it replicates, compared: its names, and what was found.
+    """Yield each run's comparison with the first earlier run that it replicates, by their names.
 
-    A run replicates another one on the same bank, with the same prompt and a model in common; runs that stopped early
-    are compared with none.
+    A replication has the same bank and prompt, and a common model. Runs that stopped early are
+    skipped.
     """
     named = [(name, one) for name, one in scores.items() if not any(mine.stopped for mine in one.models.values())]
     for place, (name, later) in enumerate(named):
@@ -230,7 +229,7 @@ def replications(scores: Mapping[str, BatteryScore]) -> Iterator[tuple[str, Comp
 
 
 def replications_table(scores: Mapping[str, BatteryScore]) -> Table | None:
-    """Return the statistics of each model that a second run asked again, of both runs; None where none did."""
+    """Return the statistics of replicated models in both runs; None without a replication."""
     rows, named = [], None
     for name, found in replications(scores):
         for one in found.models.values():
@@ -239,5 +238,5 @@ def replications_table(scores: Mapping[str, BatteryScore]) -> Table | None:
             rows += [(f"{one.model} ({name})", *row) for row in made.rows]
     if named is None:
         return None
-    caption = "Replication: the statistics of models asked twice, the second run less the first"
+    caption = "Replication: the statistics of models in two runs, the second minus the first"
     return Table("replication", caption, (Column("model"), *named), tuple(rows))

@@ -1,4 +1,4 @@
-"""How many calls and episodes runs hold, by study and arm: the corpus that a paper reports."""
+"""The numbers of calls and episodes of runs, by study and arm: the corpus that a paper reports."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -17,10 +17,11 @@ SUM = "sum"
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """One run of a folder: its study, its episodes, told apart, and counts of calls.
+    """One run of a folder: its study, its distinct episodes, and counts of calls.
 
-    ``scored`` calls have a reply, with a decision or without; ``counts`` has ``unparsed`` of these, ``failed`` calls,
-    which brought none, those still ``open``, and the ``probe`` calls before the run, which count nowhere else.
+    ``scored`` calls have a reply, with or without a decision. ``counts`` has ``unparsed`` ones
+    among them, ``failed`` calls without a reply, ``open`` calls, and the ``probe`` calls before the
+    run, which count nowhere else.
     """
 
     run: str
@@ -30,9 +31,9 @@ class Arm:
 
 
 def corpus_table(runs: Sequence[Path], prices: Prices) -> Table:
-    """Return a row a run with its calls and episodes, and their sum; a table without rows where no model was asked.
+    """Return a row per run with its calls and episodes, and their sum; empty without models.
 
-    Episodes of one bank are counted once in the sum, however many runs ask about them.
+    The sum counts an episode of one bank once, however many runs ask about it.
     """
     arms = [
         _arm(f"{name} · {part}" if part else name, path, study_of(run).took_run(path, prices))
@@ -57,7 +58,7 @@ def corpus_table(runs: Sequence[Path], prices: Prices) -> Table:
 
 
 def _arm(name: str, run: Path, took: Took) -> Arm:
-    """Return what a run holds."""
+    """Return the counts of one run."""
     counts = Counter[str]()
     for account in (each[ALL] for each in took.accounts.values()):
         failed = account.missing.get("error", 0)
@@ -71,7 +72,7 @@ def _arm(name: str, run: Path, took: Took) -> Arm:
 
 
 def _episodes(run: Path, models: frozenset[str]) -> frozenset[tuple[str, ...]]:
-    """Return the episodes that models drove in a run, or those of the bank that it asks about."""
+    """Return the episodes that models drove in a run, or those of its bank."""
     if not is_episodes(run):
         manifest, bank = read_run(run)
         return frozenset((manifest.fingerprint, frame.drive) for frame in bank)

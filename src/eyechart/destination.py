@@ -1,4 +1,4 @@
-"""Where a file may be written: never over a run's or a bank's own files, nor over a file of another kind."""
+"""Safe places for output files: never over a run's or bank's files, or another kind of file."""
 
 import os
 import re
@@ -12,7 +12,7 @@ from eyechart.frames import own_folder
 from eyechart.manifest import BANK, BANK_TEXT, EPISODES, LEDGER, RUN, is_run
 
 GENERATOR = b'<meta name="generator" content="eyechart'
-"""Stands at the head of every report."""
+"""The beginning of every report."""
 _HEAD = 4096
 _FILM = re.compile(rb"GIF8|.{4}ftyp", re.DOTALL)
 
@@ -31,18 +31,19 @@ KINDS: dict[str, Callable[[Path], bool]] = {
     "picture": lambda path: path.suffix.lower() == ".png" or _head(path).startswith(b"\x89PNG"),
     "guardian": lambda path: b'"eyechart-guardian' in _head(path),
 }
-"""What is written, each with the files that it may take the place of."""
+"""The kinds of output, each with a test of the files that it may replace."""
 
 
 def require_free(out: Path, kind: str) -> None:
-    """Raise OutputError where ``out`` may not become a file of one of ``KINDS``; nothing is written.
+    """Raise OutputError if ``out`` may not become a file of one of ``KINDS``; writes nothing.
 
-    It is refused where it is a folder, a file of a run or a bank, an existing file of another kind, or cannot be made.
+    It is refused if it is a folder, a file of a run or a bank, a file of another kind, or cannot be
+    made.
     """
     with _written(out):
         require_foreign(out)
         if out.is_dir():
-            raise OutputError(f"{out} is a folder; name the {kind} to write in it, such as {out / 'NAME'}")
+            raise OutputError(f"{out} is a folder; give the path of the {kind} to write, such as {out / 'NAME'}")
         if out.exists() and (not out.is_file() or (out.stat().st_size and not KINDS[kind](out))):
             raise OutputError(f"{out} exists and is no {kind}; it is not overwritten: choose another place")
         above = next(folder for folder in out.absolute().parents if folder.exists() or folder.is_symlink())
@@ -52,7 +53,7 @@ def require_free(out: Path, kind: str) -> None:
 
 
 def require_foreign(out: Path) -> None:
-    """Raise OutputError where ``out`` is a file of a run or of a bank."""
+    """Raise OutputError if ``out`` is a file of a run or of a bank."""
     for path in (Path(os.path.realpath(out.parent)) / out.name, Path(os.path.realpath(out))):
         for folder in path.parents:
             name = path.relative_to(folder).parts[0]
@@ -65,10 +66,11 @@ def require_foreign(out: Path) -> None:
 
 @contextmanager
 def whole(out: Path, kind: str) -> Iterator[Path]:
-    """Yield the path of a file that takes the place of ``out`` once it is complete; a reader never sees half of it.
+    """Yield a temporary path whose file replaces ``out`` once it is complete.
 
-    Missing folders are made; a link gives way to the file, and what it leads to stays as it is. Raises OutputError as
-    ``require_free`` does, where writing fails, or where another process writes there now; no part is left.
+    Missing folders are made. A link is replaced, and its target stays. Raises OutputError as
+    ``require_free`` does, if writing fails, or if another process writes there now; no part
+    remains.
     """
     require_free(out, kind)
     with _written(out), own_folder(out, OutputError) as work:
@@ -78,9 +80,9 @@ def whole(out: Path, kind: str) -> Iterator[Path]:
 
 
 def write_files(files: Mapping[str, bytes], folder: Path) -> list[Path]:
-    """Write files by their names into a folder, and return them; none is moved there before all are complete.
+    """Write files by name into a folder, and return them; none is moved before all are complete.
 
-    Raises OutputError where one may not be written there.
+    Raises OutputError if one may not be written there.
     """
     places = [folder / name for name in files]
     with _written(folder):

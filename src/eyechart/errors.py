@@ -1,4 +1,4 @@
-"""The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
+"""Errors that a user can cause and correct: one line says what, which and what to do."""
 
 import errno
 import os
@@ -16,13 +16,13 @@ _NEAR = 0.6
 _GREATEST = 1e30
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM_SAID = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE"})
-"""The second: of a file that stands beside a ledger, SQLite cannot make it as long as it must be."""
+"""The second one: SQLite cannot make the file beside a ledger long enough."""
 _TOO_LONG = "no file may be longer here (ulimit -f)"
 _NOT_WRITTEN = "SQLITE_IOERR_WRITE"
-"""What SQLite says of a file that may not be longer, and of a disk that fails."""
+"""SQLite's name for a file that may not be longer, and for a failing disk."""
 
 _OF_ONE = {"are": "is", "have": "has", "were": "was"}
-"""What a verb of several things is of one, where it does not only get an s."""
+"""The singular of verbs that do not only get an s."""
 
 _ARGUMENTS = {
     "accept-loss": "accept_loss=True",
@@ -43,7 +43,7 @@ _ARGUMENTS = {
     "stop-early": "stop_early=True",
     "timeout": "timeout_s",
 }
-"""What an option of a command is in Python, where that is not its own name with '_' for '-'."""
+"""The Python arguments of command options with another name."""
 _OPTION = re.compile(
     r"(?P<command>'(?:eyechart|hf|python -m) [^']*'|pip install [^;]*)"
     r"|--convert --longest (?P<longest>\d+)|(?P<file>(?:a )?--mode file)"
@@ -52,16 +52,16 @@ _OPTION = re.compile(
     r"|(?P<value>\d[\d.]*\d|\d|https?://[^\s;,)]+|[A-Z]\b|max_tokens|max_completion_tokens|default|user|reasoning|usage|plain"
     r"|json_schema|json_object)(?![\w-])))?"
 )
-"""An option in a message, with the value that it is given there; or a command that is to be run, which stays."""
+"""An option in a message with its value, or a command to run, which stays as it is."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def in_arguments(words: str) -> str:
-    """Return a message about options of a command (``--base-url``) in the words of Python (``base_url``).
+    """Return a message about command options (``--base-url``) with Python's names (``base_url``).
 
-    A command that it names to be run, as 'eyechart probe', stays as it is.
+    A command to run, as 'eyechart probe', stays as it is.
     """
 
     def said(found: re.Match[str]) -> str:
@@ -82,7 +82,7 @@ def in_arguments(words: str) -> str:
 
 
 def speaks_of_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function whose errors that a user can mend speak of arguments, for who calls it from Python."""
+    """Return a function whose errors name Python arguments instead of options."""
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -96,26 +96,26 @@ def speaks_of_arguments(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def printable(text: str) -> str:
-    """Return what somebody else's program said as one line of bounded length, without control characters."""
+    """Return another program's message as one line of bounded length, all printable."""
     line = " ".join(text[: 4 * _LONGEST].split())
     line = "".join(character if character.isprintable() else "�" for character in line)
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
 def counted(number: int, noun: str, verb: str = "") -> str:
-    """Return a number with its noun, and its verb if there is one: "1 policy is", "2 policies are" for ``are``."""
+    """Return a number with its noun and verb: "1 policy is", "2 policies are" for ``are``."""
     many = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}{'es' if noun.endswith('s') else 's'}"
     said = _OF_ONE.get(verb, f"{verb}s") if number == 1 and verb else verb
     return " ".join(filter(None, (str(number), noun if number == 1 else many, said)))
 
 
 def encodable(text: str) -> str:
-    """Return a text, such as a model's error, with half a surrogate pair, which no file can hold, as its escape."""
+    """Return a text with lone surrogates escaped, because no file can hold them."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Return " did you mean 'depth'?" where a mistyped name is near one that is known, else nothing."""
+    """Return " did you mean 'depth'?" for a mistyped name that is near a known one, else ""."""
     import difflib  # noqa: PLC0415 - nobody needs it before a mistake
 
     folded = {one.lower(): one for one in known}
@@ -124,31 +124,31 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def perhaps(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'depth'?" for the end of a line, where a mistyped name is near one, else nothing."""
+    """Return "; did you mean 'depth'?" for a mistyped name that is near a known one, else ""."""
     found = meant(name, known)
     return f";{found}" if found else ""
 
 
 def require_known(what: str, name: str, known: Collection[str], rest: str = "") -> None:
-    """Raise SpecError where no such name is known, with the one that may be meant, all that are, and the ``rest``."""
+    """Raise SpecError for an unknown name, with a near one, all known ones, and ``rest``."""
     if name not in known:
         raise SpecError(f"unknown {what};{meant(name, known)} known are {', '.join(known)}{rest}")
 
 
 def is_full(error: BaseException) -> bool:
-    """Return whether an error of the system's, or of SQLite's, says that the disk has no room left, or a quota."""
+    """Return whether a system or SQLite error means a full disk or quota."""
     if isinstance(error, OSError):
         return error.errno in _NO_ROOM
     return vars(error).get("sqlite_errorname") in _NO_ROOM_SAID or "disk is full" in str(error)
 
 
 def is_too_long(error: OSError) -> bool:
-    """Return whether the system says that a file would be longer than this process may make one."""
+    """Return whether a file would exceed this process's limit of file size."""
     return error.errno == errno.EFBIG and error.strerror == os.strerror(errno.EFBIG)
 
 
 def why(error: Exception) -> str:
-    """Return in words why a file cannot be written or read: a full disk is called one."""
+    """Return in words why a file cannot be written or read, a full disk in particular."""
     if is_full(error):
         target = error.filename2 if isinstance(error, OSError) else None
         return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
@@ -167,9 +167,9 @@ def raising(
     of: type[Exception] | tuple[type[Exception], ...] = OSError,
     words: Callable[[Exception], str] | None = None,
 ) -> Iterator[None]:
-    """Raise as an error of this kind what the system says against a file: ``what`` cannot be, why, and ``then``.
+    """Raise errors of the system as ``kind``: ``what`` failed, why, and ``then``.
 
-    Of other errors that are named, what they say is told as it is, or in other ``words``.
+    Errors of other types ``of`` are quoted, or put in ``words``.
     """
     try:
         yield
@@ -178,19 +178,19 @@ def raising(
 
 
 MOST_BYTES = 1_000_000_000
-"""A text of a run or a bank has no more bytes; one of a hundred thousand frames has a hundredth of that."""
+"""The most bytes of a run's or bank's text; 100 000 frames take a hundredth of it."""
 
 
 def plain_file(path: Path) -> Path:
-    """Return a path of a file that has an end; raises OSError where a pipe or a device stands there, or nothing."""
+    """Return the path of a regular file or folder; raises OSError for anything else."""
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise OSError(errno.EINVAL, "a pipe or a device is no file", os.fspath(path))
+        raise OSError(errno.EINVAL, "a pipe or a device is not a file", os.fspath(path))
     return path
 
 
 def text_file(path: Path) -> Path:
-    """Return a path of a text that is read whole; raises OSError as `plain_file` does, and where it is too large."""
+    """Return the path of a text to read whole; raises OSError as `plain_file`, and if too large."""
     if (size := plain_file(path).stat().st_size) > MOST_BYTES:
         words = f"it has {size} bytes, more than the {MOST_BYTES} that are read; restore it from a copy"
         raise OSError(errno.EFBIG, words, os.fspath(path))
@@ -198,7 +198,7 @@ def text_file(path: Path) -> Path:
 
 
 def read_at_most(path: Path, most: int, kind: "type[EyechartError]", what: str) -> bytes:
-    """Return the bytes of a file; raises an error of this kind where it cannot be read or has too many for ``what``."""
+    """Return a file's bytes; raises ``kind`` if it cannot be read or is too large for ``what``."""
     with raising(kind, f"{path} cannot be read"), path.open("rb") as file:
         found = file.read(most + 1)
     if len(found) > most:
@@ -207,36 +207,36 @@ def read_at_most(path: Path, most: int, kind: "type[EyechartError]", what: str) 
 
 
 def whole_number(name: str, value: object, least: int) -> int:
-    """Return an argument that is a whole number of ``least`` or more; raises SpecError that names it where it is none.
+    """Return an argument that is a whole number of at least ``least``, also one of numpy.
 
-    True and False are none; a whole number of numpy is one.
+    Raises SpecError that names the argument otherwise; True and False are no numbers.
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise SpecError(f"{name} is a whole number of {least} or more, not {printable(repr(value))[:60]}")
+        raise SpecError(f"{name} must be a whole number of {least} or more, not {printable(repr(value))[:60]}")
     return int(value)
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return an argument that is a number up to 1e30; raises SpecError that names it where it is none."""
+    """Return an argument that is a number up to 1e30; raises SpecError that names it otherwise."""
     if isinstance(value, bool) or not isinstance(value, Real) or not abs(cast("float", value)) <= _GREATEST:
-        raise SpecError(f"{name} is a number up to {_GREATEST:g}, not {printable(repr(value))[:60]}")
+        raise SpecError(f"{name} must be a number up to {_GREATEST:g}, not {printable(repr(value))[:60]}")
     return float(value)
 
 
 class EyechartError(Exception):
-    """A fault in the input, not in the program; the command line prints it on one line and exits 2."""
+    """A fault in the input, not in the program; the command prints one line and exits 2."""
 
 
 class BankError(EyechartError):
-    """A frame bank is damaged, incomplete, or too small for what was asked of it."""
+    """A frame bank is damaged, incomplete, or too small for its use."""
 
 
 class SourceError(EyechartError):
-    """A table, a folder of pictures or a data set that should become a bank is not what it must be."""
+    """A table, a folder of pictures or a data set cannot become a bank."""
 
 
 class LedgerError(EyechartError):
-    """A run's ledger or manifest does not fit what was asked of it."""
+    """A run's ledger or manifest does not fit its use."""
 
 
 class SpecError(EyechartError):
@@ -248,32 +248,32 @@ class ArgumentError(SpecError, TypeError):
 
 
 class SecretError(SpecError):
-    """A mode would carry what looks like a secret into a file."""
+    """A request mode would write a likely secret into a file."""
 
 
 class DriveError(EyechartError):
-    """A world under way broke: it raised, or its camera shows nothing."""
+    """A world broke while driving: it raised, or its camera shows nothing."""
 
 
 class OutputError(EyechartError):
-    """A place to write to is taken by something else, or cannot be written."""
+    """An output path is taken by something else, or cannot be written."""
 
 
 class BundleError(EyechartError):
-    """A file is no bundle, is damaged, or would do harm when it is opened."""
+    """A file is no bundle, is damaged, or is harmful to open."""
 
 
 class StateError(EyechartError):
-    """A vehicle's state or target is no number, so that nothing can be planned from it."""
+    """A vehicle's state or target is not a number, so no plan is possible."""
 
 
 class VoteError(EyechartError):
-    """A table of votes is not what it must be."""
+    """A table of votes has a fault."""
 
 
 class GuardianError(EyechartError):
-    """A guardian was edited, or is asked about frames or by models that it may not be asked about."""
+    """A guardian was edited, or a frame or model is not allowed for it."""
 
 
 class MissingCallsWarning(UserWarning):
-    """Calls that were made are missing from a ledger; the command line prints it on one line."""
+    """Finished calls are missing from a ledger; the command prints it on one line."""

@@ -1,4 +1,4 @@
-"""A fixture for pytest that makes the run which a test asks about: ``pytest_plugins = ["eyechart.fixtures"]``."""
+"""A pytest fixture for looks: ``pytest_plugins = ["eyechart.fixtures"]``."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +11,9 @@ from eyechart.looking import Look
 
 @pytest.fixture(scope="session")
 def looked(pytestconfig: pytest.Config) -> Callable[..., Look]:
-    """Return `eyechart.api.look`, whose looks lie in pytest's cache: what is unchanged is not asked again.
+    """Return `eyechart.api.look` with its folders in pytest's cache, so that no call is repeated.
 
-    Each has a folder by its ``name`` there, unless ``out`` is given.
+    Each look has a folder by its ``name``, unless ``out`` is given.
     """
     cache = pytestconfig.cache
     if cache is None:

@@ -1,4 +1,4 @@
-"""What pictures of one's own come as: a row a format, from which the command, its help and its errors follow."""
+"""The formats of a user's pictures; the import command, its help and its errors use this table."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -13,11 +13,11 @@ from eyechart.errors import SourceError, SpecError, perhaps
 class Format:
     """A kind of source that becomes a bank.
 
-    ``opens`` is ``module:function``, called with the folder, the bank's place, the `Choices`, ``reads`` and
-    ``progress``, and of ``table``, ``camera`` and ``ahead`` those that are among its ``options``; ``convert`` is one
-    too. ``folder`` says what the folder is, and ``sign`` is a file in it by which the format is recognised where
-    no table is given. ``extra`` is what its libraries are installed with, and ``refuses`` says why it does not take an
-    option of another.
+    ``opens`` is ``module:function``. The function takes the folder, the bank's place, the
+    `Choices`, ``reads`` and ``progress``. It also takes those of ``table``, ``camera`` and
+    ``ahead`` that are in ``options``; ``convert`` is an option too. ``folder`` says what the folder
+    is, and ``sign`` is the file that identifies the format without a table. ``extra`` installs its
+    libraries, and ``refuses`` says why it does not take another format's option.
     """
 
     opens: str
@@ -28,7 +28,7 @@ class Format:
     refuses: Mapping[str, str] = field(default_factory=dict)
 
     def importer(self) -> Callable[..., Any]:
-        """Return what makes the bank; raises SourceError where a library of its extra is not installed."""
+        """Return the function that makes the bank; raises SourceError without its extra."""
         module, _, function = self.opens.partition(":")
         try:
             found: Callable[..., Any] = getattr(import_module(module), function)
@@ -43,8 +43,8 @@ FORMATS: dict[str, Format] = {
         "the pictures",
         ("table", "convert"),
         refuses={
-            "ahead": "--horizon and --kind are for --format lerobot; of a --table, [motion] of --rig says them",
-            "camera": "--camera is for --format lerobot; of a --table, --rig names the cameras",
+            "ahead": "--horizon and --kind are for --format lerobot; for a --table, [motion] in --rig gives them",
+            "camera": "--camera is for --format lerobot; for a --table, --rig names the cameras",
         },
     ),
     "lerobot": Format(
@@ -62,16 +62,15 @@ FORMATS: dict[str, Format] = {
 
 
 def takers(option: str) -> str:
-    """Return in words of what an option is said."""
+    """Return in words the sources that take an option."""
     return " or ".join(one.folder for one in FORMATS.values() if option in one.options)
 
 
 def find_format(name: str | None, folder: Path, given: Collection[str]) -> Format:
-    """Return the format of this name; ``given`` are the options that were used.
+    """Return the format of this name; ``given`` are the options used.
 
-    Where no name and no table is given, a folder of another format than ``table`` is recognised.
-
-    Raises SpecError for an unknown name, and where the format does not take what was given.
+    Without a name and a table, the folder's format is recognised. Raises SpecError for an unknown
+    name, and for options that the format does not take.
     """
     if name is not None and name not in FORMATS:
         raise SpecError(f"--format takes {' or '.join(FORMATS)}, not '{name}'{perhaps(name, tuple(FORMATS))}")
@@ -80,7 +79,7 @@ def find_format(name: str | None, folder: Path, given: Collection[str]) -> Forma
         found = next((one for one in FORMATS.values() if one.sign and (folder / one.sign).is_file()), found)
     if ("table" in found.options) != ("table" in given):
         others = " or ".join(known for known, one in FORMATS.items() if "table" not in one.options)
-        raise SpecError(f"give --table FILE of the pictures, or --format {others}, and not both")
+        raise SpecError(f"give either --table FILE of the pictures or --format {others}, not both")
     for option in given:
         if option not in found.options:
             called = "--horizon" if option == "ahead" else f"--{option}"

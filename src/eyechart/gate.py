@@ -1,4 +1,4 @@
-"""A gate holds a run to what is required of it: yes, no, or "cannot say"; it never passes for want of evidence."""
+"""A gate checks a run against requirements: yes, no, or "cannot say" without evidence."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -38,7 +38,7 @@ def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
 
 
 REQUIREMENTS = _meeting(LABELS, "calibrated verdict") | _meeting(LATERAL, "lateral label")
-"""What may be required of a battery, with what it means."""
+"""The possible requirements of a battery, with their meaning."""
 
 UNPARSED = "max_unparsed"
 ORDER = "order"
@@ -46,15 +46,15 @@ ADMISSION: dict[str, str] = {
     "admission": "every clause of admission",
     **{name: one.needs for name, one in CLAUSES.items()},
 }
-"""What may be required of a run of scene estimates, which is asked for nothing of the above."""
+"""The possible requirements of a run of scene estimates; those of a battery do not apply."""
 
 
 class FurtherTerms(TypedDict, total=False):
-    """What else a run is held to, and what may differ.
+    """Further requirements and exceptions.
 
-    ``order`` is the share below which comparisons the wrong way round are to be bounded. With ``allow_fingerprints``
-    one model may have answered under several configurations of its server; with ``made_elsewhere`` answers count of
-    which nobody but whoever made them knows what was asked.
+    ``order`` bounds the share of comparisons in the wrong order. ``allow_fingerprints`` accepts one
+    model with several server configurations. ``made_elsewhere`` accepts answers whose questions
+    only their maker knows.
     """
 
     order: float | None
@@ -63,14 +63,14 @@ class FurtherTerms(TypedDict, total=False):
 
 
 class Terms(FurtherTerms, total=False):
-    """On which terms a run is held: the highest rate of calls without a decision, and the further ones."""
+    """The terms of a gate: the highest rate of calls without a decision, and further ones."""
 
     max_unparsed: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One requirement on one model: ``holds`` is True, False, or None where the run cannot say, with the reason."""
+    """One requirement on one model: ``holds`` is True, False or None (cannot say)."""
 
     model: str
     requirement: str
@@ -80,13 +80,13 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Every check of a gate. ``exit_code`` is 0 where all hold, 1 where one fails, else 2."""
+    """Every check of a gate; ``exit_code`` is 0 if all hold, 1 if one fails, else 2."""
 
     checks: tuple[Check, ...]
 
     @property
     def exit_code(self) -> int:
-        """Return 0 for holds, 1 for fails, 2 for cannot say; nothing checked is "cannot say"."""
+        """Return 0 for holds, 1 for fails, 2 for cannot say; no check at all is "cannot say"."""
         outcomes = [check.holds for check in self.checks]
         if False in outcomes:
             return 1
@@ -101,7 +101,7 @@ class Gate:
         }
 
     def junit(self) -> bytes:
-        """Return the checks as JUnit XML: a failure where one fails, an error where the run cannot say."""
+        """Return the checks as JUnit XML: a failure if one fails, an error if it cannot say."""
         import xml.etree.ElementTree as ET  # noqa: PLC0415 - slow to import
 
         count = {
@@ -122,12 +122,12 @@ class Gate:
 
 
 def _printable(text: str) -> str:
-    """Return text without the control characters that XML cannot hold."""
+    """Return a text without control characters, which XML cannot hold."""
     return "".join(character for character in text if character.isprintable() or character in "\n\t")
 
 
 def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -> tuple[str, ...]:
-    """Read ``depth,swaps``; raises SpecError that lists the ``known`` requirements of the kind of run."""
+    """Read ``depth,swaps``; raises SpecError that lists the ``known`` requirements."""
     wanted = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     unknown = [name for name in wanted if name not in known]
     if unknown or not wanted:
@@ -145,13 +145,12 @@ def hold_policies(
     guards: Mapping[str, Sequence[Guard]] | None = None,
     **terms: Unpack[Terms],
 ) -> Gate:
-    """Hold every policy to labels of its axes, as ``camera:camera_content``, or to ``looks``, which is of its cameras.
+    """Check every policy against labels of its axes, as ``camera:camera_content``, or ``looks``.
 
-    ``open_calls`` are those not finished.
-
-    A failed guard, an unfinished run and a label that cannot say cannot say, nor can one that may be the wanted one:
-    a bank that moves no object says nothing of following it. ``guards`` are those of its calls. Raises SpecError for an
-    unknown label.
+    ``looks`` is about its cameras. ``open_calls`` are unfinished calls. A failed guard, an
+    unfinished run or an inconclusive label gives "cannot say". So does a label that may be the
+    wanted one: a bank that moves no object cannot show that an object is followed. ``guards`` are
+    those of its calls. Raises SpecError for an unknown label.
     """
     _require_battery(terms)
     checks = []
@@ -177,16 +176,17 @@ def hold_policies(
 
 
 def _require_battery(terms: Terms) -> None:
-    """Raise SpecError where an order is required of what was asked for none."""
+    """Raise SpecError if an order is required of a run without comparisons."""
     if terms.get("order") is not None:
-        raise SpecError("--order holds a battery to its comparisons of distances; this run is none")
+        raise SpecError("--order is for a battery's comparisons of distances, and this run is no battery: leave it out")
 
 
 def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
-    """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
+    """Check every model of a run of scene estimates against clauses of admission.
 
-    ``admission`` stands for all of them. As with a battery, an unfinished run, one whose calls ended in errors, and
-    what would hold where a guard failed cannot say. Raises SpecError for an unknown clause or a rate outside [0, 1].
+    There is a check per clause; ``admission`` means all of them. An unfinished run or one with
+    failed calls cannot say. Nor can a clause that would hold if a guard failed. Raises SpecError
+    for an unknown clause or a rate outside [0, 1].
     """
     _require_battery(terms)
     wanted = read_requirements(",".join(require), tuple(ADMISSION))
@@ -205,11 +205,11 @@ def _gate(
     unparsed: Callable[[Evidence, float, str], Check],
     terms: Terms,
 ) -> Gate:
-    """Return every model's checks, and that of its ``unparsed`` rate where one is bounded; guards mark all of them.
+    """Return every model's checks, and one of its ``unparsed`` rate if that is bounded.
 
-    Of answers that were made elsewhere nothing can be said, unless the ``terms`` allow them.
-
-    Each is told why there is no evidence at all, nothing where there is. Raises SpecError for a rate outside [0, 1].
+    Guards mark all checks. Answers made elsewhere cannot say, unless the ``terms`` allow them. Each
+    check gets the reason why there is no evidence, or "". Raises SpecError for a rate outside [0,
+    1].
     """
     most, found = terms.get("max_unparsed"), list[Check]()
     if most is not None and not 0 <= most <= 1:
@@ -224,10 +224,10 @@ def _gate(
 
 
 _ELSEWHERE = (
-    "eyechart did not make these calls: what was asked, and of which model, is the word of whoever did, which a gate "
-    "takes with --made-elsewhere"
+    "eyechart did not make these calls: only their maker knows the questions and the model; accept that with "
+    "--made-elsewhere"
 )
-"""Why answers that were made elsewhere are no evidence to a gate."""
+"""Why a gate takes no evidence from answers that were made elsewhere."""
 
 
 def _without_estimate(one: Evidence, most: float, reason: str) -> Check:
@@ -241,25 +241,25 @@ ONLINE: dict[str, str] = {
     **ADMISSION,
     "frames": "every frame that an estimator saw passes renderer integrity and the positive control",
 }
-"""What may be required of an online run: the same clauses, over the frames that were met, and these frames."""
+"""The possible requirements of an online run: the same clauses over the frames met, and these."""
 
 
 class Met(Scored, Protocol):
     """A scored online run."""
 
     def left(self, spec: str) -> tuple[int, int]:
-        """Return how many episodes a model finished, and how many it was to drive."""
+        """Return the numbers of finished and planned episodes of a model."""
 
     def frames(self, spec: str) -> tuple[bool | None, str]:
-        """Return whether every frame that a model saw passes the checks, None where that is not known; and why."""
+        """Return whether every frame that a model saw passes (None: unknown), and why."""
 
 
 def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
-    """Hold every estimator of an online run to clauses of admission over the frames that it met.
+    """Check every estimator of an online run against clauses over the frames that it met.
 
-    ``admission`` stands for all of them, and for ``frames``. A clause that would hold cannot be said where frames fail
-    their checks or were not checked, and nothing can of a run that is not finished. Raises SpecError for an unknown
-    clause or a rate outside [0, 1].
+    ``admission`` means all of them and ``frames``. A clause that would hold cannot say if frames
+    fail their checks or were not checked. An unfinished run cannot say anything. Raises SpecError
+    for an unknown clause or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require), tuple(ONLINE))
     clauses = [name for name in wanted if name != "frames"]
@@ -280,11 +280,12 @@ def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Un
 
 
 def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
-    """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
+    """Check every model of a scored battery against requirements and a rate of unparsed calls.
 
-    A run without calls, one with calls still to make, and a model whose calls failed cannot say; nor does what would
-    hold where a guard of the run failed, nor anything where more than one model answered; with ``allow_fingerprints``
-    a model may have answered under several. Raises SpecError for an unknown requirement or a rate outside [0, 1].
+    A run without calls, an unfinished run, and a model with failed calls cannot say. Nor can a
+    requirement that would hold if a guard failed. Nothing can be said if more than one model
+    answered; ``allow_fingerprints`` accepts several configurations of one model. Raises SpecError
+    for an unknown requirement or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require))
 
@@ -305,9 +306,9 @@ def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
 
 
 def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
-    """Return a check with the guards that failed: what holds by a run that is not to be believed cannot be said.
+    """Return a check with its failed guards; one that holds becomes "cannot say".
 
-    Where several models answered, nothing can be said of one; another fingerprint alone may be allowed.
+    If several models answered, every check does. Another fingerprint alone may be allowed.
     """
     served = [one for one in guards if isinstance(one, ServedGuard)]
     allowed = [one for one in served if one.by_fingerprint and terms.get("allow_fingerprints")]
@@ -319,19 +320,21 @@ def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
 
 
 def _no_evidence(one: Evidence) -> str:
-    """Return why a model's calls are no evidence at all, or nothing."""
+    """Return why a model's calls are no evidence at all, or ""."""
     if one.planned == 0 or one.answered == 0:
         return "the run holds no finished call of this model"
     if one.unfinished:
-        later = "; a shard asks no controls, the merged run, resumed, does" if one.part else ""
+        later = "; a shard asks no controls: merge the shards and resume the run" if one.part else ""
         return f"the run is {unfinished(one.answered, one.planned, part=True)}{later}"
     if errors := one.reasons().get("error"):
-        return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
+        return (
+            f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing about the model"
+        )
     return ""
 
 
 def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool | None, str]:
-    """Return whether a verdict meets a requirement, by what its labels mean to a gate, and why."""
+    """Return whether a verdict meets a requirement, and why."""
     label = verdict.calibrated.label
     because = f"{label}: {verdict.calibrated.because}"
     if requirement in _SIDEWAYS:
@@ -347,18 +350,18 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
 
 _SIDEWAYS = frozenset(name for label in LATERAL for name in meets(label, LATERAL))
 _AUTHORITY = frozenset({"depth", "depth_lateral"})
-"""What may be required of turns, and what gives authority: that is not met where something is not excluded."""
+"""Requirements on turns, and those that give a permitted use, which must leave nothing open."""
 
 
 def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     met = requirement in meets(lateral.label, LATERAL)
-    exchanged = "swaps" in meets(lateral.label, LATERAL)  # to whichever side
+    exchanged = "swaps" in meets(lateral.label, LATERAL)  # to either side
     is_open = LATERAL[lateral.label].otherwise == "cannot say" or (exchanged and requirement == "turns_clear")
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
 def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
-    """Return what a label below depth says to a gate that requires it."""
+    """Return the outcome of a label below depth for a gate that requires depth."""
     label = LABELS[verdict.calibrated.label]
     if label.otherwise == "cannot say" or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
@@ -380,7 +383,7 @@ def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -
 
 
 def _refuted(found: Mapping[str, Statistic]) -> tuple[bool, str]:
-    """Return whether it is shown that its braking does not follow distance, and what to add to the reason."""
+    """Return whether its braking provably ignores distance, and words for the reason."""
     if is_refuted(found):
         return True, ""
     near_far = found["depth_interventional"]
@@ -388,15 +391,15 @@ def _refuted(found: Mapping[str, Statistic]) -> tuple[bool, str]:
         most = clopper_pearson(near_far.wins, pairs, 1 - 2 * ALPHA)[1]
         if most < MARGIN:
             return True, f"; it brakes harder for the near lead in {near_far.wins} of {pairs} pairs, at most {most:.3f}"
-    return False, f"; that its braking does not follow distance is not shown either (no bound below {MARGIN})"
+    return False, f"; but it is not shown that its braking ignores distance (no bound below {MARGIN})"
 
 
 def _ordered(order: Statistic, most: float) -> tuple[bool | None, str]:
-    """Return whether the share of comparisons the wrong way round is bounded below what is allowed, and why."""
+    """Return whether the share of comparisons in the wrong order is below the bound, and why."""
     if order.ci is None or order.value is None:
-        return None, f"the share of comparisons the wrong way round is not bounded: {order.note}"
+        return None, f"the share of comparisons in the wrong order is not bounded: {order.note}"
     low, high = order.ci
-    because = f"comparisons the wrong way round {order.value:.3f} [{low:.3f}, {high:.3f}], below {most:g}"
+    because = f"comparisons in the wrong order {order.value:.3f} [{low:.3f}, {high:.3f}], below {most:g}"
     return True if high < most else False if low > most else None, because
 
 

@@ -1,9 +1,9 @@
-"""A bank's battery as a task of Inspect AI, whose log 'eyechart run import' reads.
+"""A bank's battery as a task of Inspect AI; 'eyechart run import' reads its log.
 
-    inspect eval eyechart/battery -T asked=FOLDER --model openai/MODEL
+  inspect eval eyechart/battery -T asked=FOLDER --model openai/MODEL
 
-``FOLDER`` is what 'eyechart frames export' wrote. Nothing of eyechart but this module is needed to run it, so that it
-also runs where eyechart's own requirements cannot be met.
+'eyechart frames export' wrote ``FOLDER``. The task needs no other module of eyechart, so it also
+runs where eyechart's own requirements cannot be met.
 """
 
 import json
@@ -28,17 +28,17 @@ else:
     HERE = True
 
 MAX_TOKENS = 1024
-"""The budget of a reply where none is given, as in a run of eyechart's own."""
+"""The default budget of a reply, as in eyechart's own runs."""
 _LONGEST = 1_000_000
-"""Signs of a call, and bytes of what an export says of itself: a bound of memory without eyechart's own reader."""
+"""Most characters of a call, and bytes of an export's description: a bound on memory."""
 
 
 @task  # type: ignore[untyped-decorator]
 def battery(asked: str) -> Any:  # noqa: ANN401 - a Task of Inspect
-    """Return the task that makes every call of an export, in its order, each alone.
+    """Return the task that makes every call of an export, in order, each alone.
 
-    Temperature is 0 and the budget of a reply 1024 tokens, unless Inspect is told otherwise; a sample that fails does
-    not end the task. Raises SourceError where Inspect AI is not installed, or the folder is no export.
+    Temperature is 0 and a reply has 1024 tokens, unless Inspect sets them. A failed sample does not
+    end the task. Raises SourceError if Inspect AI is not installed, or the folder is no export.
     """
     if not HERE:
         raise SourceError("this needs Inspect AI: pip install inspect-ai, in the environment that runs it")
@@ -65,23 +65,23 @@ def _rows(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _bounded(line: str) -> str:
-    """Return a line; raises ValueError where it is longer than any call is."""
+    """Return a line; raises ValueError if it is longer than any call."""
     if len(line) > _LONGEST:
-        raise ValueError(f"a line of asked.jsonl has more than {_LONGEST} signs")
+        raise ValueError(f"a line of asked.jsonl has more than {_LONGEST} characters")
     return line
 
 
 def _batch(folder: Path) -> str:
-    """Return a name of what is asked, which differs by bank, prompt and seed."""
+    """Return a name of the export that differs by bank, prompt and seed."""
     try:
-        about = json.loads(read_at_most(folder / "asked.json", _LONGEST, SourceError, "what an export says of itself"))
+        about = json.loads(read_at_most(folder / "asked.json", _LONGEST, SourceError, "the description of an export"))
         return f"{about['bank']}-{about['batch'][:8]}"
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise SourceError(f"{folder} is no export: {error!r}") from None
 
 
 def _sample(row: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a Sample of Inspect
-    """Return a row as a sample: system words, then the pictures and the user's words, as eyechart sends them."""
+    """Return a row as a sample: system words, pictures and user's words, as eyechart does."""
     pictures = [row[name] for name in row if name.partition("@")[0] == "picture" and row[name]]
     content = [*(ContentImage(image=str(folder / name)) for name in pictures), ContentText(text=row["user"])]
     user = ChatMessageUser(content=content if pictures else row["user"])

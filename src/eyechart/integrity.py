@@ -1,6 +1,7 @@
-"""Guards say whether a run may be believed: did the picture arrive, has each call one outcome, is nothing faked.
+"""Guards: sanity checks that say whether a run is reliable.
 
-A guard holds, fails, or cannot say. A failed guard marks the verdict wherever it is printed.
+They check that pictures arrived, that each call has one outcome, and that no answer is a copy. A
+guard holds, fails, or cannot say; a failed one marks the verdict wherever it is printed.
 """
 
 import re
@@ -18,16 +19,16 @@ from eyechart.spaces.space import AnySpace, ending
 from eyechart.stats.guessing import fewer_p
 
 FEWEST = 8
-"""Fewer pairs than this are no ground for a suspicion."""
+"""The fewest pairs for a suspicion."""
 SUDDEN = 0.1
-"""A repeat that comes in less than this share of the first answer's time was hardly computed."""
+"""A repeat in less than this share of the first answer's time was hardly computed."""
 MOST = 0.9
-"""The share of pairs from which on it is no accident."""
+"""From this share of pairs on it is no accident."""
 
 _TEXTS_KEPT = 1000
 _OTHERS = "(others)"
 _MARK = re.compile(r" (fp_\w+|b\d+-\w+|[0-9a-f]{8,}|[\w.]+-[0-9a-f]{8,})$")
-"""How fingerprints look that servers give: of OpenAI, of llama.cpp, digests."""
+"""The forms of server fingerprints: of OpenAI, of llama.cpp, and digests."""
 _SHOWN = 3
 _NAME_SHOWN = 60
 _DIFFERS = {"model": "models", "provider": "providers", "system_fingerprint": "configurations (system_fingerprint)"}
@@ -35,7 +36,7 @@ _DIFFERS = {"model": "models", "provider": "providers", "system_fingerprint": "c
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """One guard: its name, whether it holds (None is "cannot say"), and why, in words."""
+    """One guard: its name, whether it holds (None is "cannot say"), and why."""
 
     name: str
     holds: bool | None
@@ -43,7 +44,7 @@ class Guard:
 
     @property
     def mark(self) -> str:
-        """Return in words that it failed, and why: what it stands beside is not to be relied on."""
+        """Return in words that the guard failed, and why."""
         return f"guard '{self.name}' failed: {self.because}"
 
     def as_dict(self) -> dict[str, object]:
@@ -53,13 +54,13 @@ class Guard:
 
 
 def unfinished(over: int, whole: int, what: str = "calls", *, part: bool = False) -> str:
-    """Return in words how far a run is that is not finished, as a ``part`` of another never is; empty where it is."""
+    """Return in words how far an unfinished run is; a ``part`` of a run is always unfinished."""
     return f"unfinished: {over} of {whole} {what}" if part or over < whole else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """What answered, as its replies name it, how often, and when the first and the last of these calls were sent."""
+    """What answered, by its replies: names, count, and the times of the first and last call."""
 
     model: str | None
     provider: str | None
@@ -78,9 +79,9 @@ class Served:
 
 @dataclass(frozen=True, slots=True)
 class ServedGuard(Guard):
-    """Whether one model answered throughout: ``answered`` in the order of their first replies.
+    """Whether one model answered throughout; ``answered`` is in order of first replies.
 
-    ``differs`` names what of them differs: model, provider, system_fingerprint.
+    ``differs`` names what differs: model, provider, system_fingerprint.
     """
 
     answered: tuple[Served, ...] = ()
@@ -88,14 +89,14 @@ class ServedGuard(Guard):
 
     @property
     def by_fingerprint(self) -> bool:
-        """Return whether nothing but the server's name of its configuration differs."""
+        """Return whether only the server's fingerprint differs."""
         return self.differs == ("system_fingerprint",)
 
 
 class ServedChecks:
-    """Looks at what names itself in replies, attempt by attempt in the order of sending.
+    """Compares the names in replies, attempt by attempt in the order of sending.
 
-    A ``mode`` that was probed holds what answered then: another model is another, however steady it is.
+    A probed ``mode`` records the names of that time; another model later is a difference.
     """
 
     def __init__(self, mode: RequestMode | None = None) -> None:
@@ -104,14 +105,14 @@ class ServedChecks:
         self._unnamed = 0
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt; what names nothing is counted."""
+        """Add an attempt; replies without names are counted."""
         if one.reply is None or one.reply.error is not None:
             return
         named = names_of(one.reply)
         self._unnamed += named[0] is None
         if named == (None, None, None):
             return
-        if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
+        if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers rename each
             named = (named[0], named[1], _OTHERS) if named[2] else (_OTHERS, None, None)
             if named not in self._found and len(self._found) >= 2 * _TEXTS_KEPT:
                 named = (_OTHERS, None, None)
@@ -119,9 +120,9 @@ class ServedChecks:
         self._found[named] = (count + 1, since, one.sent_at)
 
     def unlike(self) -> dict[str, str]:
-        """Return what answered that is not what the probe saw, in words by ``model`` and ``provider``.
+        """Return in words the ``model`` and ``provider`` that differ from the probe's.
 
-        Of what the probe did not see named it says nothing.
+        Names that the probe did not record are skipped.
         """
         found = {}
         for name, fact in (("model", "served"), ("provider", "provider")):
@@ -134,7 +135,7 @@ class ServedChecks:
         return found
 
     def guards(self) -> tuple[ServedGuard, ...]:
-        """Return the guard, or none where no reply names what answered."""
+        """Return the guard, or none if no reply has a name."""
         answered = tuple(Served(*named, *counted) for named, counted in self._found.items())
         if not answered:
             return ()
@@ -146,7 +147,7 @@ class ServedChecks:
         if not differs and self._unnamed and several["model"]:
             replies = self._unnamed + sum(one.replies for one in answered if one.model)
             counted = f"{self._unnamed} of {replies} replies do not name their model, and the others do"
-            words = f"{counted}, so that another may have answered: {shown}{more}"
+            words = f"{counted}, so another model may have answered: {shown}{more}"
             return (ServedGuard("served", False, words, answered, ("model",)),)
         if not differs:
             return (ServedGuard("served", True, f"one model answered: {shown}{more}", answered),)
@@ -156,9 +157,9 @@ class ServedChecks:
 
 
 class ShownChecks:
-    """Holds what was asked in each call against every other attempt at it, of whichever model of a run.
+    """Compares the requests of all attempts at the same call, by any model of a run.
 
-    Of one frame, condition and prompt every model is shown the same, in every attempt. It looks at all of a run.
+    Every model must be shown the same for one frame, condition and prompt. It reads a whole run.
     """
 
     def __init__(self) -> None:
@@ -166,7 +167,7 @@ class ShownChecks:
         self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt; a row without a digest says nothing."""
+        """Add an attempt; a row without a digest is skipped."""
         if not one.request_sha256:
             return
         study, model, *asked = map(str, one.key)
@@ -177,13 +178,13 @@ class ShownChecks:
                 self._unlike.setdefault(either, {})[key] = None
 
     def guards(self, model: str) -> tuple[Guard, ...]:
-        """Return the guard of a model, or none where it was asked in every call what all others were."""
+        """Return the guard of a model, or none if its requests equal those of the others."""
         if model not in self._unlike:
             return ()
         found = self._unlike[model]
         _, _, frame, condition, _ = next(iter(found))
         where = f"first of frame '{printable(frame)}' under {printable(condition)}"
-        says = f"{len(found)} calls have two digests of what was shown, {where}: another picture, or other words"
+        says = f"{len(found)} calls have two digests of their request, {where}: another picture, or other words"
         return (Guard("shown", False, f"{says}, for another model or in another attempt"),)
 
 
@@ -193,9 +194,9 @@ def _shown(name: str) -> str:
 
 
 def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:
-    """Return model, provider and fingerprint; the replies of an older ledger have the last behind the first.
+    """Return model, provider and fingerprint; an older ledger has the last behind the first.
 
-    A model may have a name of several words, so that only what looks like a fingerprint is taken for one.
+    A model's name may have several words, so only what looks like a fingerprint is one.
     """
     served, mark = reply.served, reply.system_fingerprint
     if served and mark:
@@ -206,9 +207,9 @@ def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:
 
 
 class GuardChecks:
-    """Looks at attempts one by one, in the order of sending, without keeping them.
+    """Checks attempts one by one, in the order of sending, without keeping them.
 
-    The ``space`` reads replies: decisions that never differ are found too, whatever words are around them.
+    The ``space`` reads replies, to find decisions that never differ in differing words.
     """
 
     def __init__(self, mode: RequestMode, space: AnySpace) -> None:
@@ -224,7 +225,7 @@ class GuardChecks:
         self._tokens: dict[str, dict[str, int]] = defaultdict(dict)
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt."""
+        """Add an attempt."""
         self._outcomes.add(one)
         self._served.add(one)
         reply = one.reply
@@ -234,7 +235,7 @@ class GuardChecks:
         self._ends.add(reply.finish_reason)
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
-        if len(self._decided) < 2:  # two that differ are enough to know
+        if len(self._decided) < 2:  # two different ones are enough
             found = self._space.read(reply).action
             self._decided.update([] if found is None else [str(found)])
         if reply.prompt_tokens:
@@ -244,9 +245,9 @@ class GuardChecks:
             self._repeats.add(one.key.frame, reply, "" if told is None else str(told))
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str, counted: str) -> tuple[Guard, ...]:
-        """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked.
+        """Return every guard; ``fingerprint`` is that of the bank's checked geometry.
 
-        ``counted`` says in words how many attempts there were and how they ended, as the run's Account has it.
+        ``counted`` says in words how many attempts there were and how they ended.
         """
         same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
         if made_elsewhere(self._mode.spec):
@@ -274,21 +275,21 @@ class GuardChecks:
 
 
 _ELSEWHERE = {
-    "calls": "eyechart did not make these calls: what was asked, of which model and how, is the word of whoever did",
-    "picture": "eyechart did not make the calls, so that nothing shows that pictures arrived",
-    "cache": "eyechart did not make the calls, so that nothing shows that each was answered anew",
+    "calls": "eyechart did not make these calls: only their maker knows the questions and the model",
+    "picture": "eyechart did not make the calls, so nothing shows that pictures arrived",
+    "cache": "eyechart did not make the calls, so nothing shows that each was answered anew",
 }
-"""What is said of answers that were made elsewhere, by guard."""
-_UNNAMED = Guard("served", None, "eyechart did not make the calls, so that nothing shows that one model answered them")
+"""The reasons for answers that were made elsewhere, by guard."""
+_UNNAMED = Guard("served", None, "eyechart did not make the calls, so nothing shows that one model answered them")
 
 
 _ENDS_KEPT = 100
-"""Different finish reasons of a model that are told apart; all others are one."""
+"""The most distinct finish reasons to count; all others count as one."""
 
 
 @dataclass(slots=True)
 class _Ends:
-    """How replies ended: how many came, how many do not say, and how often each word that is not known."""
+    """How replies ended: their number, those without a reason, and unknown reasons."""
 
     came: int = 0
     unsaid: int = 0
@@ -303,11 +304,11 @@ class _Ends:
             self.unknown[reason if known else "another word"] += 1
 
     def guard(self) -> Guard:
-        """Return whether it is known of every reply how it ended."""
-        aside = "one that was cut off would be read as if it were whole"
+        """Return whether every reply has a known finish reason."""
+        aside = "a reply that was cut off would be read as a whole one"
         if self.unknown:
             word = _beginning(self.unknown.most_common(1)[0][0]) + (" and others" if len(self.unknown) > 1 else "")
-            words = f"{self.unknown.total()} of {self.came} answers end with {word}, a word that is not known"
+            words = f"{self.unknown.total()} of {self.came} answers end with {word}, an unknown finish reason"
             return Guard("truncation", None, f"{words}: {aside}")
         if self.unsaid:
             return Guard("truncation", None, f"{self.unsaid} of {self.came} answers name no finish reason: {aside}")
@@ -315,28 +316,28 @@ class _Ends:
 
 
 _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenario", "blank"})
-"""Conditions without a picture of their own: a server that counts only what no cache held may count no picture."""
+"""Conditions without a picture of their own; a server may omit cached tokens for them."""
 
 
 def _dropped(tokens: Mapping[str, Mapping[str, int]]) -> str:
-    """Return how many prompts with a picture of a condition have the tokens of their words alone, "" where none has."""
+    """Return how many prompts with a picture have the tokens of their words alone, or ""."""
     bare = tokens.get("text_only", {})
-    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):  # some from a cache
+    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):
         return ""
     for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
         both = counts.keys() & bare.keys()
         lost = sum(counts[frame] == bare[frame] for frame in both)
         if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
-            named = "" if condition == "real" else f", of {condition},"
+            named = "" if condition == "real" else f", under {condition},"
             return f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
     return ""
 
 
 def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
-    """Return whether pictures arrived, as a probe of this very model saw, or as the server counts its tokens.
+    """Return whether pictures arrived, by a probe of the same model or by the server's tokens.
 
-    ``tokens`` are those of prompts by condition and frame. A probe saw that the server counts pictures: a prompt with
-    one, of whichever condition, that has the tokens of its words alone came without it.
+    ``tokens`` are those of prompts by condition and frame. If a probe saw that the server counts
+    pictures, a prompt with a picture but only the tokens of its words lost the picture.
     """
     found, shown, bare = mode.measured, tokens.get("real", {}), tokens.get("text_only", {})
     if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and not unlike and (words := _dropped(tokens)):
@@ -357,11 +358,11 @@ def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike:
 
 
 _QUOTED = 40
-"""Signs of a reply that a guard quotes."""
+"""Characters of a reply that a guard quotes."""
 
 
 def _beginning(text: str) -> str:
-    """Return a reply in quotes, of a long one how it begins."""
+    """Return a reply in quotes; of a long one, the beginning."""
     return repr(text) if len(text) <= _QUOTED else f"{text[:_QUOTED]!r} …"
 
 
@@ -381,14 +382,14 @@ def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptin
 
 @dataclass(slots=True)
 class _Outcomes:
-    """Which calls have an outcome, known by the hashes of their keys, and how many have two."""
+    """The calls with an outcome, by hashes of their keys, and the number with two."""
 
     finals: set[int] = field(default_factory=set)
     again: set[int] = field(default_factory=set)
     twice: int = 0
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt; a call that was asked again has one outcome, its last."""
+        """Add an attempt; a retried call has one outcome, its last."""
         call = hash(one.key)
         if one.reason == AGAIN:
             self.again.add(call)
@@ -411,9 +412,10 @@ class _Outcomes:
 
 @dataclass(slots=True)
 class _Repeats:
-    """Compares real_repeat with real of the same frame: a cache answers the later one at once.
+    """Compares real_repeat with real for the same frame: a cache answers the later one at once.
 
-    ``alone`` is how many repeats were equal that a probe asked alone, of how many; None where it says nothing.
+    ``alone`` is the number of equal repeats, out of how many, that a probe made one by one; None if
+    unknown.
     """
 
     alone: tuple[int, int] | None = None
@@ -421,7 +423,7 @@ class _Repeats:
     counts: Counter[str] = field(default_factory=Counter)
 
     def add(self, frame: str, reply: Reply, told: str = "") -> None:
-        """Take one of the two replies about a frame, in the order in which they were asked for, and its decision."""
+        """Add one of a frame's two replies, in the order of sending, and its decision."""
         this = reply.text, reply.reasoning, reply.seconds or 0.0, told
         before = self.first.pop(frame, None)
         if before is None:
@@ -444,18 +446,18 @@ class _Repeats:
             return Guard("cache", False, f"a cache is suspected: {says}")
         if mode.temperature and same == pairs:
             says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
-            return Guard("cache", None, f"{says}, as a cache would have it, or a model that is sure of a short answer")
+            return Guard("cache", None, f"{says}: by a cache, or by a model that is sure of a short answer")
         return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")
 
     def under_load(self) -> tuple[Guard, ...]:
-        """Return whether repeats agree in the run as they did alone at temperature 0; none where nobody knows."""
+        """Return whether repeats agree in the run as alone at temperature 0; none if unknown."""
         alike, decided = self.counts["alike"], self.counts["decided"]
         if self.alone is None or decided < FEWEST:
             return ()
         same, of = self.alone
-        words = f"{alike} of {decided} repeats decide alike in the run, and {same} of {of} did that were asked alone"
+        words = f"{alike} of {decided} repeats give the same decision in the run, and {same} of {of} did one by one"
         if 2 * alike < decided and fewer_p(alike, decided, same, of) < _UNLIKELY:
-            why = "pictures may be mixed up where several calls are under way: ask with --concurrency 1"
+            why = "pictures may be mixed up with several calls under way: ask with --concurrency 1"
             return (Guard("load", False, f"{words}, at temperature 0: {why}"),)
         return (Guard("load", True, words),)
 
@@ -464,7 +466,7 @@ _UNLIKELY = 0.01
 
 
 def _alone(mode: RequestMode) -> tuple[int, int] | None:
-    """Return how many repeats were equal that a probe asked alone at temperature 0, and of how many."""
+    """Return the equal repeats, out of how many, of a probe one by one at temperature 0."""
     said = "" if mode.measured is None or mode.temperature != 0 else mode.measured.facts.get(ALONE, "")
     found = re.fullmatch(r"(\d{1,3}) of (\d{1,3})", said)
     return None if found is None else (int(found.group(1)), int(found.group(2)))

@@ -1,4 +1,4 @@
-"""Calls are made in an event loop of their own; where one is running already, as in a notebook, in another thread."""
+"""Event loops for calls: each run has its own, in another thread if one is running here."""
 
 import threading
 from collections.abc import Callable, Coroutine
@@ -19,7 +19,7 @@ else:
             return getattr(asyncio, name)
 
     asyncio = _Asyncio()
-    """Python's ``asyncio``, imported when something of it is first used: what reads a run makes no call."""
+    """Python's ``asyncio``, imported on first use: reading a run makes no call."""
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
@@ -35,16 +35,16 @@ def running() -> bool:
 
 
 def require_no_loop() -> None:
-    """Raise SpecError where an event loop is running in this thread, so that no other can."""
+    """Raise SpecError if an event loop is running in this thread, which allows no other."""
     if running():
         raise SpecError(
-            "an event loop is running already, as in a notebook, and this needs one of its own: call it in a thread "
+            "an event loop is running already, as in a notebook, and this needs its own: call it in a thread "
             "(await asyncio.to_thread(...)), or use eyechart.api.run_battery or eyechart.studies.policy.run"
         )
 
 
 def in_own_loop(run: "Coroutine[Any, Any, T]") -> T:
-    """Return what a coroutine comes to in an event loop of its own: in a thread where one is running already."""
+    """Return a coroutine's result from its own event loop, in a thread if one is running here."""
     if not running():
         return to_its_end(run)
     with ThreadPoolExecutor(1) as thread:
@@ -52,13 +52,13 @@ def in_own_loop(run: "Coroutine[Any, Any, T]") -> T:
 
 
 def to_its_end(run: "Coroutine[Any, Any, T]") -> T:
-    """Return what a coroutine comes to in an event loop of its own; it is closed where there can be no loop."""
+    """Return a coroutine's result from its own event loop; the coroutine is always closed."""
     with closing(run):
         return asyncio.run(run)
 
 
 def make_calls(run: Callable[..., T], progress: Progress | None) -> T:
-    """Run a study, which takes ``progress``: in a thread where an event loop is running; an interrupt ends that too."""
+    """Run a study with ``progress``, in a thread if a loop runs here; an interrupt ends both."""
     if not running():
         return run(progress=progress)
     calls = _Calls(progress)
@@ -72,7 +72,7 @@ def make_calls(run: Callable[..., T], progress: Progress | None) -> T:
 
 
 class _Calls:
-    """The calls that another thread makes, so that an interrupt of this one can end them."""
+    """The calls of another thread, which an interrupt of this one can end."""
 
     def __init__(self, progress: Progress | None) -> None:
         self._progress = progress
@@ -80,7 +80,7 @@ class _Calls:
         self._main: tuple[asyncio.AbstractEventLoop, asyncio.Task[object]] | None = None
 
     def move(self, done: int, total: int) -> None:
-        """Pass the progress on; the first time it is told by the task that all others belong to."""
+        """Pass the progress on; the first call comes from the main task and records it."""
         task = asyncio.current_task()
         if self._main is None and task is not None:
             self._main = (task.get_loop(), task)
@@ -90,9 +90,9 @@ class _Calls:
             self._progress(done, total)
 
     def stop(self) -> None:
-        """Cancel the calls under way; in the ledger they stand as sent, with their outcome unknown."""
+        """Cancel the calls under way; the ledger has them as sent with an unknown outcome."""
         self._stopped.set()
         if self._main is not None:
             loop, task = self._main
-            with suppress(RuntimeError):  # the loop has ended meanwhile
+            with suppress(RuntimeError):  # the loop may have ended
                 loop.call_soon_threadsafe(task.cancel)

@@ -1,4 +1,4 @@
-"""A run's manifest says what was asked of whom, so that it can be resumed, merged and read: on a bank, or of drives."""
+"""A run's manifest: what it asks and which models, so that it can be resumed, merged and read."""
 
 import datetime as dt
 import json
@@ -30,38 +30,39 @@ from eyechart.spaces.reader import READER
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
 EPISODES = "episodes.jsonl"
-"""A run's finished episodes, one a line, in the order in which they ended."""
+"""A run's finished episodes, one per line, in the order of their ends."""
 BANK = "bank"
-"""The run's copy of the bank's text; in a bundle with the pictures that the run used."""
+"""The run's copy of the bank's text; in a bundle with the used pictures."""
 BANK_TEXT = ("manifest.json", "metadata.jsonl")
 OWN = ".own"
-"""Stands in that folder where the whole bank was made there, for this run alone."""
+"""Marks a bank that was made in this folder for this run alone."""
 BESIDE = ("vetting.json", "seen.json")
-"""What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
+"""Files that may precede a run's episodes: the worlds that an online run chose."""
 
 
 STORED, PNG, PNG_2 = ENCODINGS = ("stored", "png", "png-2")
-"""How pictures leave: as the bank holds them, or all as 8-bit PNGs of pixels alone, which look alike as files.
+"""How pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.
 
-In the second of these encodings noise is not compressed: that took half of a call's time, and made no file smaller.
+Such PNGs look alike as files. The second encoding does not compress noise: that took half of a
+call's time and saved no bytes.
 """
 
 MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
-"""How many conditions a run may have, and how often a policy that draws its answers may be asked for each."""
+"""The most conditions of a run, and the most answers per question from a sampling policy."""
 CONTROLS_ASKED = ("none", "auto", "all")
-"""Which control conditions a run may ask, from the fewest."""
+"""The control conditions that a run may ask, from the fewest."""
 
 
 MOVED = "moved"
-"""The fact of a model that says when its run went on at another address."""
+"""The fact of a model that says when its run continued at another address."""
 
 
 class Manifest:
-    """What the manifests of all runs say alike, and how one is extended by another of the same run.
+    """The common part of all runs' manifests, and how one is extended by another of the same run.
 
-    ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template). ``reader``
-    is the version of what reads the replies. ``view`` is the key of the view that pictures are shown through, ``none``
-    where they are shown as they are. ``probes`` says what it took to probe a model before the run.
+    ``modes`` are the models' request modes, and ``facts`` their known properties (digest,
+    quantisation, template). ``reader`` is the version of the reader of replies. ``view`` is the key
+    of the view for pictures, or ``none``. ``probes`` says what probing each model took.
     """
 
     __slots__ = ()
@@ -69,9 +70,9 @@ class Manifest:
     COMMAND: ClassVar[str]
     """The command that makes such a run."""
     WHO: ClassVar[str]
-    """The field that maps who was asked, or drove, to a version."""
+    """The field that maps each subject or driver to a version."""
     ASKED: ClassVar[str]
-    """What was done with one of them, in words."""
+    """What the run did with a subject, in words."""
     SAME: ClassVar[tuple[str, ...]]
     GROWS: ClassVar[tuple[str, ...]]
 
@@ -81,39 +82,39 @@ class Manifest:
     probes: Mapping[str, Spent]
 
     def mode(self, spec: str) -> RequestMode:
-        """Return how a model was asked; the default mode where the run gave none."""
+        """Return a model's request mode; the default mode if the run has none."""
         return self.modes.get(spec) or RequestMode(spec)
 
     def spent_before(self) -> Spent:
-        """Return what probing took, of all models together."""
+        """Return what probing took, for all models together."""
         return Spent.together(self.probes.values())
 
     def within(
         self, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None, before: Spent = NOTHING
     ) -> Limits:
-        """Return a run's limits: so many requests, so many dollars by these prices, with what was spent ``before``.
+        """Return a run's limits: requests, and dollars at these prices.
 
-        What probing for the run took counts too.
+        What was spent ``before`` counts, and so does probing.
         """
         spent = Spent.together([self.spent_before(), before])
         return Limits(calls, cost_usd, before=spent, cost=lambda spec, reply: prices.cost(self.mode(spec), reply)[0])
 
     def counting(self, probes: Mapping[str, Spent]) -> Self:
-        """Return this manifest with what was spent on probing models, beside what was spent on them before."""
+        """Return this manifest with what was spent on probing models, added to earlier probes."""
         return replace(self, probes={**self.probes, **added(self.probes, probes)})  # type: ignore[type-var]
 
     def extended(self, other: Self) -> Self:
-        """Return this manifest with what another asks for added.
+        """Return this manifest extended by another.
 
-        Raises LedgerError that names what differs where the two cannot be one run.
+        Raises LedgerError that names the difference if the two cannot be one run.
         """
         for name in self.SAME:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 before, now = self._said_of(name, other), other._said_of(name, self)
                 raise LedgerError(
-                    f"this run has {before}, now {now} was asked for; "
-                    "give the same options to resume it, or another --out for another run"
+                    f"this run has {before}, now {now} was asked for; give the same options to resume it, "
+                    "or another --out for another run"
                 )
         grown = self._wider(other)
         before, now = getattr(self, self.WHO), getattr(other, self.WHO)
@@ -133,26 +134,26 @@ class Manifest:
         return replace(self, **grown)  # type: ignore[type-var]
 
     def _require_version(self, spec: str, other: Self) -> None:
-        """Raise LedgerError where another manifest has another version of one who is in both, naming what changed."""
+        """Raise LedgerError that names the change if the versions of a common subject differ."""
         before, now = getattr(self, self.WHO)[spec], getattr(other, self.WHO)[spec]
         if before != now and not other._is_newer(spec, self):
             which = changed(self.facts.get(spec, {}), other.facts.get(spec, {}))
             raise LedgerError(
-                f"this run {self.ASKED.format(spec)} at version {before}, which is now {now}{which and f' ({which})'}; "
-                "give another --out, or bring back the files or the program that answered before: two versions in "
-                "one run cannot be told apart"
+                f"this run {self.ASKED.format(spec)} at version {before}, which is now "
+                f"{now}{which and f' ({which})'}. One run cannot hold two versions: give another --out, or "
+                "restore the files or the program of the earlier version"
             )
 
     def _require_mode(self, spec: str, other: Self) -> None:
-        """Raise LedgerError where a model would be asked otherwise than it was."""
+        """Raise LedgerError if a model's request mode differs."""
         mine, theirs = self.mode(spec), other.mode(spec)
         if mine.same_request(theirs):
             return
         if mine.differs_in_address_only(theirs):
             raise LedgerError(
-                f"this run asked {spec} at {mine.base_url or 'the usual address'}, and now its address, key, "
-                f"headers or patience are others ({theirs.base_url or 'the usual address'}): give the same, "
-                "or --moved to go on there and record it"
+                f"this run asked {spec} at {mine.base_url or 'the usual address'}, but its address, key, "
+                f"headers or patience have changed ({theirs.base_url or 'the usual address'}): give the same, "
+                "or --moved to continue there and record it"
             )
         mine, theirs = mine.request(), theirs.request()
         name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
@@ -163,12 +164,12 @@ class Manifest:
         )
 
     def _is_newer(self, spec: str, other: Self) -> bool:
-        """Return whether the other manifest has of a callable the version that it had before its imports counted."""
+        """Return whether the other version of a callable is from before its imports counted."""
         version = getattr(other, self.WHO)[spec]
         return is_formerly(version, other.facts.get(spec, {}), self.facts.get(spec, {}))
 
     def moved(self, modes: Iterable[RequestMode]) -> Self:
-        """Return this manifest with its models asked at the addresses of these modes; ``facts`` say what moved when."""
+        """Return this manifest moved to these modes' addresses; ``facts`` record the move."""
         kept, facts, when = dict(self.modes), dict(self.facts), dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
         for mode in modes:
             before = kept.get(mode.spec)
@@ -188,7 +189,7 @@ class Manifest:
         return json.dumps({"format": self.FORMAT, **values}, indent=1, ensure_ascii=False) + "\n"
 
     def write(self, out: Path) -> None:
-        """Write the manifest into the run's folder, whole or not at all."""
+        """Write the manifest into the run's folder, atomically."""
         partial = out / f".{RUN}"
         with partial.open("w", encoding="utf-8") as file:
             file.write(self.as_text())
@@ -197,7 +198,7 @@ class Manifest:
         partial.replace(out / RUN)
 
     def _said_of(self, name: str, other: Self) -> str:
-        """Return in words what a manifest says of what another says otherwise."""
+        """Return in words a field of this manifest that differs from another's."""
         own = getattr(self, name)
         if isinstance(self, RunManifest) and name == "fingerprint":
             return f"the bank {self.bank_path} (fingerprint {self.fingerprint[:16]})"
@@ -210,25 +211,26 @@ class Manifest:
         return f"motion with {', '.join(f'{what} {mine}' for what, (mine, _) in apart.items()) or 'another reflection'}"
 
     def _wider(self, other: Self) -> dict[str, Any]:
-        """Return the bounds of both together; raises LedgerError where they cannot be."""
+        """Return the joint limits of both; raises LedgerError if they conflict."""
         raise NotImplementedError
 
 
 Who = tuple[str, Mapping[str, str]]
-"""The version of one who is asked, and what is known of it."""
+"""A subject's version, and its known facts."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunManifest(Manifest):
-    """What a run on a bank was planned to do. ``models`` maps a SPEC to the version that answered.
+    """The plan of a run on a bank; ``models`` maps a SPEC to the version that answered.
 
-    ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
-    ``stop_early`` says that a model is no longer asked once its verdict is settled. ``reader`` is the version that the
-    run was begun under. ``frames`` are the ids of the frames that were chosen for the run, empty where it is about all
-    of them or their first ``limit``. ``controls`` says which control conditions are asked beside ``conditions``: none;
-    ``auto``, of each model those that its answers call for, in later stages; or all, among ``conditions``. By
-    ``controls_seed`` the bank's controls were drawn, None where nobody drew them by one. ``answers`` is how often a
-    policy that draws its answers is asked for each. ``encoding`` is how pictures leave.
+    ``shard`` is (i, n), counted from 1, or None for the whole. ``limit`` is the number of frames,
+    or None for all. With ``stop_early`` a model is no longer asked once its verdict is settled.
+    ``reader`` is the reader's version at the start. ``frames`` are chosen ids, empty for all or the
+    first ``limit``.
+    ``controls`` says which control conditions are asked in addition to ``conditions``: none;
+    ``auto``, those that each model's answers need, in later stages; or all, among ``conditions``.
+    ``controls_seed`` is the seed of the bank's controls, or None. ``answers`` is the number of
+    answers per question from a sampling policy. ``encoding`` says how pictures are sent.
     """
 
     FORMAT = "eyechart-run/2"
@@ -274,14 +276,14 @@ class RunManifest(Manifest):
     encoding: str = STORED
 
     def require_reader(self, path: Path, known: tuple[int, ...], *, reread: bool) -> None:
-        """Raise LedgerError where a run was begun under a version of its reader that is not ``known``, today's last.
+        """Raise LedgerError if the run's reader version is not ``known`` (today's is last).
 
-        One that is ``reread`` may be of any.
+        With ``reread`` any version is allowed.
         """
         if self.reader not in known and not reread:
             raise LedgerError(
-                f"{path} was begun under version {self.reader} of the reader of its replies, and this is version "
-                f"{known[-1]}: what is read may differ from what was seen before; read its replies anew with --reread"
+                f"{path} was started with version {self.reader} of the reader of replies, and this is version "
+                f"{known[-1]}. Replies may now be read differently: read its replies anew with --reread"
             )
 
     @classmethod
@@ -292,7 +294,7 @@ class RunManifest(Manifest):
         who: Mapping[str, Who],
         **asked: Any,  # noqa: ANN401
     ) -> "RunManifest":
-        """Return the manifest of a run on a bank that begins today; ``asked`` are its other fields."""
+        """Return the manifest of a run on a bank that starts today, with ``asked`` fields."""
         return cls(
             created=today(),
             models={spec: version for spec, (version, _) in who.items()},
@@ -308,34 +310,34 @@ class RunManifest(Manifest):
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
         if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):
             raise LedgerError(
-                f"this run was begun with --controls {self.controls}, now {other.controls} was asked for; "
-                "give as many to resume it, or another --out for another run"
+                f"this run was started with --controls {self.controls}, now {other.controls} was asked for; "
+                "give at least as many to resume it, or another --out for another run"
             )
         limit = None if None in {self.limit, other.limit} else max(self.limit or 0, other.limit or 0)
         return {"limit": limit, "controls": other.controls}
 
 
 MARGINAL = "marginal"
-"""How the SPEC of a policy begins that draws like a controller's decisions."""
+"""The beginning of the SPEC of a policy that draws from a controller's decisions."""
 
 
 def own_marginal(spec: str, drivers: Container[str]) -> str:
-    """Return the one of some drivers that ``marginal:DRIVER`` names; "" for an earlier run's, and any other policy."""
+    """Return the driver that ``marginal:DRIVER`` names; "" for an earlier run's or other policy."""
     kind, _, name = spec.partition(":")
     return name if kind == MARGINAL and name.partition(":")[0] != MARGINAL and name in drivers else ""
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodesManifest(Manifest):
-    """What a run of episodes was planned to do: every policy in every scenario, seed and condition.
+    """The plan of a run of episodes: every policy in every scenario, seed and condition.
 
-    ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing; the
-    marginal of a driver of this run has no counts until it drives.
-    ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
-    ``versions`` all that may matter. ``max_steps`` is the largest bound on decisions that was asked for; each episode
-    says under which it was driven. ``silence`` says what becomes of a call that fails in a way that may pass: the
-    episode stays ``unfinished``, or the ``fail-safe`` is executed. ``reflected`` says whether models were asked
-    about the reflection of each picture too.
+    ``policies`` maps a SPEC to the version of the driver: a model's own, a marginal's counts, or
+    nothing. The marginal of a driver of this run has no counts until it drives.
+    ``picture`` describes the pictures. ``world`` holds the versions of the libraries that make the
+    world, and ``versions`` all that may matter. ``max_steps`` is the largest bound on decisions;
+    each episode records its own. ``silence`` says what a call does that fails but may succeed
+    later: the episode stays ``unfinished``, or the ``fail-safe`` is executed. ``reflected`` says
+    whether models were also asked about reflections.
     """
 
     FORMAT = "eyechart-episodes/1"
@@ -372,14 +374,14 @@ class EpisodesManifest(Manifest):
         return tuple(self.modes)
 
     def marginal_of(self, spec: str) -> str:
-        """Return the driver of this run like whose decisions a policy draws; "" where it is no such marginal."""
+        """Return the driver of this run whose decisions a policy draws from, or ""."""
         return own_marginal(spec, self.policies)
 
     def _wider(self, other: "EpisodesManifest") -> dict[str, Any]:
         if other.max_steps < self.max_steps:
             raise LedgerError(
-                f"this run has --max-steps {self.max_steps}, now {other.max_steps} was asked for: what it drove "
-                "already may have gone on for longer; give at least as many, or another --out"
+                f"this run has --max-steps {self.max_steps}, now {other.max_steps} was asked for: finished "
+                "drives may be longer; give at least as many, or another --out"
             )
         return {"max_steps": other.max_steps}
 
@@ -410,15 +412,15 @@ def today() -> str:
 
 
 def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
-    """Write a run's manifest and the text of its bank (no pictures) into the run's folder.
+    """Write a run's manifest and its bank's text (no pictures) into the run's folder.
 
-    Raises LedgerError where ``out`` is taken by something that is no run.
+    Raises LedgerError if ``out`` is taken by something that is no run.
     """
     copy = out / BANK
     if not is_run(out) and not holds(out, bank):
         if not is_free(out):
             raise LedgerError(f"{out} exists and is no run; choose another place with --out")
-        shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
+        shutil.rmtree(copy, ignore_errors=True)  # left by a run cut before its manifest
         partial = out / f".{BANK}"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir()
@@ -431,7 +433,7 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 
 def _take_added(copy: Path, bank: FrameBank) -> None:
-    """Take over what came to a run's bank since it was copied: pictures that its manifest names now."""
+    """Copy additions to a run's bank: pictures that its manifest names now."""
     then, now = (folder / "manifest.json" for folder in (copy, bank.root))
     before = read_bank_manifest(copy)
     more = bank.manifest.images.keys() - before.images.keys()
@@ -443,10 +445,10 @@ def _take_added(copy: Path, bank: FrameBank) -> None:
 
 @contextmanager
 def alone_in(out: Path) -> Iterator[None]:
-    """Hold a run's folder, which is made where it is missing.
+    """Hold a run's folder, which is made if missing (for a link, its target).
 
-    Of a link, what it leads to is made. Raises LedgerError where another process holds it, where it cannot be made, or
-    its ledger cannot be written.
+    Raises LedgerError if another process holds it, it cannot be made, or its ledger cannot be
+    written.
     """
     with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
@@ -464,15 +466,15 @@ def is_run(path: Path) -> bool:
 
 
 def holds(path: Path, bank: FrameBank) -> bool:
-    """Return whether a folder holds nothing but a bank that was made there for the run on it, with its own controls."""
+    """Return whether a folder holds only a bank that was made there for its run."""
     there = (path / BANK / OWN).is_file() and bank.root.resolve() == (path / BANK).resolve()
     return there and {one.name for one in path.iterdir()} <= {BANK, ".lock", f".{RUN}"}
 
 
 def is_free(path: Path) -> bool:
-    """Return whether a run may begin in a folder: nothing is there but what a run leaves that was cut at its start.
+    """Return whether a run may begin in a folder: it is empty but for remains of a cut start.
 
-    A folder ``bank`` that holds pictures is a frame bank, and not ours to remove.
+    A folder ``bank`` with pictures is a frame bank, which eyechart must not remove.
     """
     if not path.is_dir():
         return not path.exists()
@@ -481,9 +483,9 @@ def is_free(path: Path) -> bool:
 
 
 def is_episodes_run(path: Path) -> bool:
-    """Return whether a folder holds a run of episodes; raises LedgerError where it holds something else.
+    """Return whether a folder holds a run of episodes; False means that one may begin there.
 
-    False means that one may begin there.
+    Raises LedgerError if it holds something else.
     """
     if is_run(path):
         read_episodes_manifest(path)
@@ -496,23 +498,23 @@ def is_episodes_run(path: Path) -> bool:
 
 
 def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank:
-    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own.
+    """Return a bank as a prompt uses it, with the prompt's fields and own actions.
 
-    ``reader`` is the version of the rules by which an action is read from a reply.
+    ``reader`` is the version of the reader of replies.
     """
     space = asked_space(bank.manifest, prompt, reader)
     return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space))
 
 
 def asked_space(bank: BankManifest, prompt: Prompt, reader: int = READER) -> Discrete:
-    """Return the actions that are read from replies: the prompt's own, or the bank's."""
+    """Return the actions to read from replies: the prompt's own, or the bank's."""
     return named_actions(prompt.space, bank.action_space).by(reader)
 
 
 def read_run(path: Path, *, reread: bool = False) -> tuple[RunManifest, FrameBank]:
-    """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault.
+    """Read a run's manifest and its bank's text; raises LedgerError or BankError naming the file.
 
-    Its replies are read by the version of the reader that it was begun under, or by today's where ``reread``.
+    Replies are read by the run's own reader version, or by today's with ``reread``.
     """
     manifest = read_manifest(path)
     bank = asked_of(open_bank(path / BANK), manifest.prompt, READER if reread else manifest.reader)
@@ -524,12 +526,12 @@ def read_run(path: Path, *, reread: bool = False) -> tuple[RunManifest, FrameBan
 
 
 def read_manifest(path: Path) -> RunManifest:
-    """Read the manifest of a run on a bank; raises LedgerError naming the file at fault."""
+    """Read the manifest of a run on a bank; raises LedgerError naming the file."""
     return _read(path, RunManifest)
 
 
 def read_episodes_manifest(path: Path) -> EpisodesManifest:
-    """Read the manifest of a run of episodes; raises LedgerError naming the file at fault."""
+    """Read the manifest of a run of episodes; raises LedgerError naming the file."""
     return _read(path, EpisodesManifest)
 
 
@@ -541,18 +543,18 @@ def _read(path: Path, kind: type[M]) -> M:
         if found == kind.FORMAT:
             return _built(kind, raw, str(file))
     except FileNotFoundError as error:
-        made = "one is made by 'eyechart run battery' of models, 'eyechart run policy' of policies"
+        made = "'eyechart run battery' makes one of models, 'eyechart run policy' one of policies"
         made = made if kind is RunManifest else f"'eyechart run {kind.COMMAND}' makes one"
         raise LedgerError(f"{file} does not exist: is {path} a run? {made}") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error}") from error
     if kind is RunManifest and found == EpisodesManifest.FORMAT:
         raise LedgerError(
-            f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read"
+            f"{path} is a run of episodes: read it with 'eyechart score', 'report', 'audit', 'film' or 'costs'"
         )
     raise LedgerError(
-        f"{file} is of format {found!r}, not {kind.FORMAT!r}: it is no run of '{kind.COMMAND}', or one of another "
-        "eyechart; use the one that wrote it, or run anew"
+        f"{file} is of format {found!r}, not {kind.FORMAT!r}: it is no run of '{kind.COMMAND}', or one of "
+        "another eyechart; use the one that wrote it, or start a new run"
     )
 
 
@@ -574,16 +576,18 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
 
 
 def _require_legal(made: RunManifest) -> None:
-    """Raise ValueError, or SpecError of a condition, where a run's manifest holds what no run can be asked."""
+    """Raise ValueError, or SpecError for a condition, if a run's manifest is impossible."""
     if len(made.conditions) > MOST_CONDITIONS:
-        raise ValueError(f"conditions are {len(made.conditions)}, more than the {MOST_CONDITIONS} that a run may have")
+        raise ValueError(
+            f"it has {len(made.conditions)} conditions, more than the {MOST_CONDITIONS} that a run may have"
+        )
     if not 1 <= made.answers <= MOST_ANSWERS:
         raise ValueError(f"answers is {made.answers}, not a number from 1 to {MOST_ANSWERS}")
     for condition in made.conditions:
         find_condition(condition, made.prompt.who)
     if made.controls not in CONTROLS_ASKED:
-        raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
+        raise ValueError(f"controls {made.controls!r} is not one of {', '.join(CONTROLS_ASKED)}")
     if made.encoding not in ENCODINGS:
-        raise ValueError(f"encoding {made.encoding!r} is none of {', '.join(ENCODINGS)}")
+        raise ValueError(f"encoding {made.encoding!r} is not one of {', '.join(ENCODINGS)}")
     if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
         raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")

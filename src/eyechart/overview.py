@@ -1,4 +1,4 @@
-"""A folder of runs has an index: what each run says of each model, models side by side, and one model over time."""
+"""The index of a folder of runs: verdicts by run, models side by side, and models over time."""
 
 import datetime as dt
 import html
@@ -21,22 +21,22 @@ from eyechart.studies.prompts import is_study
 from eyechart.verdicts.labels import GLYPHS
 
 DEEPEST = 4
-"""Folders in folders that are looked into for runs."""
+"""The depth of nested folders to search for runs."""
 UNREAD = "cannot be scored"
 _VERSION = "version"
-"""The one thing that may differ between two runs that asked a model the same."""
+"""The one difference that two comparable runs of a model may have."""
 _TITLE = re.compile(rb"<title>eyechart report: ([^<]*)</title>")
 _HEAD = 4096
-"""Bytes of a page in which its title stands."""
+"""Bytes at the start of a page that hold its title."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What one run says of one model: of which version, asked about what, and what it found.
+    """What one run says of one model: version, question and finding.
 
-    ``begun`` is when its first call was sent, in UTC, or the day that it says where it made none; ``counted`` what a
-    finding of its kind says yes to, and of whom. ``asked`` holds, by name, what has to be the same before two runs of a
-    model are about one question.
+    ``begun`` is when its first call was sent, in UTC, or the run's day if it has no call.
+    ``counted`` is the "yes" of its kind of finding, and the noun that is counted. ``asked`` holds,
+    by name, what must be equal before two runs of a model answer one question.
     """
 
     run: str
@@ -49,7 +49,7 @@ class Entry:
     counted: tuple[str, str] = ("", "")
 
     def apart(self, other: "Entry") -> list[str]:
-        """Return in what another run of the model was asked otherwise."""
+        """Return how another run of the model was asked differently."""
         theirs = dict(other.asked)
         return [name for name, value in self.asked if theirs.get(name) != value]
 
@@ -60,12 +60,12 @@ class Entry:
 
     @property
     def when(self) -> str:
-        """Return when it was begun as people read it, to the second."""
+        """Return when it began, for people, to the second."""
         return self.begun[:19].replace("T", " ")
 
 
 def holds_runs(folder: Path) -> bool:
-    """Return whether a folder is no run, nor all runs of one study, and has some in it."""
+    """Return whether a folder contains runs but is neither a run nor one study."""
     return folder.is_dir() and not _is_run(folder) and bool(find_runs(folder))
 
 
@@ -75,7 +75,7 @@ def _is_run(folder: Path) -> bool:
 
 
 def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
-    """Return the runs in a folder, by path; links are not followed, and a run is not looked into."""
+    """Return the runs in a folder, by path; it follows no links and searches no run."""
     if _is_run(folder):
         return [folder]
     with raising(SpecError, f"{folder} cannot be read"):
@@ -84,9 +84,9 @@ def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
 
 
 def read_index(folder: Path, reading: Reading, tell: Tell) -> list[Entry]:
-    """Score every run in a folder, in the order of their first calls; what cannot be scored is an entry that says so.
+    """Score every run in a folder, in the order of first calls; a failure is an entry too.
 
-    A run without calls has its day alone, and stands before all that were begun on that day.
+    A run without calls has only its day, and precedes all that began on that day.
     """
     found: list[Entry] = []
     for run in find_runs(folder):
@@ -108,7 +108,7 @@ def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
 
 
 def _created(run: Path) -> object:
-    """Return when a run says that it was made; None where that cannot be read either."""
+    """Return when a run says that it was made; None if that cannot be read."""
     with suppress(EyechartError):
         return run_json(run).get("created")
     return None
@@ -136,7 +136,7 @@ def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, F
 
 
 def _moment(said: object) -> str:
-    """Return a day, or a moment in UTC, as it was written; nothing where it is none."""
+    """Return a day, or a moment in UTC, in ISO form; "" if it is neither."""
     try:
         moment = dt.datetime.fromisoformat(str(said))
     except ValueError:
@@ -147,9 +147,9 @@ def _moment(said: object) -> str:
 
 
 def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = None) -> Made:
-    """Return the index of the runs in a folder; raises SpecError where it holds none.
+    """Return the index of the runs in a folder; raises SpecError if there are none.
 
-    Where it is written to ``out``, it leads to the pages of single runs that lie beside it or beside them.
+    With ``out`` it links to pages of single runs beside it or beside the runs.
     """
     entries = read_index(folder, reading, tell)
     if not entries:
@@ -176,7 +176,7 @@ def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = No
 
 
 def _each(entries: Sequence[Entry], places: Mapping[str, str], pages: Mapping[str, str]) -> list[dict[str, object]]:
-    """Return what the index says of each run by itself, the newest first: what it is, and what it found."""
+    """Return each run's part of the index, newest first: what it is, and its findings."""
     return [
         {
             "run": run,
@@ -193,10 +193,10 @@ def _each(entries: Sequence[Entry], places: Mapping[str, str], pages: Mapping[st
 
 
 def _pages(folder: Path, runs: Sequence[str], out: Path) -> dict[str, str]:
-    """Return by run the address of its own page, relative to the index: beside the index, beside the run, or in it.
+    """Return the relative address of each run's own page: near the index or the run.
 
-    A page is a run's where its title names that run alone; where two runs have one name, only one in or beside a run
-    counts.
+    A page is a run's if its title names that run alone. If two runs have one name, only a page in
+    or beside the run counts.
     """
     found: dict[str, str] = {}
     names = [_named(folder / run) for run in runs]
@@ -214,7 +214,7 @@ def _named(run: Path) -> str:
 
 
 def _titled(folder: Path, name: str) -> Iterator[Path]:
-    """Yield the pages in a folder whose title names one run alone, of this name."""
+    """Yield the pages in a folder whose title names only this run."""
     for file in sorted(folder.glob("*.html")) if folder.is_dir() else ():
         try:
             if file.is_symlink():
@@ -229,16 +229,16 @@ def _titled(folder: Path, name: str) -> Iterator[Path]:
 
 _ANSWERS = {"Yes": "yes", "In part": "in part", "No": "no", "Inconclusive": "cannot be said"}
 _OF_TONE = dict(zip(GLYPHS, _ANSWERS, strict=True))
-"""What a tone comes to, where a finding has no answer of its own."""
+"""The answer of a tone, for findings without an answer of their own."""
 
 
 def _tone(one: Entry) -> str:
-    """Return the tone of a finding as the head of a page has it."""
+    """Return the tone of a finding at the head of a page."""
     return one.found.tone if one.found.tone in GLYPHS else "open"
 
 
 def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[Entry]]:
-    """Return the verdicts on each model of each kind, in their order."""
+    """Return the verdicts on each model of each kind, in order."""
     found: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
     for one in entries:
         if one.judged:
@@ -247,23 +247,23 @@ def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[
 
 
 def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
-    """Return what an index says first: the newest verdict on each model, and whether it is another than the one before.
+    """Return the head of an index: the newest verdict on each model, and whether it changed.
 
-    The models whose newest verdict differs from the one before, asked the same, stand first, then who was asked last.
+    Models with a changed verdict on an equal question come first, then the latest.
     """
     judged, said = _newest(entries), []
     for (model, _), mine in sorted(judged.items(), key=lambda one: one[1][-1].begun, reverse=True):
         now, before = mine[-1], mine[-2] if len(mine) > 1 else None
         changed = f"was {_words(before)}" if before is not None and _is_changed(before, now) else ""
         words = f"{now.run}, of {now.study}, {now.when}, on {now.about}." + (
-            f" Against the run before: {_against(before, now)}." if before else ""
+            f" Compared with the run before: {_against(before, now)}." if before else ""
         )
         said.append(Said(model, _words(now), _tone(now), words, now.found.state, places[now.run], changed))
     return Opening(_counted(entries), sorted(said, key=lambda one: not one.beware))
 
 
 def _counted(entries: Sequence[Entry]) -> str:
-    """Return in one sentence how many have which answer by their newest verdict, a kind at a time, and who has none."""
+    """Return in one sentence the number of models by newest answer, for each kind."""
     kinds: dict[tuple[str, str], list[str]] = {}
     judged = _newest(entries)
     for (_, kind), mine in judged.items():
@@ -298,22 +298,22 @@ def _said(one: Entry) -> Mark:
 
 
 def _led(one: Entry, led: Mapping[str, str]) -> Mark:
-    """Return a run's name that leads to its own page, or to what the index says of it."""
+    """Return a run's name with a link to its own page, or to its part of the index."""
     return Mark(one.run, place=led.get(one.run, ""))
 
 
 _BEGUN = Column("begun (UTC)", "word", varies=True)
-_TIMES = "A run is begun when its first call is sent; one that made none has its day alone."
+_TIMES = "A run begins when its first call is sent; a run without calls has only its day."
 
 
 def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -> Table:
-    """Return a model of a run a row, the newest first, with the estimate that decided its verdict.
+    """Return a row per model and run, newest first, with the estimate that decided.
 
-    ``led`` is where a page says more of each run.
+    ``led`` holds the link of each run.
     """
     named = (
         *(Column("model", "word"), Column("verdict", "word"), Column("run"), Column("of", "word", varies=True)),
-        *(Column("asked about"), _BEGUN, Column("decided by")),
+        *(Column("asked about"), _BEGUN, Column("asked about")),
         *(Column("value", "estimate"), Column("n", "count"), Column("not final")),
     )
     rows = tuple(
@@ -328,7 +328,7 @@ def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -
 
 
 def models_table(entries: Sequence[Entry]) -> Table:
-    """Return a model a row and what it was asked about a column, with its newest verdict there."""
+    """Return a row per model and a column per bank or simulator, with the newest verdict."""
     judged = [one for one in entries if one.judged]
     kinds = dict.fromkeys((one.about, one.study) for one in judged)
     heads = {
@@ -342,17 +342,17 @@ def models_table(entries: Sequence[Entry]) -> Table:
         cells.append((model, *("—" if one is None else _said(one) for one in mine)))
     return Table(
         "models",
-        "The newest verdict on each model, by what it was asked about",
+        "The newest verdict on each model, by bank or simulator",
         (Column("model", "word"), *(Column(one, "word") for one in heads.values())),
         tuple(cells),
-        "Verdicts on different banks are answers to different questions: they stand beside one another, and no more.",
+        "Verdicts on different banks answer different questions, so they are not compared.",
     )
 
 
 def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -> Table:
-    """Return the runs of each model that was asked more than once in their order, each held against the one before.
+    """Return the runs of each repeated model in order, each compared with the one before.
 
-    Verdicts of two kinds, as of a battery and of drives, are not held against each other.
+    Verdicts of two kinds, as of a battery and of drives, are not compared.
     """
     named = (
         *(Column("model", "word"), Column("verdict", "word"), Column("against the run before"), Column("run")),
@@ -374,23 +374,23 @@ def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None
             for one, words in zip(mine, told, strict=True)
         ]
     note = (
-        "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every statistic. "
-        f"{_TIMES}"
+        "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every "
+        f"statistic. {_TIMES}"
     )
-    return Table("history", "Models that were asked more than once, over time", named, tuple(rows), note)
+    return Table("history", "Models with several runs, over time", named, tuple(rows), note)
 
 
 def _is_changed(before: Entry, now: Entry) -> bool:
-    """Return whether a model's verdict is another though it was asked the same, be it of another version."""
+    """Return whether a verdict changed on an equal question; the version may differ."""
     return before.found.label != now.found.label and set(now.apart(before)) <= {_VERSION}
 
 
 def _against(before: Entry, now: Entry) -> str:
-    """Return in words how a run's verdict stands to the one before; the answer to another question is no change."""
+    """Return in words how a verdict compares with the one before, if the question is equal."""
     same, apart = before.found.label == now.found.label, now.apart(before)
-    unlike = f"not the same {', '.join(apart)}" if apart else "asked the same"
+    unlike = f"not the same {', '.join(apart)}" if apart else "with the same question"
     if same:
         return f"the same verdict{';' if apart else ','} {unlike}"
     if set(apart) <= {_VERSION}:
         return f"another verdict: it was {_words(before)}{';' if apart else ','} {unlike}"
-    return f"another question, to which the answer was '{_words(before)}'; {unlike}"
+    return f"another question, whose answer was '{_words(before)}'; {unlike}"

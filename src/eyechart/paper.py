@@ -1,6 +1,7 @@
-"""What of the paper runs determine: its tables and figures by label, and what is missing for the others.
+"""The paper's tables and figures, by label, from runs; and what the missing ones need.
 
-Each study says which it yields (`Study.paper`); here halves of one table that are of two kinds of run are joined.
+Each study says which it yields (`Study.paper`). Halves of a table from two kinds of run are joined
+here.
 """
 
 import hashlib
@@ -38,7 +39,7 @@ LABELS: Mapping[str, str] = {
     "fgr:bicb": "eyechart run battery",
     "fgr:vlm-interface": "eyechart run structured",
 }
-"""The labels of the paper's tables and figures, each with the command whose run determines it."""
+"""The labels of the paper's tables and figures, each with the command for its run."""
 BESIDES: Mapping[str, str] = {
     "t:controller-local": "with a run of eyechart run online, its crash column",
     "t:positive-guardian": "with --guardian, a file of eyechart guardian fit",
@@ -46,15 +47,15 @@ BESIDES: Mapping[str, str] = {
     "fgr:mi": "with a model in it",
     "fgr:vlm-interface": "with the bank's pictures, in a calibrated view",
 }
-"""What a label needs besides its run."""
+"""What a label needs in addition to its run."""
 
 ESTIMATES = "estimates"
-"""What a study's runs are whose replies hold votes for a guardian."""
+"""The kind of runs whose replies hold votes for a guardian."""
 
 
 @dataclass(frozen=True)
 class Artefacts:
-    """The tables and figures that runs determine; ``missing`` says by label what would determine the others."""
+    """The tables and figures of runs; ``missing`` says by label what the others need."""
 
     tables: "tuple[Table, ...]"
     drawings: "tuple[Drawing, ...]"
@@ -71,12 +72,12 @@ def artefacts(
     prices: Path | None = None,
     scores: Path | None = None,
 ) -> Artefacts:
-    """Return all of the paper that runs of any kinds determine; those of one kind stand in one table.
+    """Return all parts of the paper that these runs determine; runs of one kind share a table.
 
-    A ``guardian`` is scored on frames that did not choose it, of runs of scene estimates or of tables of votes among
-    what is ``given``; what a table's votes are stands in a TOML file of its name beside it. ``prices`` is a file of
-    one's own, and ``scores`` a table of external scores that grounding is correlated with. Raises what scoring
-    them raises.
+    A ``guardian`` is scored on frames that did not choose it, from runs of scene estimates or
+    tables of votes in ``given``. A TOML file with a table's name describes its votes. ``prices`` is
+    a price file, and ``scores`` a table of external scores to correlate with grounding. Raises what
+    scoring raises.
     """
     from eyechart.report.table import Table  # noqa: PLC0415 - the list of labels needs no figures
 
@@ -100,7 +101,7 @@ def artefacts(
 
 
 def needs(label: str, given: Collection[str] = ()) -> str:
-    """Return in words what determines the table or figure of a label, beside the commands whose runs are ``given``."""
+    """Return in words what a label needs, in addition to the commands in ``given``."""
     besides = BESIDES.get(label)
     if LABELS[label] in given and besides:
         return f"needs the run of {LABELS[label]} {besides}"
@@ -108,7 +109,7 @@ def needs(label: str, given: Collection[str] = ()) -> str:
 
 
 def _commands(kinds: Mapping[str, Sequence[Path]]) -> set[str]:
-    """Return the commands that made runs, by the kind of study; an admission is none of ``eyechart run structured``."""
+    """Return the commands that made runs, by study; an admission is not ``run structured``."""
     made = {"BatteryStudy": "battery", "ClosedLoop": "closed-loop"}
     found = {f"eyechart run {name}" for kind, name in made.items() if kind in kinds}
     whole = any(run_json(run).get("study") == "structured" for run in kinds.get("Structured", ()))
@@ -116,10 +117,10 @@ def _commands(kinds: Mapping[str, Sequence[Path]]) -> set[str]:
 
 
 def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading: Reading) -> "Iterator[Table]":
-    """Yield Table t:positive-guardian, of the frames of all votes given that did not choose the guardian, and its like.
+    """Yield Table t:positive-guardian on all given frames that did not choose the guardian.
 
-    Beside it stand the tests against the best single model, nested choice over all votes where every episode can be
-    left out, and modular replay where the bank's pictures are there and can be read.
+    Then yield tests against the best single model, nested choice over all votes, and modular replay
+    if the bank's pictures can be read.
     """
     from eyechart.guardian.page import nested_table, paper_table, replay_table, tests_table  # noqa: PLC0415 - draws
     from eyechart.studies import guardian as study  # noqa: PLC0415 - as above
@@ -135,8 +136,8 @@ def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading:
     unseen = [left for one in mine if (left := frozen.unseen(one)).frames]
     if not unseen:
         raise SpecError(
-            f"no votes are given for {path} on frames of its bank that did not choose it: name a run of scene "
-            "estimates, or a table of votes, beside --guardian"
+            f"no votes are given for {path} on frames of its bank that did not choose it: give a run of scene "
+            "estimates, or a table of votes, with --guardian"
         )
     table = study.join(unseen)
     table = table if table.split is None else table.part("score")
@@ -144,16 +145,16 @@ def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading:
     yield paper_table(found)
     yield tests_table(found)
     whole = study.join(mine)
-    with suppress(GuardianError):  # one episode, or an unfinished run: nothing can be chosen without each
+    with suppress(GuardianError):  # one episode, or an unfinished run: no nested choice
         yield nested_table(study.nested(whole if whole.split is None else whole.part("calibration", "score")))
     for bank in _pictured(frozen.about.bank, given, banks):
-        with suppress(GuardianError, BankError):  # pictures that the deterministic reader cannot read, or that are gone
+        with suppress(GuardianError, BankError):  # pictures that are gone or cannot be read
             yield replay_table(study.replay(frozen, table, study.reader_of(bank)))
             return
 
 
 def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Path]) -> "Iterator[FrameBank]":
-    """Yield the banks of a fingerprint among those that are named and those of the runs."""
+    """Yield the given banks and the runs' banks with this fingerprint."""
     for folder in (*banks, *(one / BANK for one in given if (one / BANK).is_dir())):
         with suppress(BankError):
             bank = open_bank(folder)
@@ -162,7 +163,7 @@ def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Pa
 
 
 def _beside(runs: Sequence[Path], prices: Prices, reading: Reading, scores: Path | None) -> "Iterator[Table]":
-    """Yield what runs determine beside the paper's labels: costs, corpus, replications, and transfer of ``scores``."""
+    """Yield further tables: costs, corpus, replications, and transfer of ``scores``."""
     from eyechart.compare import replications_table  # noqa: PLC0415 - draws
     from eyechart.corpus import corpus_table  # noqa: PLC0415 - as above
     from eyechart.studies.battery import score as score_battery  # noqa: PLC0415 - as above
@@ -186,7 +187,7 @@ def _beside(runs: Sequence[Path], prices: Prices, reading: Reading, scores: Path
 
 
 def _costs(runs: Sequence[Path], prices: Prices) -> "Table":
-    """Return what the decisions of all models cost and take; a model of several runs is named with its run."""
+    """Return the costs of all models' decisions; a model in several runs is named with its run."""
     from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - as above
     from eyechart.report.table import stacked  # noqa: PLC0415 - as above
 
@@ -198,7 +199,7 @@ def _costs(runs: Sequence[Path], prices: Prices) -> "Table":
 
 
 def _joined(tables: "Sequence[Table]") -> "Iterator[Table]":
-    """Yield tables, with those of one label and other columns as one."""
+    """Yield tables; those with one label and different columns are joined."""
     held: dict[str, Table] = {}
     for one in tables:
         before = held.get(one.label) if one.label else None
@@ -215,14 +216,14 @@ def _joined(tables: "Sequence[Table]") -> "Iterator[Table]":
 
 
 WRITTEN = ".paper.json"
-"""Stands in the folder: the files that were written, each with its SHA-256."""
+"""The record in the folder of written files, with their SHA-256."""
 
 
 @dataclass(frozen=True)
 class Written:
-    """The files that were written, and those of an earlier call that say nothing of these runs and were ``removed``.
+    """The written files, and old files that do not belong to these runs and were ``removed``.
 
-    ``kept`` are such files that somebody changed since, which stay.
+    ``kept`` are old files that were changed since.
     """
 
     files: tuple[Path, ...]
@@ -231,9 +232,9 @@ class Written:
 
 
 def write(found: Artefacts, folder: Path) -> Written:
-    """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF, and remove what an earlier call left.
+    """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF; remove old files.
 
-    Raises OutputError where a file may not be written there.
+    Raises OutputError if a file may not be written there.
     """
     from eyechart.report.table import files_of  # noqa: PLC0415 - as above
 
@@ -253,7 +254,7 @@ def write(found: Artefacts, folder: Path) -> Written:
 def _cleared(
     folder: Path, before: Mapping[str, str], names: Collection[str]
 ) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Remove files of an earlier call that are not written anew; return these, and those that were changed since."""
+    """Remove old files that are not written again; return them, and those changed since."""
     removed, kept = [], []
     for name, digest in before.items():
         file = folder / name
@@ -268,7 +269,7 @@ def _cleared(
 
 
 def _before(folder: Path) -> Mapping[str, str]:
-    """Return what an earlier call wrote into a folder, by name its digest; nothing where no record can be read."""
+    """Return the digests of an earlier call's files by name; empty without a record."""
     try:
         files = parse_json(text_file(folder / WRITTEN).read_text(encoding="utf-8"))["files"]
         return {name: digest for name, digest in files.items() if isinstance(digest, str)}

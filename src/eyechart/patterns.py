@@ -1,11 +1,11 @@
-"""Regular expressions that are compiled at their first use: there are many, and a command needs few of them."""
+"""Regular expressions that are compiled at first use, because a command needs few of them."""
 
 import re
 from typing import Any, cast
 
 
 def pattern(text: str, flags: int = 0) -> re.Pattern[str]:
-    """Return what `re.compile` does, compiled when something is first asked of it."""
+    """Return a pattern like `re.compile`, compiled at its first use."""
     return cast("re.Pattern[str]", _Pattern(text, flags))
 
 
@@ -14,9 +14,9 @@ class _Pattern:
         self._text, self._flags = text, flags
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever a pattern has
-        if name.startswith("__"):  # what copies and pickles ask of an object that has nothing yet
+        if name.startswith("__"):  # copy and pickle ask for these first
             raise AttributeError(name)
         compiled = re.compile(self._text, self._flags)
         found = getattr(compiled, name)
-        setattr(self, name, found)  # so that it is found at once from now on
+        setattr(self, name, found)  # found directly from now on
         return found

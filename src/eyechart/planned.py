@@ -1,4 +1,4 @@
-"""A run that is planned and not yet made, of any study: what is left, what it takes, how it is asked, what it keeps."""
+"""A planned run of any study: the calls left, their cost, and how it is made."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,22 +22,22 @@ if TYPE_CHECKING:  # a score probes no model
 
 Manifest = RunManifest | EpisodesManifest
 Bar = Callable[[str, str], AbstractContextManager[Progress]]
-"""Shows how far something is, by its name and its unit, and yields what moves it."""
+"""A progress bar from a name and a unit; it yields the function that moves it."""
 
 
 def moving(progress: Progress | None) -> Bar:
-    """Return what shows how far something is by calling ``progress``, if that is given."""
+    """Return a bar that calls ``progress``, if there is one."""
     return lambda *_: nullcontext(progress or (lambda *_: None))
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """How a run may be made: its limits, how much at once, and what may come before it.
+    """How a run may be made: its limits, its concurrency, and steps before it.
 
-    ``again`` asks once more what failed on the way, ``sequential`` asks models one after another
-    (`eyechart.models.turns_of`), ``processes`` hold the worlds of drives. ``watch`` says whether a page shows the run
-    while it goes on, ``moved`` whether a model may have another address, ``no_probe`` that none is probed first,
-    ``before`` what was spent outside the run and counts towards its limits.
+    ``again`` retries calls that failed in transport. ``sequential`` asks models one after another
+    (`eyechart.models.turns_of`). ``processes`` hold the worlds of drives. ``watch`` shows a page
+    during the run. ``moved`` allows another address of a model. ``no_probe`` skips probing.
+    ``before`` was spent outside the run and counts towards its limits.
     """
 
     prices: Prices
@@ -59,14 +59,14 @@ class Allowed:
         return manifest.within(self.prices, calls=self.max_calls, cost_usd=self.max_cost, before=self.before)
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
-        """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
+        """Raise SpecError if a run has no room to probe, or its shards would not match."""
         from eyechart.probe.pinning import MOST_CALLS  # noqa: PLC0415 - who reads what a run took probes nothing
 
         names, most = ", ".join(unprobed), MOST_CALLS * len(unprobed)
         if self.shard is not None:
             raise SpecError(
-                f"the shards of a run must ask alike: let 'eyechart probe' find a mode of {names} once, and give it to "
-                "all of them with --mode, or use --no-probe"
+                f"all shards of a run need the same request mode: let 'eyechart probe' find one for {names}, "
+                "and give it to all of them with --mode, or use --no-probe"
             )
         if self.max_calls is not None and self.max_calls - made.calls < most:
             raise SpecError(
@@ -76,16 +76,17 @@ class Allowed:
 
 
 class Ending(NamedTuple):
-    """What is said when a run is over, and the exit code that ends its command there; 0 goes on to the next."""
+    """The last lines of a run, and the command's exit code; 0 continues with the next."""
 
     lines: Sequence[str] = ()
     code: int = 0
 
 
 class Planned(ABC):
-    """A run that is planned and not yet made: one object for whoever probes, bounds, shows and makes it.
+    """A planned run: one object to probe, limit, show and make it.
 
-    ``out`` is its folder, ``unit`` what its progress counts, and ``kept`` says what an interrupt leaves.
+    ``out`` is its folder, ``unit`` what its progress counts, and ``kept`` says what an interrupt
+    leaves.
     """
 
     out: Path
@@ -94,37 +95,37 @@ class Planned(ABC):
 
     @property
     def keeper(self) -> "Planned":
-        """Return the run that keeps what probing takes; a study of several names one."""
+        """Return the run that records probing; a study of several runs names one."""
         return self
 
     def begin(self) -> Manifest:
-        """Begin the run with nobody in it, where none stands there, and return its manifest.
+        """Begin the run without models, if there is none, and return its manifest.
 
-        Whoever calls holds its folder. A model that was probed and is not recorded is probed anew.
+        The caller holds its folder. A probed model that was not recorded is probed again.
         """
         return self.keeper.begin()
 
     def sample(self) -> "Sample":
-        """Return what a probe asks of the run's models."""
+        """Return the questions of a probe of the run's models."""
         return self.keeper.sample()
 
     @abstractmethod
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield in words what is planned, and what it is expected to take."""
+        """Yield in words the plan and its expected cost."""
 
     @abstractmethod
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Make what is left, within limits, and return how that ended."""
+        """Make the remaining calls within limits; return how that ended."""
 
     @abstractmethod
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield what is said when it is over; ``failed`` says why models were left out of the plan."""
+        """Yield the run's last lines; ``failed`` says why models were left out."""
 
 
 def forecast(manifest: Manifest, models: Iterable[str], expected: Sequence[CostEstimate], how: Allowed) -> list[str]:
-    """Say what calls are expected to take, which models wait for others, and what weights need of this memory.
+    """Return in words the expected cost, the order of models, and the memory for weights.
 
-    Before the turns, what the models themselves give to think about.
+    Warnings of the models come before the order.
     """
     asked, facts = list(models), manifest.facts
     lines = [one.words for one in expected]
@@ -137,7 +138,7 @@ def forecast(manifest: Manifest, models: Iterable[str], expected: Sequence[CostE
             took = sum(one for one in known if one is not None)
             time = f", about {duration(took)} in all" if took and None not in known else ""
             lines.append(
-                f"one after another, each closed before the next is opened{time}: {', '.join(turn)}; --together asks "
+                f"one after another, with only one open at a time{time}: {', '.join(turn)}; --together asks "
                 "them at once"
             )
     return lines + _weights(manifest, turns)
@@ -148,7 +149,7 @@ _WORTH_SAYING_GB = 0.1
 
 
 def _weights(manifest: Manifest, turns: Sequence[Sequence[str]]) -> list[str]:
-    """Say what the weights that this machine holds at one time take, where models tell what theirs do."""
+    """Return in words the memory for all weights that this machine holds at one time."""
     facts = {spec: one for spec, one in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
     needed = {spec: float(one[WEIGHTS_GB]) for spec, one in facts.items() if WEIGHTS_GB in one}
     asked = [[spec for spec in turn if spec in needed] for turn in turns]
@@ -160,34 +161,34 @@ def _weights(manifest: Manifest, turns: Sequence[Sequence[str]]) -> list[str]:
         (float(facts[spec][MEMORY_GB]) for spec in needed if MEMORY_GB in facts[spec]), default=memory_here_gb()
     )
     of = "" if there is None else f" of {there:.3g} GB"
-    lines = [f"memory: at most {once:.3g} GB{of} for weights at once, and what answering takes on top ({each})"]
+    lines = [f"memory: at most {once:.3g} GB{of} for weights at once, and more for answering ({each})"]
     if there is not None and once > there >= max(needed.values()):
         lines.append("warning: these weights do not fit together: ask the models with --sequential")
     return lines
 
 
-_UNASKED = "models that were set aside were not asked: mend what is wrong, and the same command asks them"
+_UNASKED = "models that were set aside were not asked: correct the cause, and the same command asks them"
 
 
 def unasked(failed: Mapping[str, str]) -> Ending:
-    """Say which models were not asked at all."""
+    """Return the ending that names models that were not asked at all."""
     return Ending([*(f"set aside: {spec}: {why}" for spec, why in failed.items()), _UNASKED], 1)
 
 
 def aside(outcome: Outcome, failed: Mapping[str, str]) -> list[str]:
-    """Say which models were set aside and why, and of how many attempts a bounded cost knows nothing."""
+    """Return in words which models were set aside, and attempts of unknown cost."""
     lines = [f"set aside: {spec}: {why}" for spec, why in {**failed, **outcome.set_aside}.items()]
     if outcome.uncounted:
         lines.append(
-            f"{counted(outcome.uncounted, 'attempt')} failed without telling the cost, which --max-cost does not count"
+            f"{counted(outcome.uncounted, 'attempt')} failed without a reported cost, which --max-cost does not count"
         )
     return lines
 
 
 def calls_ended(outcome: Outcome, failed: Mapping[str, str], left: int, *, nothing: bool = False) -> Ending:
-    """Say how calls ended; 3 where a limit stopped them, 1 where some are unfinished.
+    """Return the ending of calls: exit 3 at a limit, 1 if some are unfinished.
 
-    Also 1 where ``nothing`` that came can be judged, whatever stopped them.
+    ``nothing`` to judge is exit 1 too, whatever stopped the calls.
     """
     unasked_here = {*failed, *outcome.set_aside}
     lines = aside(outcome, failed)
@@ -205,21 +206,21 @@ def calls_ended(outcome: Outcome, failed: Mapping[str, str], left: int, *, nothi
 
 
 def _to_finish(outcome: Outcome) -> str:
-    """Return in words what makes the calls that are unfinished."""
+    """Return in words what completes the unfinished calls."""
     tries = "their last error may pass, and the same command tries them again"
     lasting = sorted(outcome.lasting & outcome.set_aside.keys())
     if not lasting:
         return tries
     mend = (
-        f"mend what is wrong with {', '.join(lasting)}, and the same command makes them; a Python file that was "
-        "changed is another version, and needs another --out"
+        f"correct the cause for {', '.join(lasting)}, and the same command makes them; a changed Python file is "
+        "another version, and needs another --out"
     )
     passing = {*outcome.set_aside, *outcome.failed} - outcome.lasting
-    return f"{mend}. Of the others {tries}" if passing else mend
+    return f"{mend}. For the others {tries}" if passing else mend
 
 
 def empty(runs: Iterable[Path]) -> Ending:
-    """Say of models all of whose replies in these runs say nothing why that may be."""
+    """Return the ending for models whose replies are all empty, with the possible cause."""
     found: dict[str, Emptiness] = {}
     for run in runs:
         with Ledger(run / LEDGER, absent=True) as ledger:

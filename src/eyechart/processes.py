@@ -1,4 +1,4 @@
-"""Processes of ours that end with the one that began them, also where that one is killed."""
+"""Child processes that end with their parent, even if that is killed."""
 
 import ctypes
 import multiprocessing
@@ -18,15 +18,15 @@ _LOOK_EVERY_S = 1.0
 
 @contextmanager
 def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of new interpreters, each of which ends when this process does, or is interrupted.
+    """Yield a pool of new interpreters that end when this process ends or is interrupted.
 
-    They are spawned, not forked: a thread, as that of a progress bar, may hold a lock at the moment of a fork.
+    They are spawned, not forked: a thread, such as a progress bar's, may hold a lock during a fork.
     """
     pool = ProcessPoolExecutor(processes, mp_context=_Deaf(), initializer=end_with, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
-        for one in multiprocessing.active_children():  # what they are at may take minutes, and nobody wants it now
+        for one in multiprocessing.active_children():  # their work may take minutes
             one.kill()
         raise
     finally:
@@ -34,11 +34,11 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 
 class _DeafProcess(SpawnProcess):
-    """An interpreter that a Ctrl-C of the terminal does not reach, from its first moment on: it is for its parent."""
+    """An interpreter that the terminal's Ctrl-C does not reach: only its parent handles it."""
 
     def start(self) -> None:
-        """Begin it with SIGINT blocked, which it inherits; one that comes here meanwhile is heard afterwards."""
-        if sys.platform == "win32":  # which has no masks of signals
+        """Start it with SIGINT blocked, which it inherits; a SIGINT to this process comes later."""
+        if sys.platform == "win32":  # Windows has no signal masks
             super().start()
             return
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -49,19 +49,19 @@ class _DeafProcess(SpawnProcess):
 
 
 class _Deaf(SpawnContext):
-    """Begins such processes."""
+    """The context that starts such processes."""
 
     Process = _DeafProcess
 
 
 def end_with(parent: int) -> None:
-    """Let this process end when its ``parent``, given by number, is no more, whatever it is doing then.
+    """End this process when its ``parent`` (a process id) is gone, whatever it is doing.
 
-    The system is asked to see to it. Where it cannot, as on macOS, a thread looks every second.
+    The system does that. Where it cannot, as on macOS, a thread checks every second.
     """
     if not _is_ended_by_the_system():
         threading.Thread(target=_end_after, args=(parent,), name="eyechart-parent", daemon=True).start()
-    elif os.getppid() != parent:  # it went before the system was asked
+    elif os.getppid() != parent:  # the parent ended before this request
         os._exit(1)
 
 
@@ -70,7 +70,7 @@ def _is_ended_by_the_system() -> bool:
     try:
         asked = ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         return int(asked) == 0
-    except (AttributeError, OSError, TypeError):  # no such call here, or no library to look it up in
+    except (AttributeError, OSError, TypeError):  # no such call or library here
         return False
 
 

@@ -1,8 +1,9 @@
-"""The six prompt formulations; what is asked of a model, in one literal dict.
+"""The six prompt formulations, in one literal dict.
 
-Source: paper, section Prompt formulation gates measured grounding. The paper names five of its six (baseline,
-minimal, chain-of-thought, few-shot, anti-degeneracy) and prints none; the wording, and the sixth, are ours.
-A formulation of one's own comes from a TOML file, and may say of each frame what its bank declares sayable.
+Source: paper, section Prompt formulation gates measured grounding. The paper names five of the six
+(baseline, minimal, chain-of-thought, few-shot, anti-degeneracy) and prints none; the wording and
+the sixth are eyechart's. A user's formulation comes from a TOML file, and may use the prompt
+columns of its bank.
 """
 
 import hashlib
@@ -26,18 +27,18 @@ from eyechart.spaces.space import AnySpace
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
 ACTIONS = "actions"
-"""The field that stands for the names of the actions; no prompt column may have this name."""
+"""The field for the names of the actions; no prompt column may have this name."""
 
 _FIELD = re.compile(r"\{\{([\w][\w .-]*)\}\}|\{([\w][\w .-]*)\}")
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """A formulation: a system message and a user message, sent with the picture of the condition.
+    """A formulation: a system message and a user message, sent with a condition's picture.
 
-    In a ``template`` ``{column}`` stands for what a frame has in that prompt column, ``{actions}`` for the names of
-    the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is what the prompt asks
-    for: actions of its own, or a scene estimate; None for the actions of the bank.
+    In a ``template``, ``{column}`` stands for a frame's value in that prompt column, ``{actions}``
+    for the actions' names, and ``{{word}}`` for ``{word}``; other braces stay. ``space`` is the
+    prompt's own actions or a scene estimate; None means the bank's actions.
     """
 
     name: str
@@ -47,27 +48,27 @@ class Prompt:
     space: AnySpace | None = None
 
     def asks(self, space: Discrete) -> AnySpace:
-        """Return the space of its answers, where the bank or the world has the actions of ``space``."""
+        """Return the space of its answers, given the actions of the bank or world."""
         return space if self.space is None else self.space.by(space.reader)
 
     @property
     def readers(self) -> tuple[int, ...]:
-        """Return the versions of the rules by which a reply to it can be read here, today's last."""
+        """Return the reader versions for replies to it, today's last."""
         return (self.space or Discrete).readers
 
     @property
     def who(self) -> str:
-        """Return who is asked so: a ``model``, or a ``policy``."""
+        """Return the subject of the prompt: a ``model`` or a ``policy``."""
         return (self.space or Discrete).who
 
     @property
     def asks_scene(self) -> bool:
-        """Return whether it asks for an estimate of the scene."""
+        """Return whether it asks for a scene estimate."""
         return (self.space or Discrete).is_scene
 
     @cached_property
     def key(self) -> str:
-        """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
+        """Return ``name@hash``, which changes with the wording and the space."""
         wording = f"{self.system}\x1f{self.user}"
         if self.space is not None:
             wording += f"\x1f{self.space.wording()}"
@@ -75,14 +76,14 @@ class Prompt:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Return the columns that it says of a frame, in order."""
+        """Return the prompt columns that it uses, in order."""
         if not self.template:
             return ()
         named = [match.group(2) for text in (self.system, self.user) for match in _FIELD.finditer(text)]
         return tuple(dict.fromkeys(name for name in named if name not in {None, ACTIONS}))
 
     def render(self, said: Mapping[str, object], actions: Sequence[str]) -> tuple[str, str]:
-        """Return the system and the user message about a frame; ``said`` maps every field to what is said of it."""
+        """Return the system and user message about a frame; ``said`` holds its columns' values."""
         if not self.template:
             return self.system, self.user
         values = {**said, ACTIONS: ", ".join(actions)}
@@ -93,7 +94,7 @@ class Prompt:
         return _FIELD.sub(fill, self.system), _FIELD.sub(fill, self.user)
 
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
-        """Return what a model is asked of a stimulus, for an answer of ``space``; every Query is built here."""
+        """Return the query for a stimulus and an answer in ``space``; every Query is built here."""
         state = {name: ", ".join(f"{one:g}" for one in numbers) for name, numbers in seen.state.items()}
         words = self.render({**seen.fields, **state}, () if space is None else space.actions)
         return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
@@ -108,7 +109,7 @@ class Prompt:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
-        """Build a prompt from plain values; raises SpecError where its key is not that of its wording."""
+        """Build a prompt from plain values; raises SpecError if its key does not match."""
         own = values.get("action_space")
         space: AnySpace | None = SCENES if values.get("scene") is True else None
         if isinstance(own, dict):
@@ -129,7 +130,7 @@ class Prompt:
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """What a kind of picture shows and what the actions mean in it, in the words of the formulations."""
+    """A kind of picture and the meaning of actions in it, as used by the formulations."""
 
     whole: str
     brief: str
@@ -197,11 +198,11 @@ PROMPTS: dict[str, Prompt] = _formulations(_ABOVE)
 """For roads seen from above."""
 
 FORWARD_PROMPTS: dict[str, Prompt] = _formulations(_FORWARD)
-"""The same for forward cameras."""
+"""For forward cameras."""
 
 
 def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
-    """Return the prompt of this name for pictures of this mirror axis, or the one of this TOML file.
+    """Return the prompt of this name for a mirror axis, or of this TOML file.
 
     A forward camera's axis is ``horizontal``. Raises SpecError that lists the known ones.
     """
@@ -212,9 +213,9 @@ def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
 
 
 def read_prompt(path: Path) -> Prompt:
-    """Read a prompt from a TOML file: user, and, if wanted, name, system and a table action_space.
+    """Read a prompt from a TOML file with user and optional name, system and action_space.
 
-    Raises SpecError naming the file and what is wrong in it.
+    Raises SpecError naming the file and the fault.
     """
     values = read_toml(path)
     known = ("name", "system", "user", "action_space")
@@ -235,7 +236,7 @@ def read_prompt(path: Path) -> Prompt:
 
 
 def neutral(picture: str, space: Discrete) -> Prompt:
-    """Return the plainest prompt for pictures of one's own: what they are, and which actions there are."""
+    """Return the plainest prompt for a user's pictures: their description and the actions."""
     names = f"{', '.join(space.actions[:-1])} or {space.actions[-1]}"
     return Prompt(
         "neutral",
@@ -245,7 +246,7 @@ def neutral(picture: str, space: Discrete) -> Prompt:
 
 
 def policy_prompt(space: MotionSpace, instruction: str | None) -> Prompt:
-    """Return what a policy is asked: its instruction, from this prompt column, word for word; nothing without one."""
+    """Return a policy's prompt: its instruction from this prompt column, or empty without one."""
     return Prompt("policy", "", "" if instruction is None else f"{{{instruction}}}", template=True, space=space)
 
 
@@ -253,9 +254,9 @@ _SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single J
 
 
 def _scene(name: str, opening: str, gap: str, distances: Distances) -> Prompt:
-    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by.
+    """Return a prompt for a scene estimate, with the fixed thresholds of its truth.
 
-    ``gap`` says of the gap what is measured, to what.
+    ``gap`` says what the gap is measured to.
     """
     thing = gap.rsplit(maxsplit=1)[-1]
     reach = f"from {distances.behind_m:g} m behind you to {distances.ahead_m:g} m ahead of you"
@@ -280,20 +281,20 @@ SCENE = _scene(
     "metres from your middle to the middle of the nearest vehicle",
     HIGHWAY,
 )
-"""What the structured study asks about the calibrated view of highway-env's picture."""
+"""The structured study's prompt for the calibrated view of highway-env's picture."""
 
 
 _CLOSE = re.compile(r"^close: true if that .* is nearer than (\d+(?:\.\d+)?) m, else false\.$", re.MULTILINE)
 
 
 def close_m_of(prompt: Prompt) -> float | None:
-    """Return the distance in metres below which a question about a scene calls a lead close, None where it does not."""
+    """Return the gap in metres below which a scene prompt calls a lead close; None if unclear."""
     said = _CLOSE.findall(prompt.user)
     return float(said[0]) if len(said) == 1 else None
 
 
 def scene_prompt(picture: str, distances: Distances, view: View | None) -> Prompt:
-    """Return the prompt for scene estimates through a view; without one it says what the pictures are, in words."""
+    """Return the prompt for scene estimates through a view, or with a picture's description."""
     if view is None:
         opening = f"What the picture is: {picture}. You drive the vehicle that it is about."
         return _scene("scene_plain", opening, "metres to the nearest vehicle or obstacle", distances)
@@ -307,14 +308,14 @@ def scene_prompt(picture: str, distances: Distances, view: View | None) -> Promp
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
-    """Raise SpecError where a prompt asks for what no prompt may say, or leaves actions of the bank's space unsaid."""
+    """Raise SpecError if a prompt uses a forbidden column, or omits actions of the bank."""
     declared, space = (*bank.manifest.prompt_columns, *bank.manifest.state), bank.manifest.action_space
     allowed = f"a prompt of this bank may say: {', '.join((*declared, ACTIONS))}"
     for name in prompt.fields:
         if name in bank.frames[0].truth:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
         if name not in declared:
-            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is no prompt column; {allowed}")
+            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is not a prompt column; {allowed}")
     said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.actions)).upper()
     unsaid = [action for action in space.actions if action.upper() not in said]
     ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())

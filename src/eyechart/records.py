@@ -1,4 +1,4 @@
-"""Plain values, as JSON and TOML give them, become records: strictly, or with an error that names the place."""
+"""Strict conversion of plain JSON and TOML values to records; errors name the place."""
 
 import json
 import re
@@ -15,10 +15,10 @@ Name = Annotated[str, msgspec.Meta(min_length=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Amount = Annotated[float, msgspec.Meta(ge=0)]
 LARGEST = 1e30
-"""No number of a file is larger, so that moments and sums of them are finite; a seed may have more than 64 bits."""
+"""The largest number in a file, so that moments and sums are finite; a seed may be larger."""
 
 MOST_VALUES = 10_000_000
-"""Values in one JSON text: so few that what they become in memory stays below 2 GB, whatever they are."""
+"""The most values in one JSON text; in memory they stay below 2 GB."""
 _LONGEST = 60
 _PLAIN = frozenset({str, int, float, bool, type(None)})
 _SAID = re.compile(
@@ -33,14 +33,15 @@ _KINDS = {
     "object": "an object",
     "null": "null",
 }
-"""What a place wants, in words, by msgspec's name of it."""
+"""The kinds of values in words, by msgspec's names."""
 _JSON = {"array": list, "object": dict, "str": str, "bool": bool, "int": int, "float": float, "null": type(None)}
 
 
 def parse_json(text: str | bytes, most: int = MOST_VALUES, **how: Any) -> Any:  # noqa: ANN401 - as json.loads
-    """Return what a JSON text from elsewhere says; raises ValueError where it is none, or of more than ``most`` values.
+    """Parse a JSON text; raises ValueError if it is none, or has more than ``most`` values.
 
-    They are counted by their signs before one is made, since a value of three bytes takes up to a hundred in memory.
+    It counts the values by their signs first, because a value of three bytes takes up to a hundred
+    in memory.
     """
     brace, bracket, comma = ("{", "[", ",") if isinstance(text, str) else (b"{", b"[", b",")
     if len(text) > most and sum(map(text.count, (brace, bracket, comma))) > most:  # type: ignore[arg-type]
@@ -49,9 +50,9 @@ def parse_json(text: str | bytes, most: int = MOST_VALUES, **how: Any) -> Any:  
 
 
 def build(kind: type[T], raw: object, where: str = "it") -> T:
-    """Return the record of plain values; raises ValueError naming the place, what stands there and what should.
+    """Return the record of plain values; raises ValueError that names the place and the fault.
 
-    A field that the record does not have is an error; ``where`` names the whole.
+    An unknown field is an error; ``where`` names the whole.
     """
     try:
         made = msgspec.convert(raw, kind)
@@ -63,7 +64,7 @@ def build(kind: type[T], raw: object, where: str = "it") -> T:
 
 @runtime_checkable
 class Plain(Protocol):
-    """What says how it is written; a dataclass that derives from this and says no more is written as its fields."""
+    """A record with `as_dict`; a dataclass derived from it is written as its fields."""
 
     __slots__ = ()
 
@@ -73,9 +74,10 @@ class Plain(Protocol):
 
 
 class Written:
-    """A record that is written as ``written`` says, a word a key: ``KEY=PATH``, or a path, whose last name is its key.
+    """A record that is written as ``written`` says: a list of keys.
 
-    A path leads by dots from part to part, and where a part is None to None. Of ``*PATH`` all keys are written.
+    A key is ``KEY=PATH``, or a path whose last name is the key. A path leads by dots through parts;
+    a part of None gives None. ``*PATH`` writes all keys of its part.
     """
 
     __slots__ = ()
@@ -87,7 +89,7 @@ class Written:
 
 
 def picked(record: object, keys: str) -> dict[str, Any]:
-    """Return of a record what ``keys`` say, as `Written` has them, in plain JSON values."""
+    """Return the parts of a record that ``keys`` name, as in `Written`, as plain JSON values."""
     found: dict[str, Any] = {}
     for word in keys.split():
         key, _, path = word.rpartition("=")
@@ -99,7 +101,7 @@ def picked(record: object, keys: str) -> dict[str, Any]:
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
-    """Return the plain JSON values of a record, a number of numpy, or a mapping or sequence of such."""
+    """Return the plain JSON values of a record, a numpy number, or a collection of them."""
     if type(value) in _PLAIN:
         return value
     if isinstance(value, Mapping):
@@ -116,7 +118,7 @@ def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
 
 @cache
 def _says_itself(kind: type) -> bool:
-    """Return whether records of a kind say how they are written: to ask each record takes longer than to write it."""
+    """Return whether a kind of record has its own `as_dict`; cached, because checks are slow."""
     return issubclass(kind, Plain)
 
 
@@ -137,7 +139,7 @@ def _sentence(said: str, raw: object, where: str) -> str:
     if found["kind"] is None:
         lacking = re.fullmatch(r"Object missing required field `(.*)`", found["other"])
         if found["other"].startswith("Invalid enum value"):
-            return f"{place} is {shown(value)}, which is none of its values"
+            return f"{place} is {shown(value)}, which is not one of its values"
         return f"{place} has no {lacking[1]}" if lacking else f"{place}: {found['other']}"
     kinds = set(found["kind"].split(" | ")) - ({"int"} if "float" in found["kind"] else set())
     wanted = " or ".join(words for kind, words in _KINDS.items() if kind in kinds) or found["kind"]
@@ -145,7 +147,7 @@ def _sentence(said: str, raw: object, where: str) -> str:
 
 
 def _place(raw: object, path: str, got: str | None) -> tuple[str, object]:
-    """Return the name and the value of a place; where msgspec does not say which of a mapping's, the one it is."""
+    """Return the name and value of a place; it resolves msgspec's unnamed mapping keys."""
     at, value = "", raw
     for name, index in re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path):
         if name:

@@ -1,4 +1,4 @@
-"""A run turns a plan into calls and calls into rows of the ledger; it spends money, and only appends."""
+"""A run: it turns a plan into calls and appends them to the ledger."""
 
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,28 +29,28 @@ Progress = Callable[[int, int], None]
 
 
 class Stages(Protocol):
-    """Decides, as calls finish, which of those that remain are made, in which order, and which come after them."""
+    """The order of calls in a run: which remaining ones are made, and which follow them."""
 
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
-        """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
+        """Yield a model's calls out of ``todo``; the next one is taken when a worker is free."""
         del model
         return iter(todo)
 
     def finished(self, key: CallKey, reply: Reply) -> None:
-        """Take note of a finished call."""
+        """Record a finished call."""
         del key, reply
 
     def more(self, model: str) -> Sequence[CallKey]:
-        """Return the calls of a model's next stage, in their order, once no call is under way; none ends its run."""
+        """Return a model's next stage of calls, when none is under way; none ends its run."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Every call of a run: models × frames × conditions, those of one shard if it is sharded.
+    """Every call of a run: models × frames × conditions, or those of one shard.
 
-    ``controls`` are the conditions that a model is asked beside ``conditions``, in the order of its stages; those in
-    `SAMPLED` of some frames only. Models of one of the ``turns`` are asked one after another, each closed before the
-    next is asked; without turns all are asked at once.
+    ``controls`` are a model's further conditions, in the order of its stages; those in `SAMPLED`
+    for some frames only. Models in one of the ``turns`` are asked one after another, with one open
+    at a time. Without turns all are asked at once.
     """
 
     study: str
@@ -67,12 +67,12 @@ class Plan:
 
     @property
     def space(self) -> AnySpace:
-        """Return what the answers are: actions of the bank, or what the prompt asks for instead."""
+        """Return the space of answers: the prompt's own, or the bank's actions."""
         return self.prompt.asks(self.bank.manifest.action_space)
 
     @property
     def size(self) -> str:
-        """Return in words on what each model is asked; where a product is more than the calls, it says so."""
+        """Return in words the size per model; it says so if the product exceeds the calls."""
         every = all(self.shows(condition, frame) for condition in self.conditions for frame in self.frames)
         unshown = "" if every else " (not every frame can be shown every condition)"
         return f"{counted(len(self.frames), 'frame')} × {counted(len(self.conditions), 'condition')}{unshown}"
@@ -83,13 +83,13 @@ class Plan:
 
     @cached_property
     def _sampled(self) -> Mapping[str, frozenset[str]]:
-        """Return which frames each sampled control is asked of; one that is a condition of the run of all."""
+        """Return the frames of each sampled control; a control among the conditions has all."""
         calls = sum(available(name, frame) for name in self.conditions for frame in self.frames)
         shown = {name: [frame.id for frame in self.frames if available(name, frame)] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
     def stimuli(self) -> Stimuli:
-        """Return what shows the conditions, each once."""
+        """Return the stimuli, each made once."""
         return Stimuli(self.bank, self.seed, self.view)
 
     def shows(self, condition: str, frame: Frame) -> bool:
@@ -97,28 +97,28 @@ class Plan:
         return available(condition, frame, self.bank)
 
     def seen(self, condition: str, frame: Frame) -> Stimulus:
-        """Return what a condition shows of a frame, through the view if there is one."""
+        """Return a condition's stimulus for a frame, through the view if there is one."""
         return through(self.view, show(condition, frame, self.bank, self.seed), frame.id)
 
     def sources(self, condition: str, frame: Frame) -> tuple[str, ...]:
-        """Return the files of the bank of which a condition's pictures of a frame are made."""
+        """Return the bank's files behind a condition's pictures of a frame."""
         return sources(condition, frame, self.bank, self.seed)
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
-        """Return what a model is asked in a call, of this stimulus."""
+        """Return the query of a call with this stimulus."""
         return self.prompt.query(seen, key.seed(self.seed), self.space)
 
     def lacks(self, reply: Reply) -> str:
-        """Return what a reply lacks without which asking on is no use; nothing: what cannot be read is data too."""
+        """Return a reply's fault that makes further calls useless; here none does."""
         del reply
         return ""
 
     def asked(self, model: str) -> tuple[str, ...]:
-        """Return the conditions that a model is asked."""
+        """Return the conditions of a model."""
         return (*self.conditions, *self.controls.get(model, ()))
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
-        """Return how many of the calls of a later stage are not planned yet."""
+        """Return how many calls of a later stage are not yet counted as planned."""
         asked = self.asked(model)
         return sum(key.condition not in asked for key in todo)
 
@@ -136,12 +136,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class MotionPlan(Plan):
-    """Every call of a run of policies, which answer with motions: policies × frames × conditions of channels.
+    """Every call of a run of policies: policies × frames × conditions of channels.
 
-    What is seeded is given one seed for all calls, so that only what is shown can differ; ``real_repeat`` has another.
-    A policy that is known to be ``drawn``, to draw its answers, gets every call ``answers`` times, but ``real_repeat``,
-    whose only use is to tell that it does. One that says that it is ``seeded`` gets that twice, the second time with
-    the seed of all calls.
+    All calls of a seeded policy get one seed, so that only the stimulus differs; ``real_repeat``
+    gets another. A policy in ``drawn`` samples its answers, and gets every call ``answers`` times;
+    ``real_repeat``, which only detects sampling, is not repeated. A policy in ``seeded`` gets
+    ``real_repeat`` twice, the second time with the common seed.
     """
 
     answers: int = 1
@@ -150,11 +150,11 @@ class MotionPlan(Plan):
 
     @property
     def motions(self) -> MotionSpace:
-        """Return what a motion is."""
+        """Return the space of motions."""
         return require_motions(self.space)
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
-        """Return what a policy is given in a call."""
+        """Return a policy's query in a call."""
         given = reflected(seen, self.motions) if key.condition == "mirrored" else seen
         again = key.condition == "real_repeat"
         repeat, other = (0, False) if again and key.repeat else (key.repeat, again)
@@ -162,12 +162,12 @@ class MotionPlan(Plan):
         return self.prompt.query(given, seed, self.space)
 
     def lacks(self, reply: Reply) -> str:
-        """Return why an answer holds no motion; a policy that never answers with one is not asked to the end."""
+        """Return why an answer holds no motion; a policy that never gives one is stopped."""
         words = self.motions.lacks(reply)
         return f"no motion: {words}" if words else ""
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
-        """Return how many of the calls of a later stage are not planned yet."""
+        """Return how many calls of a later stage are not yet counted as planned."""
         return 0 if model in self.drawn else sum(key.repeat > 0 and key.condition != "real_repeat" for key in todo)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
@@ -185,14 +185,14 @@ class MotionPlan(Plan):
 
 
 def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:
-    """Return calls in the random order in which a run makes them, whatever order they come in."""
+    """Return calls in a run's random order, whatever their order before."""
     found = sorted(keys)
     random.Random(seed).shuffle(found)  # noqa: S311 - an order of calls, no secret
     return found
 
 
 def in_shard(key: CallKey, index: int, count: int) -> bool:
-    """Return whether a call belongs to shard ``index`` of ``count``, counted from 1; every call is in one."""
+    """Return whether a call is in shard ``index`` of ``count``, from 1; each is in one."""
     return key_seed("shard", *key) % count == index - 1
 
 
@@ -201,11 +201,11 @@ def read_shard(text: str) -> tuple[int, int]:
     index, slash, count = text.partition("/")
     if slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count):
         return int(index), int(count)
-    raise SpecError(f"a shard is given as i/n with 1 <= i <= n, for example 2/4; got '{text}'")
+    raise SpecError(f"a shard is i/n with 1 <= i <= n, for example 2/4; got '{text}'")
 
 
 def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
-    """Return ``limit`` frames in order, taken in turn from every episode; all of them for None."""
+    """Return ``limit`` frames in order, spread over the episodes; all for None."""
     if limit is None or limit >= len(frames):
         return tuple(frames)
     if limit < 1:
@@ -219,7 +219,7 @@ def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
 
 
 class Calling(TypedDict, total=False):
-    """How calls are made: so many at once a model (8), each tried so often (5), within limits; who is told of them."""
+    """How calls are made: concurrency per model (8), attempts (5), limits, and progress."""
 
     concurrency: int
     attempts: int
@@ -230,12 +230,12 @@ class Calling(TypedDict, total=False):
 def execute(
     plan: Plan, models: Mapping[str, Model], ledger: Ledger, stages: Stages | None = None, **how: Unpack[Calling]
 ) -> Outcome:
-    """Make every planned call that the ledger does not hold finished, in seeded random order.
+    """Make every planned call that the ledger lacks, in seeded random order.
 
-    ``stages`` may choose another order, leave calls out, and add some when a model's are made.
-
-    A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
-    ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
+    ``stages`` may choose another order, skip calls, and add some when a model's are made. A
+    transient error is retried, with backoff, up to ``attempts`` times in all. An interrupt leaves
+    the ledger whole: open calls are recorded as sent with an unknown outcome, and the same plan
+    resumes.
     """
     keys, finished = plan.keys(), ledger.finished()
     todo = in_order((key for key in keys if key not in finished), plan.seed)
@@ -243,15 +243,15 @@ def execute(
 
 
 def failed_on_the_road(ledger: Ledger, models: Iterable[str]) -> list[CallKey]:
-    """Return the finished calls of models that ended in a failure which says nothing of their request."""
+    """Return models' finished calls that failed in transport, not by their request."""
     finished = ledger.finished()
     return [key for spec in models for key, one in ledger.replies(spec) if key in finished and is_of_the_road(one)]
 
 
 def ask_again(plan: Plan, models: Mapping[str, Model], ledger: Ledger, **how: Unpack[Calling]) -> Outcome:
-    """Make the calls once more that ended in a failure of the road; never one that got a reply, or a wrong request.
+    """Repeat the calls that failed in transport, but no call with a reply or a wrong request.
 
-    The last final reply of a call counts, and the earlier ones stay.
+    The last final reply of a call counts, and earlier ones stay.
     """
     todo = in_order(failed_on_the_road(ledger, plan.models), plan.seed)
     return _Execution(plan, models, ledger, planned=len(todo), again=True, **how).made(todo)
@@ -259,7 +259,7 @@ def ask_again(plan: Plan, models: Mapping[str, Model], ledger: Ledger, **how: Un
 
 @dataclass
 class _Execution:
-    """One event loop over the calls that remain: a few workers a model, one writer."""
+    """One event loop over the remaining calls: a few workers per model, one writer."""
 
     plan: Plan
     models: Mapping[str, Model]
@@ -274,7 +274,7 @@ class _Execution:
     progress: Progress | None = None
 
     def made(self, todo: list[CallKey]) -> Outcome:
-        """Make these calls, and what the stages add to them."""
+        """Make these calls, and those that the stages add."""
         budget = budget_of(self.limits, self.plan.models, self.ledger)
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
         self.stimuli = self.plan.stimuli()
@@ -296,7 +296,7 @@ class _Execution:
                 await close(model)
 
     async def _take_turn(self, turn: Sequence[str], by_model: Mapping[str, Sequence[CallKey]]) -> None:
-        """Ask models one after another, and let each go before the next is asked."""
+        """Ask models one after another, and close each before the next."""
         for spec in turn:
             await self._ask(spec, by_model.get(spec, ()))
             if spec != turn[-1]:
@@ -323,9 +323,9 @@ class _Execution:
                 return
             if self.stages is not None and made.finished:
                 self.stages.finished(key, made.reply)
-            self.done += made.finished  # after the await: other workers count meanwhile
+            self.done += made.finished  # after the await, because other workers count too
             self._report()
-            await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
+            await asyncio.sleep(0)  # lets other models' calls and interrupts in
 
     def _report(self) -> None:
         if self.progress is not None:

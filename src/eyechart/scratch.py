@@ -1,4 +1,4 @@
-"""Folders for what is copied to be read: gone at the end, and those of a process that was killed at the next start."""
+"""Temporary folders: removed at the end, or at the next start if their process was killed."""
 
 import os
 import shutil
@@ -10,14 +10,14 @@ from functools import cache
 from pathlib import Path
 
 _HELD = ".held"
-"""What its process holds a lock of, which ends with it; its number would mean nothing beside another container's."""
+"""The file that its process locks; a process id would mean nothing in another container."""
 _YOUNG_S = 5.0
-"""A younger folder may not be held yet."""
+"""A younger folder may not be locked yet."""
 
 
 @contextmanager
 def scratch(what: str) -> Iterator[Path]:
-    """Yield an empty folder for a copy of ``what``, while the block lasts."""
+    """Yield an empty folder for a copy of ``what`` during the block."""
     _clear(tempfile.gettempdir())
     with tempfile.TemporaryDirectory(prefix=f"eyechart-{what}-") as folder, _held(Path(folder)):
         made = Path(folder) / "made"
@@ -27,7 +27,7 @@ def scratch(what: str) -> Iterator[Path]:
 
 @contextmanager
 def _held(folder: Path) -> Iterator[bool]:
-    """Hold a folder, and yield whether nobody else does; where there are no such locks it is never free."""
+    """Lock a folder, and yield whether it was free; never free where there are no such locks."""
     try:
         import fcntl  # noqa: PLC0415 - Windows has none
     except ImportError:
@@ -44,9 +44,9 @@ def _held(folder: Path) -> Iterator[bool]:
 
 @cache
 def _clear(where: str) -> None:
-    """Remove what nobody holds; once a process, which may look into thousands of ledgers."""
+    """Remove unlocked folders, once per process, which may open thousands of ledgers."""
     for one in Path(where).glob("eyechart-*/" + _HELD):
-        with suppress(OSError):  # another's, or gone meanwhile
+        with suppress(OSError):  # another user's, or gone
             old = time.time() - one.stat().st_mtime > _YOUNG_S
             if not one.parent.is_symlink() and one.parent.stat().st_uid == os.getuid() and old:
                 with _held(one.parent) as free:

@@ -1,4 +1,4 @@
-"""Pictures as a run shows them: each read and made once for all models and conditions, within a bound of memory."""
+"""The stimuli of a run: each is read and made once for all models, within bounded memory."""
 
 from dataclasses import fields
 from functools import cached_property
@@ -9,24 +9,24 @@ from eyechart.perception.view import View, through
 
 _MOST_BYTES = 128_000_000
 _MOST_PICTURES = 5_000
-"""Small pictures are bounded by their number: keeping one costs more than its bytes."""
+"""Small pictures are limited by number: each costs more memory than its bytes."""
 
 
 class _Remembering(FrameBank):
-    """A bank that reads a picture once for the several conditions that show it."""
+    """A bank that reads a picture once for all conditions that show it."""
 
     @cached_property
     def _read(self) -> Kept[str, bytes]:
         return Kept(len, _MOST_BYTES, _MOST_PICTURES)
 
     def read(self, file: str) -> bytes:
-        """Return an encoded picture, read from disk or remembered."""
+        """Return an encoded picture, from disk or memory."""
         read = super().read
         return self._read.get(file, lambda: read(file))
 
 
 class Stimuli:
-    """What each condition shows for a frame, through a view if there is one, made once for all models."""
+    """Each condition's stimulus for a frame, made once for all models, through a view if any."""
 
     def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
         self._bank = _Remembering(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
@@ -37,7 +37,7 @@ class Stimuli:
         )
 
     def show(self, condition: str, frame_id: str) -> Stimulus:
-        """Return what a condition shows of a frame."""
+        """Return a condition's stimulus for a frame."""
 
         def make() -> Stimulus:
             return through(self._view, show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id)

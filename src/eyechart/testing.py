@@ -1,4 +1,4 @@
-"""What a test suite asks of a run: ``assert_looks(run)``, ``assert_grounded(run, "depth")``."""
+"""Assertions about runs for a test suite: ``assert_looks``, ``assert_grounded``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,13 +13,13 @@ from eyechart.studies import Reading, study_of
 from eyechart.verdicts.labels import LOOKS
 
 LINES, WIDTH = 24, 72
-"""A failure fits on a screen of 24 lines of 80 signs, also behind the 8 signs that pytest puts before each line."""
+"""A failure fits on a screen of 24 lines of 80 characters, after pytest's 8 per line."""
 _EACH = 4
-"""Lines of one check, where there are several."""
+"""Lines per check, if there are several."""
 
 
 class _Terms(FurtherTerms, total=False):
-    """On which terms a run is held; see `assert_grounded`."""
+    """The terms of a gate; see `assert_grounded`."""
 
     max_unparsed: float | None
     resamples: int
@@ -37,17 +37,19 @@ def assert_grounded(
     reread: bool = False,
     **terms: Unpack[FurtherTerms],
 ) -> None:
-    """Raise AssertionError unless every model, or policy, of a run meets every requirement.
+    """Raise AssertionError unless every model or policy of a run meets every requirement.
 
-    ``require`` are those of ``eyechart gate``: of a battery names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is
-    given, or ``looks``; of policies an axis and a label, ``camera:camera_content`` if none is given. ``terms`` are
-    those of `eyechart.gate.FurtherTerms`: ``order``, as ``order=0.05``, ``allow_fingerprints`` and ``made_elsewhere``.
-    "Cannot say" is not enough: an empty or unfinished run fails too, and one that several models
-    answered, or several fingerprints of one unless they are allowed, and one of answers that were made elsewhere,
-    unless it says so. What is raised fits on one
-    screen: what fails comes first, and what has no room is counted; `eyechart.gate.hold` gives every check whole.
-    ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises LedgerError or BankError where the
-    folder is no run, or needs ``reread``, and SpecError where its kind has no gate.
+    ``require`` are the requirements of ``eyechart gate``. A battery has the names of
+    `eyechart.gate.REQUIREMENTS` (default ``depth``) or ``looks``. Policies have an axis and a label
+    (default ``camera:camera_content``). ``terms`` are those of `eyechart.gate.FurtherTerms`:
+    ``order``, as ``order=0.05``, ``allow_fingerprints`` and ``made_elsewhere``. ``independent`` and
+    ``reread`` are those of `eyechart.api.read_report`.
+    "Cannot say" fails too, and so does an empty or unfinished run, or one with answers from several
+    models. Several fingerprints of one model and answers from elsewhere fail unless a term allows
+    them. The message fits on one screen: failures come first, and the others are counted;
+    `eyechart.gate.hold` returns every check.
+    Raises LedgerError or BankError if the folder is no run or needs ``reread``, and SpecError if
+    its kind has no gate.
     """
     whole_number("resamples", resamples, 1)
     for name, given in (("max_unparsed", max_unparsed), ("order", terms.get("order"))):
@@ -63,10 +65,11 @@ def assert_grounded(
 
 @speaks_of_arguments
 def assert_looks(run: Path | str | Look, **terms: Unpack[_Terms]) -> None:
-    """Raise AssertionError unless every model, or policy, of a run looks: ``eyechart gate --require looks``.
+    """Raise AssertionError unless every model or policy of a run looks.
 
-    ``run`` is a folder, or what `eyechart.look` came to. Of policies the cameras' content is required, as a gate does
-    that is told no more. ``terms`` are those of `assert_grounded`.
+    It is ``eyechart gate --require looks``. ``run`` is a folder, or a result of `eyechart.look`.
+    For policies it requires the cameras' content, as a gate does by default. ``terms`` are those of
+    `assert_grounded`.
     """
     if isinstance(run, Look):
         if run.run is None:
@@ -77,7 +80,7 @@ def assert_looks(run: Path | str | Look, **terms: Unpack[_Terms]) -> None:
 
 
 def _on_a_screen(wrong: Sequence[Check], count: int, run: Path | str) -> str:
-    """Return the checks that do not hold, of ``count`` in all, as at most `LINES` lines of `WIDTH`."""
+    """Return the checks that do not hold as at most `LINES` lines of `WIDTH`, out of ``count``."""
     if not wrong:
         return "\n".join(wrap(printable(f"{run} holds no model"), WIDTH))
     names = shorten(one.model for one in wrong)

@@ -81,7 +81,7 @@ def test_backslashes_lead_nowhere(tmp_path: Path) -> None:
     entry.filename = "run/bank/..\\..\\out.png"
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as file:
         file.writestr(entry, "x")
-    assert "is no plain name" in refused(tmp_path / "b.zip", tmp_path)
+    assert "is not a plain file name" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_link_is_refused(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
         file.writestr("bundle.json", "{}")
         with pytest.warns(UserWarning, match="Duplicate name"):
             file.writestr("bundle.json", "[]")
-    assert "a name stands in it twice" in refused(tmp_path / "b.zip", tmp_path)
+    assert "it holds a name twice" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path: Path) -> None:
@@ -107,14 +107,14 @@ def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as file:
         file.writestr("run/bank/a", "x")
         file.writestr("run/bank/a/b.png", "x")
-    assert "two of its files have one place" in refused(tmp_path / "b.zip", tmp_path)
+    assert "two of its files have the same path" in refused(tmp_path / "b.zip", tmp_path)
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     """Neither a file that is larger than its kind may be, nor one that grows by more than a bundle does."""
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("run/bank/images/a.png", bytes(70_000_000))
-    assert "more than the 64000000 that it may" in refused(tmp_path / "a.zip", tmp_path)
+    assert "more than the 64000000 that are allowed" in refused(tmp_path / "a.zip", tmp_path)
     shutil.rmtree(tmp_path / "inside")
     with zipfile.ZipFile(tmp_path / "b.zip", "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("report.html", bytes(70_000_000))
@@ -209,7 +209,7 @@ def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_comp
     found = validate(repacked(tmp_path / "b.zip", tmp_path, change))
     assert [one.where.rpartition(", ")[2] for one in found.otherwise] == ["answered"]
     assert [one.where.rpartition(", ")[2] for one in found.differences] == ["real"]
-    assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes otherwise"]
+    assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes differently"]
 
 
 def test_a_zip_without_an_index_is_no_bundle(tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_a_run_whose_pictures_are_gone_is_not_bundled(run: Path, tmp_path: Path)
     shutil.copytree(run, tmp_path / "run")
     raw = json.loads((tmp_path / "run" / "run.json").read_text())
     (tmp_path / "run" / "run.json").write_text(json.dumps(raw | {"bank_path": str(tmp_path / "none")}))
-    with pytest.raises(BundleError, match=r"are not at hand: .*give the bank with --frames"):
+    with pytest.raises(BundleError, match=r"are missing: .*give the bank with --frames"):
         write_bundle(tmp_path / "run", tmp_path / "out" / "b.zip")
     assert not (tmp_path / "out" / "b.zip").exists()
 

@@ -130,7 +130,7 @@ def test_a_bundle_of_each_kind_holds_in_a_fresh_process_elsewhere(
         assert int(again[1]) > 0
     more = {
         "online": r"; then in one process: 1 world vetted again, [1-9]\d* steps, and [1-9]\d* frames checked anew",
-        "prompts": r"recomputing 24 requests and what follows from their replies, of 2 models in 2 cells: no call",
+        "prompts": r"recomputing 24 requests and the results of their replies, of 2 models in 2 cells: no call",
     }
     assert re.search(more.get(kind, ""), done.stderr)
     assert ("vetted again" in done.stderr) == (kind == "online")
@@ -220,7 +220,7 @@ def test_an_episode_in_error_is_driven_again_also_without_a_step(
     assert found.compared["episodes driven again"] == 3
     assert found.uncompared == ["how 3 episodes failed"]
     for policy in POLICIES:
-        assert any(one.startswith("an error that does not come again: ") and policy in one for one in found.notes)
+        assert any(one.startswith("an error that did not happen again: ") and policy in one for one in found.notes)
 
 
 def test_an_error_that_comes_again_is_compared(tmp_path: Path) -> None:
@@ -440,7 +440,7 @@ def test_what_is_not_driven_again_is_said(packed: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(checked, "MOST_DRIVEN", 1)
     assert validate(packed).uncompared == ["3 of 3 episodes of rover"]
     monkeypatch.setattr(checked, "MOST_STEPS", 5)
-    assert "it has more than the 5 steps that are validated: nothing is recomputed" in said(validate(packed))
+    assert "it has more than 5 steps, the most that are validated: nothing is recomputed" in said(validate(packed))
 
 
 def test_a_machine_that_computes_other_last_bits_is_told_from_a_changed_record(packed: Path, tmp_path: Path) -> None:

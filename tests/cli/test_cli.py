@@ -436,7 +436,7 @@ def test_a_run_that_is_not_there_names_the_commands_of_models_and_of_policies(
 ) -> None:
     """Nobody knows which of them was meant."""
     said = eyechart("score", tmp_path / "none")
-    assert "'eyechart run battery' of models, 'eyechart run policy' of policies" in said.err
+    assert "'eyechart run battery' makes one of models, 'eyechart run policy' one of policies" in said.err
 
 
 def test_checking_a_bank_answers_in_words_and_in_json(eyechart: Eyechart, tmp_path: Path) -> None:

@@ -119,4 +119,4 @@ def test_a_bank_that_cannot_be_drawn_again_is_refused_and_nothing_stays(
     assert say(*plain)[0] == 0
     code, said = say(*asked(bank.root, tmp_path / "plain"))
     assert code == 2
-    assert "begun without --fresh-controls" in said
+    assert "started without --fresh-controls" in said

@@ -103,9 +103,9 @@ def files(prompt, image):
 @pytest.mark.parametrize(
     ("name", "code", "says"),
     [
-        ("thread", 0, "threads that called code left behind ended with the command (first 'left here')"),
+        ("thread", 0, "threads of the called code ended with the command (first 'left here')"),
         ("brief", 0, "'eyechart verdict run' judges, 'eyechart score run' prints every statistic"),
-        ("files", 2, "eyechart: code that was called closed files that are not its own: mend it"),
+        ("files", 2, "eyechart: the called code closed files that are not its own: correct that code"),
     ],
 )
 def test_what_a_callable_leaves_or_closes_ends_the_command_with_one_line(

@@ -43,7 +43,7 @@ def asked(bank: FrameBank, out: Path, name: str, *more: object, code: int = 0) -
     [
         ("faulty_arms:with_batch", f"{BATCH} batch: [0]"),
         ("arms:half", "return 8 steps, or import the bank with --horizon 4"),
-        ("arms:not_a_number", "some of its numbers are no numbers (NaN"),
+        ("arms:not_a_number", "some of its values are not numbers (NaN"),
         ("faulty_arms:one_answer", "exception: ValueError: a dict is no array of numbers"),
     ],
 )
@@ -56,7 +56,7 @@ def test_a_policy_that_answers_with_no_motion_is_set_aside(
     assert words in said
     assert "nothing can be judged" in said
     assert "of 10 finished calls none holds a motion" in said
-    assert "calls are unfinished: mend what is wrong with" in said
+    assert "calls are unfinished: correct the cause for" in said
     assert "may pass" not in said
     with Ledger(tmp_path / "run" / "ledger.sqlite") as ledger:
         assert len(ledger.finished()) == 10

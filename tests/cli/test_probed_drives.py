@@ -153,7 +153,7 @@ def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
     assert "2 episodes ended in an error, first primary: oracle in tiny/black/0: SpecError: the camera" in told.stderr
     assert call(*words, "--again", "--max-calls", 1).exit_code == 3
     for other in (("audit",), ("film", "--episode", "oracle", "--out", tmp_path / "a.gif")):
-        with pytest.raises(SpecError, match=f"name one of its runs: {tmp_path / 'primary'}, "):
+        with pytest.raises(SpecError, match=f"name one of them: {tmp_path / 'primary'}, "):
             call(*other, tmp_path)
     took = json.loads(call("costs", tmp_path, "--json").stdout)["accounting"]
     assert {name: one["all"]["attempts"] for name, one in took.items()} == {

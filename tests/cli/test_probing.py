@@ -125,7 +125,7 @@ def test_probe_refuses_what_it_may_not_write_and_tells_blindness_and_limits(tmp_
             "probe", "openai:m", *at, "--out", mode, "--max-cost", 0.005, "--prices", tmp_path / "prices.toml"
         )
         assert (limited.exit_code, mode.exists()) == (3, False)
-        assert "--max-cost is 0.005; what was found is not kept" in limited.stderr
+        assert "--max-cost is 0.005; the findings are not kept" in limited.stderr
         assert call("probe", "openai:m", *at, "--out", mode).exit_code == 1
         assert read_mode(mode).measured.sees_image is False
 
@@ -232,7 +232,7 @@ def test_what_needs_no_probe_is_not_probed(run: Run, bank: FrameBank, tmp_path: 
     with served() as server:
         dry = run(server, "--dry-run")
         assert "not probed yet, so that nothing is known of its replies: openai:m" in dry.stderr
-        with pytest.raises(SpecError, match="the shards of a run must ask alike"):
+        with pytest.raises(SpecError, match="all shards of a run need the same request mode"):
             run(server, "--shard", "1/2")
         assert server.requests == 0
         assert run(server, "--no-probe", "--limit", 1).exit_code == 0
@@ -272,7 +272,7 @@ def test_failed_attempts_of_unknown_cost_are_said_where_a_cost_is_bounded(run: R
         words = ("--no-probe", "--limit", 1, "--prices", tmp_path / "prices.toml", "--max-cost", 1)
         result = run(server, *words)
     assert result.exit_code == 0, result.output
-    assert "1 attempt failed without telling the cost, which --max-cost does not count" in result.stderr
+    assert "1 attempt failed without a reported cost, which --max-cost does not count" in result.stderr
 
 
 def test_a_prompt_study_probes_once_for_all_of_its_cells(bank: FrameBank, tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_limits_and_wrong_words_end_in_one_line(
     assert (code, why.count("\n")) == (2, 1)
     assert "no calibrated view of pictures from 'boxes'" in why
     for extra, message in (
-        (("--view",), "--view and --mirrored are of one frame"),
+        (("--view",), "--view and --mirrored are for one frame"),
         (("light-9-9",), "has no frame 'light-9-9'"),
         (("light-0-0", "--view"), "no calibrated view"),
     ):

@@ -59,7 +59,7 @@ def test_a_stream_that_is_closed_is_no_fault(closed: str, tmp_path: Path) -> Non
         assert done.returncode == status, done.stderr
         assert b"Traceback" not in done.stdout + done.stderr
         if closed == ">&-":
-            assert done.stderr == b"eyechart: the standard output is closed: give it a place, which may be /dev/null\n"
+            assert done.stderr == b"eyechart: the standard output is closed: redirect it to a file or to /dev/null\n"
 
 
 def test_a_full_disk_is_called_a_full_disk() -> None:

@@ -42,10 +42,10 @@ FILES = sorted(
 WITHOUT = {"paper-rules.md", "README.md", "model-organisms.md"}
 """Documents that show what our own runs print, beside the paper's rules."""
 OURS = {
-    "src/eyechart/spaces/scene.py": "Ours, at 20 to 30 m/s and centre to centre",
+    "src/eyechart/spaces/scene.py": "eyechart's values, for 20 to 30 m/s and centre to centre",
     "src/eyechart/frames/nouns.py": "that it is centre to centre is ours",
     "src/eyechart/simulators/__init__.py": "STOP under the model-predictive controller is ours",
-    "src/eyechart/prompts.py": "and prints none; the wording, and the sixth, are ours",
+    "src/eyechart/prompts.py": "and prints none; the wording and the sixth are eyechart's",
     "docs/statistics.md": "a cut that is ours",
     "docs/verdicts.md": "The cuts are ours, because it prints none: the level of .05, the 20 %",
     "src/eyechart/studies/battery/published.py": "which is ours: the paper prints none",

@@ -67,7 +67,7 @@ def test_the_command_writes_a_gif_and_says_what_it_needs(run: Path, tmp_path: Pa
         write_film(run, tmp_path / "a.mp4")
     with pytest.raises(SpecError, match="--frame 'nope' names no frame with an answer"):
         cards(run, "nope")
-    with pytest.raises(SpecError, match="--episode is of drives"):
+    with pytest.raises(SpecError, match="--episode is for drives"):
         CliRunner().invoke(
             app, ["film", str(run), "--out", str(tmp_path / "c.gif"), "--episode", "x"], catch_exceptions=False
         )

@@ -48,5 +48,5 @@ def test_damage_is_an_error(break_it: object) -> None:
 
 def test_what_unpacks_to_too_much_is_refused() -> None:
     """A small file may not fill the memory of who validates it."""
-    with pytest.raises(ValueError, match="cut or too long"):
+    with pytest.raises(ValueError, match="cut off or too long"):
         unpack(pack(["word" * 1000]), 1000)

@@ -99,7 +99,7 @@ def test_another_shape_is_said_with_what_to_do_about_it(shape: tuple[int, ...], 
     said = REACH.lacks(reply(np.zeros(shape)))
     assert said.startswith(f"its shape is {shape}, and that of the bank's motions (8, 3): ")
     assert said.endswith(words)
-    assert REACH.lacks(reply(np.full((8, 3), np.nan))).startswith("some of its numbers are no numbers (NaN, infinite")
+    assert REACH.lacks(reply(np.full((8, 3), np.nan))).startswith("some of its values are not numbers (NaN, infinite")
     assert REACH.lacks(Reply("", "stop")) == "it is empty"
     assert REACH.lacks(reply(np.zeros((8, 3)))) == REACH.lacks(Reply(error="timeout")) == ""
 
@@ -155,7 +155,7 @@ def test_what_cannot_be_a_space_is_refused() -> None:
         (lambda: MotionSpace("m", (Dimension("a", mirrors="b"),), 1), "must be there"),
         (lambda: MotionSpace("m", (Dimension("a"), Dimension("a")), 1), "one name"),
         (lambda: MotionSpace("m", (), 1), "needs a horizon"),
-        (lambda: MotionSpace("m", (Dimension("a", state=2),), 1), "no such state"),
+        (lambda: MotionSpace("m", (Dimension("a", state=2),), 1), "which has no such number"),
         (lambda: Dimension("a", scale=0.0), "scale above 0"),
         (lambda: Dimension("a", sign=2.0), "sign 1 or -1"),
     ):

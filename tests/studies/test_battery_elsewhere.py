@@ -169,7 +169,7 @@ def test_a_demo_controller_asked_elsewhere_has_the_statistics_of_its_own_run(dem
     for words, ended in ((("--max-unparsed", "0.5"), 2), (("--max-unparsed", "0.5", "--made-elsewhere"), 0)):
         held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth", *words])
         assert held.exit_code == ended, held.output
-    with pytest.raises(AssertionError, match="is the word of whoever did"):
+    with pytest.raises(AssertionError, match="only their maker knows the questions"):
         assert_grounded(out, "depth", resamples=120)
     assert_grounded(out, "depth", resamples=999, made_elsewhere=True)
     assert statistics_of(out) == statistics_of(native)
@@ -440,7 +440,7 @@ def test_commands_that_read_runs_read_an_imported_one(
         assert CliRunner().invoke(app, [str(word) for word in words]).exit_code == 0, words
     held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth"])
     assert held.exit_code in {1, 2}
-    assert "is the word of whoever did, which a gate takes with --made-elsewhere" in held.output
+    assert "only their maker knows the questions and the model; accept that with --made-elsewhere" in held.output
     made = CliRunner().invoke(app, ["report", str(out), "--out", str(tmp_path / "report.html")])
     assert made.exit_code == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -724,7 +724,7 @@ def test_the_commands_from_export_to_verdict(bank: FrameBank, tmp_path: Path) ->
     both = run.invoke(
         app, ["frames", "export", str(bank.root), "--run", str(out), "--out", str(tmp_path / "x"), *words]
     )
-    assert "--run says what is asked" in str(both.exception)
+    assert "--run decides which calls are written" in str(both.exception)
 
 
 def attempts_of(run: Path) -> list[Any]:

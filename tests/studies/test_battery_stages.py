@@ -271,7 +271,7 @@ def test_a_run_keeps_what_it_was_begun_with_and_may_be_widened(bank: FrameBank, 
     make(bank, out, READER, controls="auto")
     assert read_run(out)[0].controls == "auto"
     assert set(order(out, READER)) & set(CONTROLS) == {*LANES, *REST}
-    with pytest.raises(LedgerError, match="begun with --controls auto, now none was asked for"):
+    with pytest.raises(LedgerError, match="started with --controls auto, now none was asked for"):
         planned(bank, out, READER, controls="none")
     with pytest.raises(SpecError, match="--controls 'some' is none of none, auto, all"):
         planned(bank, tmp_path / "other", READER, controls="some")
@@ -295,11 +295,11 @@ def test_shards_ask_the_first_stage_and_the_merged_run_the_rest(bank: FrameBank,
     shards = [str(tmp_path / "1"), str(tmp_path / "2")]
     said = CliRunner().invoke(app, ["merge", *shards, "--out", str(tmp_path / "merged")]).stderr
     more = sum(study.begun(tmp_path / "merged").more_by_model().values())
-    assert f"{2 * LEADS} calls are left, and up to {more} of controls" in said
+    assert f"{2 * LEADS} calls are left, and up to {more} of control pictures" in said
     assert more == 2 * LEADS + ABSENT + AGAIN + FRAMES
     for check in hold(study.score(tmp_path / "1", resamples=99), ["depth"]).checks:
         assert check.holds is None
-        assert "a shard asks no controls, the merged run, resumed, does" in check.because
+        assert "a shard asks no controls: merge the shards and resume the run" in check.because
     for name, words in (("1", "controls not asked"), ("merged", f"{2 * LEADS} planned calls have no outcome")):
         verdict = judge(study.score(tmp_path / name, resamples=99))[READER]
         assert verdict.unfinished is not None

@@ -1,7 +1,7 @@
-"""The main job in a few lines of Python: build a bank, ask models or policies about it, and look at the report.
+"""The main job in a few lines of Python: build a bank, run models or policies, read the report.
 
-What the command line does step by step is done here in one call each; the steps stand in `eyechart.studies.battery`,
-`eyechart.studies.policy`, `eyechart.verdicts` and the other modules that the docs name, and there is no third way.
+Each function does what one command does. For single steps use `eyechart.studies.battery`,
+`eyechart.studies.policy`, `eyechart.verdicts` and the other modules that the docs name.
 """
 
 from eyechart.api.battery import AskedModel, Report, build_bank, read_report, run_battery

@@ -1,4 +1,4 @@
-"""Who is asked: by a SPEC, or as a callable that is at hand and may be given a name; and where, whatever it does."""
+"""The subjects of a run: SPECs, or callables with names, and the paths of a run."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -8,20 +8,20 @@ from eyechart.frames import FrameBank
 
 
 def placed(bank: FrameBank | Path | str) -> Path:
-    """Return where a bank lies, from whatever folder a callable changes to."""
+    """Return a bank's absolute path, before a callable can change the folder."""
     return (bank.root if isinstance(bank, FrameBank) else Path(bank)).absolute()
 
 
 def still(out: Path | str, place: Path) -> Path:
-    """Return a path as it was given while it still leads to its place, or else that place."""
+    """Return a path as it was given if it still leads to ``place``, else ``place``."""
     return Path(out) if Path(out).absolute() == place else place
 
 
 def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type]) -> list[tuple[str, object]]:
-    """Return each of those ``asked`` with the name that it is given, "" for none.
+    """Return each of the ``asked`` subjects with its given name, or "" for none.
 
-    What is ``by_spec`` has a name of its own, and a mapping names callables. Raises SpecError for what is no ``kind``
-    (model, policy), in words that name the ``argument`` it was given in.
+    Types in ``by_spec`` have a name already; a mapping names callables. Raises SpecError that names
+    the ``argument`` if one is not a ``kind`` (model, policy).
     """
     own = tuple(by_spec)
     several: list[tuple[str, object]]
@@ -30,11 +30,11 @@ def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type])
         for name, one in several:
             if isinstance(one, own):
                 raise SpecError(
-                    f"{argument}={{{name!r}: …}} names a callable, and a {type(one).__name__} is called by its SPEC: "
-                    "give it in a list"
+                    f"{argument}={{{name!r}: …}} names a callable, but a {type(one).__name__} has its SPEC as "
+                    "its name: give it in a list"
                 )
             if not isinstance(name, str):
-                raise SpecError(f"{argument} maps names to callables; {name!r} is no name")
+                raise SpecError(f"{argument} maps names to callables; {name!r} is not a name")
     elif isinstance(asked, own) or not isinstance(asked, Sequence):
         several = [("", asked)]
     else:
@@ -47,7 +47,7 @@ def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type])
 
 
 def require_arguments(function: str, given: Collection[str], known: type) -> None:
-    """Raise ArgumentError that lists those ``known``, fields of a TypedDict, where another is given."""
+    """Raise ArgumentError that lists the fields of the TypedDict ``known`` if another is given."""
     taken = known.__annotations__
     for name in given:
         if name not in taken:
@@ -56,12 +56,12 @@ def require_arguments(function: str, given: Collection[str], known: type) -> Non
 
 
 def require_several(argument: str, given: object, example: str) -> None:
-    """Raise SpecError where one word stands in the place of several values."""
+    """Raise SpecError if an argument of several values is a single word."""
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-        raise SpecError(f"{argument} are several, for example {example}, not {given!r}")
+        raise SpecError(f"{argument} takes several values, for example {example}, not {given!r}")
 
 
 def require_new(spec: str, known: Mapping[str, object], argument: str) -> None:
-    """Raise SpecError where two callables have one name."""
+    """Raise SpecError if two callables have the same name."""
     if spec in known:
         raise SpecError(f"two callables are called '{spec}'; name each: {argument}={{'one': f, 'other': g}}")

@@ -1,4 +1,4 @@
-"""Models and their frames: a bank is built, the battery is run on it, and its report is read."""
+"""Build a bank, run the battery on models, and read the report."""
 
 import secrets
 from collections.abc import Callable, Mapping, Sequence
@@ -32,22 +32,22 @@ if TYPE_CHECKING:  # a score needs no templates
 
 _RESAMPLES = 5000
 AskedModel = str | RequestMode | Callable[..., object]
-"""A model: its SPEC, the mode in which it is asked, or a callable that takes (prompt, image) and returns its answer."""
+"""A model: its SPEC, its request mode, or a callable that takes (prompt, image) and answers."""
 
 
 @dataclass(frozen=True, repr=False)
 class Report(Read[BatteryScore, Verdict]):
-    """A run, scored and judged: ``report["scripted:depth"]`` is the verdict on that model.
+    """A scored and judged run: ``report["scripted:depth"]`` is the verdict on that model.
 
-    ``path`` is the run's folder, ``score`` holds every statistic, ``verdicts`` maps each model's SPEC to its verdict.
-    ``print`` it for the verdicts in words; a notebook shows them as cards.
+    ``path`` is the run's folder, ``score`` holds every statistic, and ``verdicts`` maps each SPEC
+    to its verdict. ``print`` it for the verdicts in words; a notebook shows them as cards.
     """
 
     def rows(self) -> list[dict[str, object]]:
-        """Return every statistic of every model as plain values, a row each; ``pandas.DataFrame`` takes the list.
+        """Return every statistic of every model as a row of plain values, for ``pandas.DataFrame``.
 
-        ``low`` and ``high`` are the ends of the interval, ``p_holm`` is the p corrected over the run's models where it
-        is corrected; what cannot be said is None, and ``note`` says why.
+        ``low`` and ``high`` are the ends of the interval. ``p_holm`` is the p corrected over the
+        run's models, where it is corrected. An inconclusive value is None, and ``note`` says why.
         """
         return [
             row_of("model", spec, name, one, p_holm=model.holm.get(name))
@@ -57,10 +57,10 @@ class Report(Read[BatteryScore, Verdict]):
 
     @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:
-        """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is.
+        """Write the report as one page, as ``eyechart report`` does, and return its path.
 
-        The page shows this report's own score. Raises LedgerError where the ledger cannot be read, and OutputError
-        where the page may not be written there.
+        The page shows this report's own score. Raises LedgerError if the ledger cannot be read, and
+        OutputError if the page may not be written there.
         """
         from eyechart.studies.battery.page import make_page  # noqa: PLC0415 - matplotlib is slow to import
         from eyechart.studies.battery.subjects import evidence_of, find_pictures  # noqa: PLC0415 - as above
@@ -91,8 +91,9 @@ def build_bank(
 ) -> FrameBank:
     """Render a frame bank into the folder ``out``, as ``eyechart frames build`` does.
 
-    ``steps`` frames are taken of every episode, and each of ``seeds`` gives one episode a scenario; ``progress`` gets
-    (frames done, of how many). Raises SpecError for an unknown simulator or preset, BankError where ``out`` is taken.
+    Each of ``seeds`` gives one episode per scenario, with ``steps`` frames. ``progress`` gets
+    (frames done, total). Raises SpecError for an unknown simulator or preset, and BankError if
+    ``out`` is taken.
     """
     steps = whole_number("steps", steps, 1)
     require_several("seeds", seeds, "(0, 1, 2)")
@@ -102,7 +103,7 @@ def build_bank(
 
 
 class _Mode(TypedDict, total=False):
-    """How models that are given by a SPEC, or as callables, are asked: the fields of a request mode that may be set."""
+    """The request-mode fields for models that are given as SPECs or callables."""
 
     base_url: str
     key_env: str
@@ -120,7 +121,7 @@ class _Mode(TypedDict, total=False):
 
 
 class _Asking(_Mode, total=False):
-    """How a battery asks: what a request mode takes, and what `eyechart.studies.battery.plan` and ``run`` do."""
+    """The options of a battery: request-mode fields, and those of its ``plan`` and ``run``."""
 
     prompt: str | None
     conditions: Sequence[str] | None
@@ -146,22 +147,25 @@ def run_battery(
 ) -> Report:
     """Ask models about every frame of a bank under every condition, and return the report.
 
-    It makes calls, which may cost money; those that the run's folder ``out`` holds already are not made again, so an
-    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, a callable, or several of them. A
-    callable takes (prompt, image) or (prompt, images, state) and is called ``python:MODULE:FUNCTION`` in the report; a
-    mapping gives callables other names (``{"mine": f}`` is ``python:mine``). A model that is
-    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false.
+    It makes calls, which may cost money. Calls that the folder ``out`` already holds are not
+    repeated, so the same call resumes an interrupted run. ``models`` is a SPEC, a request mode, a
+    callable, or several of them. A callable takes (prompt, image) or (prompt, images, state); the
+    report calls it ``python:MODULE:FUNCTION``. A mapping gives callables other names (``{"mine":
+    f}`` is ``python:mine``). A model that is served elsewhere and given by its SPEC is probed
+    first, once per run, unless ``probe`` is false.
 
-    ``prompt``, ``conditions``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run battery``. ``again``
-    asks once more what ended in a failure on the way; ``accept_loss`` goes on although calls that were made are missing
-    from the ledger; ``moved`` goes on with a run whose models have other addresses, keys or headers now; ``sequential``
-    asks models one after another, each closed before the next is opened, as by default those of one machine are
-    (``hf:``, ``ollama:``). ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
-    `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by one; a
-    temperature of None sends none. ``progress`` gets (calls done, of how many).
+    ``prompt``, ``conditions``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run
+    battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
+    the ledger lost finished calls. ``moved`` continues although addresses, keys or headers of
+    models changed. ``sequential`` asks models one after another, with only one open at a time; that
+    is the default for local models (``hf:``, ``ollama:``).
 
-    Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report
-    on calls that failed says so in its notes.
+    ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
+    `eyechart.modes.RequestMode` (all but ``seed``) apply to models that are not given by a request
+    mode. A temperature of None is not sent. ``progress`` gets (calls done, total).
+
+    Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError if a probe fails. A
+    report's notes name failed calls.
     """
     require_arguments("run_battery", asking, _Asking)
     if asking.get("conditions") is not None:
@@ -178,7 +182,7 @@ def run_battery(
     again, moved = named.pop("again", False), named.pop("moved", False)
     sequential = named.pop("sequential", None)
     if sequential not in (True, False, None):
-        raise SpecError(f"sequential is True, False or None, not {sequential!r}")
+        raise SpecError(f"sequential must be True, False or None, not {sequential!r}")
     if named.pop("accept_loss", False):
         list(accept_losses(place))
 
@@ -189,7 +193,7 @@ def run_battery(
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved, **bounds)
     asked = Asked(modes, by_option, how)
     planned = plan_probed(Planner(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
-    assert planned is not None  # a model that cannot be probed has raised
+    assert planned is not None  # a failed probe raises before this
     planned.make(allowed, moving(progress))
     return _read_report(still(out, place))
 
@@ -197,9 +201,9 @@ def run_battery(
 def _asked_models(
     models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
 ) -> tuple[dict[str, Opened], list[RequestMode], frozenset[str]]:
-    """Return the callables that are open already, the modes of all models in order, and which are given by a SPEC.
+    """Return the open callables, the request modes of all models in order, and the given SPECs.
 
-    Raises SpecError where two callables have one name, or fields of a mode are given that would change no model.
+    Raises SpecError if two callables have the same name, or if fields would change no model.
     """
     held: dict[str, Opened] = {}
     modes: list[RequestMode] = []
@@ -214,7 +218,7 @@ def _asked_models(
         held[mode.spec] = Opened(mode, hold(one, mode))
         modes.append(mode)
     if how and all(isinstance(one, RequestMode) for _, one in several):
-        raise SpecError(f"{', '.join(how)} would change no model: those with a RequestMode are asked as it says")
+        raise SpecError(f"{', '.join(how)} would change no model: a RequestMode is asked as it says")
     return held, modes, frozenset(one for _, one in several if isinstance(one, str))
 
 
@@ -222,12 +226,12 @@ def _asked_models(
 def read_report(
     run: Path | str, *, resamples: int = _RESAMPLES, independent: bool = False, reread: bool = False
 ) -> Report:
-    """Score and judge a run, finished or not, as ``eyechart verdict`` does; it makes no call and changes nothing.
+    """Score and judge a run, finished or not, as ``eyechart verdict`` does, without a call.
 
-    ``resamples`` are drawn in each permutation test and bootstrap; ``independent`` declares that frames outside
-    episodes are independent draws; ``reread`` reads the replies of a run that was begun under another version of the
-    reader by today's. Raises LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError
-    where independence is declared of a bank with episodes.
+    ``resamples`` is the number of draws in each permutation test and bootstrap. ``independent``
+    declares that frames outside episodes are independent draws. ``reread`` reads the replies of an
+    older run with today's reader. Raises LedgerError or BankError if the folder is no run or needs
+    ``reread``. Raises SpecError if independence is declared for a bank with episodes.
     """
     return _read_report(run, resamples=resamples, independent=independent, reread=reread)
 
@@ -241,5 +245,5 @@ def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - t
 def _ask(
     mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Spent], None], *, fixed: Sequence[str]
 ) -> Found:
-    """Probe a model, whose loop is in a thread where a notebook has one of its own; what is ``fixed`` stays."""
+    """Probe a model without changing ``fixed`` fields; it runs in a thread if a loop runs here."""
     return find_mode(mode, fixed=fixed, sample=sample, seed=secrets.randbelow(10**6), max_cost=most, spend=spend)

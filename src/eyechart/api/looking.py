@@ -1,4 +1,4 @@
-"""A look from Python: a model, a callable or a policy, and one answer."""
+"""``look`` in Python: one answer about a model, a callable or a policy."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ from eyechart.modes import RequestMode
 
 
 class _Looking(TypedDict, total=False):
-    """Of what a look is and how it is made; see `look`."""
+    """The options of `look`."""
 
     bank: FrameBank | Path | str | None
     photos: Path | str | None
@@ -41,13 +41,15 @@ def look(
     progress: Progress | None = None,
     **how: Unpack[_Looking],
 ) -> Look:
-    """Find out whether a model, a callable or a policy looks, as ``eyechart look`` does; ``print`` it for the screen.
+    """Find out whether a model, a callable or a policy looks, as ``eyechart look`` does.
 
-    ``subject`` is a SPEC, a request mode, or a callable: a policy where ``dataset`` or a bank of motions is given, else
-    a controller. Frames come from ``bank``, from ``photos`` with their ``table``, from the LeRobotDataset
-    ``dataset``, or are ours; ``columns`` maps places to columns of the table, and a distance below ``threshold`` in
-    ``unit`` is near. All that is made lies in ``out`` (``looks/NAME``), and the same look goes on there. ``budget``
-    bounds its calls; where they cost it raises SpecError unless ``yes``. ``progress`` gets (done, of how many).
+    ``print`` the result for the screen. ``subject`` is a SPEC, a request mode, or a callable. A
+    callable is a policy if ``dataset`` or a bank of motions is given, else a controller. Frames
+    come from ``bank``, from ``photos`` with their ``table``, or from the LeRobotDataset
+    ``dataset``; otherwise eyechart draws them. ``columns`` maps places to columns of the table. A
+    distance below ``threshold``, in ``unit``, is near. All files go to ``out`` (``looks/NAME``),
+    where the same look resumes. ``budget`` limits the calls; calls that may cost raise SpecError
+    unless ``yes``. ``progress`` gets (done, total).
 
     Raises BankError, SourceError, SpecError or LedgerError as the steps do.
     """
@@ -86,13 +88,13 @@ def look(
 def _subject(
     subject: str | RequestMode | Callable[..., object], base_url: str, pictures: Pictures
 ) -> tuple[RequestMode, Opened | None]:
-    """Return how who is looked at is asked, and who it is where it is a callable at hand."""
+    """Return a subject's request mode, and the open callable if it is one."""
     if isinstance(subject, RequestMode):
         return subject, None
     if isinstance(subject, str):
         return RequestMode(spec_of(subject), base_url=base_url), None
     if not callable(subject):
-        raise SpecError(f"a SPEC, a RequestMode or a callable is looked at, not a {type(subject).__name__}")
+        raise SpecError(f"look takes a SPEC, a RequestMode or a callable, not a {type(subject).__name__}")
     mode = RequestMode(f"python:{name_of(subject)}")
     if is_policy(mode.spec, pictures):
         mode = policy_mode(mode.spec)

@@ -1,4 +1,4 @@
-"""Policies: a callable of a notebook is asked with each channel exchanged, and what is said of it is read."""
+"""Run policies with each channel exchanged, and read their report."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -28,23 +28,25 @@ if TYPE_CHECKING:  # a score needs no templates
     from eyechart.report.page import Page
 
 AskedPolicy = str | Callable[..., object]
-"""A policy: its SPEC, or a callable that takes (images, state, instruction) and returns (horizon, dimensions)."""
+"""A policy: its SPEC, or a callable from (images, state, instruction) to (horizon, dimensions)."""
 
 
 @dataclass(frozen=True, repr=False)
 class PolicyReport(Read[PolicyScore, PolicyVerdict]):
-    """A run of policies, scored and judged: ``report["python:mine"].camera.label`` is what is said of its cameras.
+    """A scored and judged run of policies, one verdict per policy.
 
-    ``path`` is the run's folder, ``score`` holds every statistic, ``verdicts`` maps each policy's SPEC to its verdict.
-    ``print`` it for the verdicts in words; a notebook shows them as cards.
+    ``report["python:mine"].camera.label`` is a camera label. ``path`` is the run's folder,
+    ``score`` holds every statistic, and ``verdicts`` maps each SPEC to its verdict. ``print`` it
+    for the verdicts in words; a notebook shows them as cards.
     """
 
     asked: ClassVar[str] = "policy"
 
     def rows(self) -> list[dict[str, object]]:
-        """Return every statistic of every policy as plain values, a row each; ``pandas.DataFrame`` takes the list.
+        """Return every statistic of every policy as a row of values, for ``pandas.DataFrame``.
 
-        ``low`` and ``high`` are the ends of the interval; what cannot be said is None, and ``note`` says why.
+        ``low`` and ``high`` are the ends of the interval. An inconclusive value is None, and
+        ``note`` says why.
         """
         return [
             row_of("policy", spec, name, one)
@@ -54,9 +56,9 @@ class PolicyReport(Read[PolicyScore, PolicyVerdict]):
 
     @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:
-        """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is.
+        """Write the report as one page, as ``eyechart report`` does, and return its path.
 
-        Raises OutputError where the page may not be written there.
+        Raises OutputError if the page may not be written there.
         """
         from eyechart.studies.battery.subjects import find_pictures  # noqa: PLC0415 - matplotlib is slow to import
         from eyechart.studies.policy.page import made  # noqa: PLC0415 - as above
@@ -73,7 +75,7 @@ class PolicyReport(Read[PolicyScore, PolicyVerdict]):
 
 
 class _Asking(TypedDict, total=False):
-    """How a run of policies is planned and made: see `eyechart.studies.policy.plan` and ``run``."""
+    """The options of a run of policies: those of its ``plan`` and ``run``."""
 
     conditions: Sequence[str] | None
     seed: int
@@ -95,19 +97,21 @@ def run_policies(
     progress: Progress | None = None,
     **asking: Unpack[_Asking],
 ) -> PolicyReport:
-    """Ask policies about every frame of a bank with each of their channels exchanged, and return the report.
+    """Ask policies about every frame of a bank with channels exchanged, and return the report.
 
-    The calls that the run's folder ``out`` holds already are not made again, so an interrupted call goes on where it
-    stopped. ``policies`` is a SPEC, a callable, or several of them. A callable takes (images: dict of uint8 (h, w, 3)
-    by camera, state: float array, instruction: str or None) and returns an array (horizon, dimensions). It is called
-    ``python:MODULE:FUNCTION`` in the report; a mapping gives other names (``{"mine": act}`` is ``python:mine``). What
-    it may declare of itself are attributes, see `eyechart.models.policy_callable`.
+    Calls that the folder ``out`` already holds are not repeated, so the same call resumes an
+    interrupted run. ``policies`` is a SPEC, a callable, or several of them. A callable takes
+    (images: dict of uint8 (h, w, 3) by camera, state: float array, instruction: str or None) and
+    returns an array (horizon, dimensions). The report calls it ``python:MODULE:FUNCTION``. A
+    mapping gives other names (``{"mine": act}`` is ``python:mine``). A callable may declare
+    attributes, see `eyechart.models.policy_callable`.
 
-    ``limit`` asks about so many frames; who draws answers is asked ``answers`` times (4); with ``shapley`` every subset
-    of the channels is asked. ``conditions`` (all that the bank can show), ``seed`` and ``timeout_s`` (for an answer)
-    are those of `eyechart.studies.policy.plan`. At ``max_calls`` the run stops. ``again`` asks once more what ended in
-    a failure on the way; ``accept_loss`` goes on although calls that were made are missing from the ledger.
-    ``progress`` gets (calls done, of how many).
+    ``limit`` is the number of frames. A policy that samples its answers is asked ``answers`` times
+    (4). ``shapley`` asks about every subset of the channels. ``conditions`` (default: all that the
+    bank can show), ``seed`` and ``timeout_s`` (for an answer) are those of
+    `eyechart.studies.policy.plan`. The run stops at ``max_calls``. ``again`` retries calls that
+    failed in transport. ``accept_loss`` continues although the ledger lost finished calls.
+    ``progress`` gets (calls done, total).
 
     Raises BankError, SpecError or LedgerError as ``plan`` does.
     """
@@ -117,7 +121,7 @@ def run_policies(
         require_several("conditions", conditions, '["real", "blank"]')
     limit, most = (asking.get(name) for name in ("limit", "max_calls"))
     if (shapley := asking.get("shapley", False)) not in (True, False):
-        raise SpecError(f"shapley is True or False, not {shapley!r}")
+        raise SpecError(f"shapley must be True or False, not {shapley!r}")
     extent = Extent(
         None if limit is None else whole_number("limit", limit, 1),
         answers=whole_number("answers", asking.get("answers", policy.ANSWERS), 1),
@@ -138,16 +142,16 @@ def run_policies(
     allowed = Allowed(read_prices(), max_calls=most, concurrency=1, again=asking.get("again", False))
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
-        warnings.warn(f"{spec} was set aside, and is judged by what it answered before: {why}", stacklevel=3)
+        warnings.warn(f"{spec} was set aside, and is judged by its answers before that: {why}", stacklevel=3)
     return _read(still(out, place))
 
 
 @speaks_of_arguments
 def read_policies(run: Path | str, *, reread: bool = False) -> PolicyReport:
-    """Score and judge a run of policies, finished or not; it makes no call and changes nothing.
+    """Score and judge a run of policies, finished or not, without a call.
 
-    ``reread`` reads the answers of a run that was begun under another version of the reader by today's. Raises
-    LedgerError or BankError where the folder is no run of policies, or needs ``reread``.
+    ``reread`` reads the answers of an older run with today's reader. Raises LedgerError or
+    BankError if the folder is no run of policies or needs ``reread``.
     """
     return _read(run, reread=reread)
 
@@ -159,14 +163,14 @@ def examine_policy(
     *,
     timeout_s: float | None = None,
 ) -> PolicyDiagnosis:
-    """Ask a policy at most twenty times about a few frames, and return what is amiss, as ``eyechart doctor`` says it.
+    """Test a policy with at most twenty calls, as ``eyechart doctor`` does, and return its faults.
 
-    ``print`` what comes back for a line a check; ``.exit_code`` is 0 where nothing is amiss. Raises SpecError for what
-    is no policy, and BankError for a bank that declares no motion or has one episode.
+    ``print`` the result for one line per check; ``.exit_code`` is 0 if nothing is wrong. Raises
+    SpecError if it is no policy, and BankError if the bank declares no motion or has one episode.
     """
     opened = _opened(policy, timeout_s)
     if len(opened) != 1:
-        raise SpecError(f"one policy is examined at a time, not {len(opened)}")
+        raise SpecError(f"examine_policy takes one policy, not {len(opened)}")
     return doctor.examine_policy(opened[0], bank if isinstance(bank, FrameBank) else open_bank(Path(bank)))
 
 
@@ -178,7 +182,7 @@ def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
 def _opened(
     policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], timeout_s: float | None
 ) -> list[Opened]:
-    """Return each policy with its mode; raises SpecError where one is none, or two callables have one name."""
+    """Return each policy with its mode; raises SpecError for no policy, or a name twice."""
     opened: dict[str, Opened] = {}
     for name, one in each_named(policies, "policy", "policies", (str,)):
         if isinstance(one, str):

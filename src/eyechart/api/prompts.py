@@ -1,4 +1,4 @@
-"""Prompts compared: the same frames and models under each, what each does to looking, and what differs between them."""
+"""Compare prompts: how each changes the looking and the answers of models on the same frames."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,11 +26,12 @@ from eyechart.studies.prompts import Held, Prompts, PromptsScore, PromptStudy
 
 @dataclass(frozen=True, repr=False)
 class PromptsReport:
-    """A prompt study, scored: ``report["scripted:depth"]`` says under which prompts that model looks.
+    """A scored prompt study: ``report["scripted:depth"]`` says under which prompts a model looks.
 
-    ``path`` is the study's folder, a run a prompt, and ``score`` holds their statistics. ``against`` maps every prompt
-    but the first to what differs from that: of each statistic the difference over the frames that both have, with its
-    interval, and a p that is corrected over the statistics of a model. ``print`` it for the sentences.
+    ``path`` is the study's folder with a run per prompt, and ``score`` holds their statistics.
+    ``against`` maps every prompt but the first to its differences from the first. Each difference
+    of a statistic is over the shared frames, with an interval, and a p corrected over the
+    statistics of a model. ``print`` it for the sentences.
     """
 
     path: Path
@@ -40,12 +41,12 @@ class PromptsReport:
 
     @property
     def models(self) -> dict[str, Held]:
-        """Return what each model's answers hold under every prompt, by SPEC."""
+        """Return each model's labels under every prompt, by SPEC."""
         return {one.model: one for one in study.by_model(self.score.cells)}
 
     @speaks_of_arguments
     def __getitem__(self, model: str) -> Held:
-        """Return what a model's answers hold under every prompt; raises SpecError that lists the models of the run."""
+        """Return a model's labels under every prompt; raises SpecError that lists the models."""
         if model not in self.models:
             raise SpecError(f"{self.path} holds no model '{model}'; it holds {', '.join(self.models)}")
         return self.models[model]
@@ -54,7 +55,7 @@ class PromptsReport:
         return f"<PromptsReport on {self.path}: {', '.join(f'{who}: {one.label}' for who, one in self.models.items())}>"
 
     def __str__(self) -> str:
-        """Return under which prompts each model looks, why not under others, and what differs from the first."""
+        """Return in words under which prompts each model looks, and how others differ."""
         words = [
             " ".join(filter(None, (f"{who} looks: {one.label}.", one.words, one.why_not)))
             for who, one in self.models.items()
@@ -64,11 +65,11 @@ class PromptsReport:
         return "\n".join(words)
 
     def table(self) -> Table:
-        """Return a row a model and prompt: how varied its answers are, and what they hold of the scene."""
+        """Return a row per model and prompt: the answers' variety and scene dependence."""
         return study.prompts_table(self.score.cells)
 
     def differences(self, *, every: bool = False) -> list[Table]:
-        """Return what differs from the first prompt, a table a model and prompt: ``every`` statistic, or the main."""
+        """Return a table per model and prompt: differences in main or ``every`` statistics."""
         return [
             replace(replication_table(one, every=every), caption=f"{spec}: {name} against {self.first}")
             for name, found in self.against.items()
@@ -76,7 +77,7 @@ class PromptsReport:
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        """Return every statistic of every model and prompt as plain values, a row each, as of a `Report`."""
+        """Return every statistic of every model and prompt as plain values, like `Report.rows`."""
         return [
             {"prompt": cell.name, **row_of("model", cell.model, name, one, p_holm=cell.holm.get(name))}
             for cell in self.score.cells
@@ -84,18 +85,18 @@ class PromptsReport:
         ]
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values: the cells as ``eyechart score --json`` prints them, and the differences."""
+        """Return plain JSON values: the cells of ``eyechart score --json``, and differences."""
         against = {name: one.as_dict() for name, one in self.against.items()}
         return {**self.score.as_dict(), "first": self.first, "against": against}
 
     @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:
-        """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is."""
+        """Write the report as one page, as ``eyechart report`` does, and return its path."""
         return written_page(lambda: Prompts().report([self.path], [], Reading(), lambda *_: None).page, out)
 
 
 class _Comparing(_Mode, total=False):
-    """How prompts are compared: what a request mode takes, and what ``eyechart run prompts`` does."""
+    """The options of a comparison: request-mode fields, and those of ``eyechart run prompts``."""
 
     limit: int
     seed: int
@@ -115,19 +116,20 @@ def compare_prompts(
     progress: Progress | None = None,
     **asking: Unpack[_Comparing],
 ) -> PromptsReport:
-    """Ask models about the same frames under several prompts, and return what each does to looking, and to the answers.
+    """Ask models about the same frames under several prompts, and compare the results.
 
-    ``prompts`` are names of ``eyechart list prompts`` or files; the others are held against the first. It does as
-    ``eyechart run prompts``: each is a run in the folder ``out``, which goes on where it was stopped. ``models``,
-    ``probe``, ``concurrency``, ``again``, ``progress`` and the fields of a request mode are those of `run_battery`;
-    ``limit`` (100) is the frames, ``conditions`` what is shown of each (``real`` and ``blank``).
+    ``prompts`` are names of ``eyechart list prompts`` or files; each is compared with the first.
+    Each is a run in the folder ``out``, where the same call resumes. ``models``, ``probe``,
+    ``concurrency``, ``again``, ``progress`` and the fields of a request mode are those of
+    `run_battery`. ``limit`` is the number of frames (100). ``conditions`` are shown for each
+    (``real`` and ``blank``).
 
-    Raises BankError, SpecError or LedgerError as the study's ``plan`` does, and ProbeError where a model cannot be
-    probed.
+    Raises BankError, SpecError or LedgerError as the study's ``plan`` does, and ProbeError if a
+    probe fails.
     """
     several, place = [prompts] if isinstance(prompts, str | Path) else prompts, Path(out).absolute()
     if len(several) < 2:
-        raise SpecError(f"two prompts or more are compared, see {', '.join(PROMPTS)}; this is {len(several)}")
+        raise SpecError(f"compare_prompts takes two prompts or more, see {', '.join(PROMPTS)}; got {len(several)}")
     require_arguments("compare_prompts", asking, _Comparing)
     how: dict[str, Any] = {**asking}
     at_once, again = whole_number("concurrency", concurrency, 1), how.pop("again", False)
@@ -152,7 +154,7 @@ def _planned(
     allowed: Allowed,
     place: Path,
 ) -> PromptStudy:
-    """Return the study with its models as they are asked: those that need it are probed with all of the prompts."""
+    """Return the study with its request modes; models without one are probed with all prompts."""
     held, modes, by_option = _asked_models(models, how)
 
     def plan(modes: Sequence[RequestMode]) -> PromptStudy:
@@ -160,12 +162,12 @@ def _planned(
 
     asked = Asked(modes, by_option, how)
     planned = plan_probed(Planner(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
-    assert planned is not None  # a model that cannot be probed has raised
+    assert planned is not None  # a failed probe raises before this
     return planned
 
 
 def _read(path: Path, names: Sequence[str]) -> PromptsReport:
-    """Score a study, and hold the cells of these names against the first of them."""
+    """Score a study, and compare its cells with the first of these names."""
     score = Prompts().score(path, Reading())
     first, *others = (score.batteries[name] for name in names)
     return PromptsReport(

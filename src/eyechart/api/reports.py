@@ -1,4 +1,4 @@
-"""What the reports on every kind of run have in common: verdicts by name, words, cards and a page."""
+"""The common part of all reports: verdicts by name, words, cards and a page."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
@@ -31,7 +31,7 @@ V = TypeVar("V", bound=_Judged)
 
 @dataclass(frozen=True, repr=False)
 class Read(ABC, Generic[S, V]):
-    """A run that was scored and judged: its folder, its score, and the verdict on each of whom it asked, by SPEC."""
+    """A scored and judged run: its folder, its score, and each verdict by SPEC."""
 
     path: Path
     score: S
@@ -70,18 +70,18 @@ class Read(ABC, Generic[S, V]):
 
     @abstractmethod
     def _scope(self) -> str:
-        """Return the sentence that bounds what is said."""
+        """Return the sentence that limits the verdicts' scope."""
 
 
 def row_of(who: str, spec: str, name: str, one: Statistic, **further: float | None) -> dict[str, object]:
-    """Return a statistic as plain values; ``who`` is what its first column is called."""
+    """Return a statistic as plain values; ``who`` names the first column."""
     low, high = one.ci or (None, None)
     found = {who: spec, "statistic": name, "value": one.value, "low": low, "high": high, "n": one.n, "p": one.p}
     return {**found, **further, "note": one.note}
 
 
 def written_page(made: "Callable[[], Page]", out: Path | str) -> Path:
-    """Write a page, and return where it is; raises OutputError before it is made, where it may not stand there."""
+    """Write a page and return its path; raises OutputError first if it may not be written."""
     from eyechart.destination import require_free  # noqa: PLC0415 - a score needs no templates
     from eyechart.report.page import write_page  # noqa: PLC0415 - as above
 

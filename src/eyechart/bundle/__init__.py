@@ -1,4 +1,4 @@
-"""A bundle is one file with a run and all that follows from it, which anybody can recompute without trusting it."""
+"""A bundle: one file with a run and its results, which anybody can recompute."""
 
 from eyechart.bundle.drives import Again
 from eyechart.bundle.validating import Validation, validate

@@ -1,4 +1,4 @@
-"""Comparing what a bundle prints with what follows from its ledger: by values and words, not by bytes."""
+"""Compare what a bundle prints with what its ledger gives, by values and words, not by bytes."""
 
 import bisect
 import csv
@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from eyechart.records import Plain
 
 TOLERANCE = 1e-9
-"""Two numbers are the same where they differ by no more than this, relative to the larger of them."""
+"""Two numbers are the same up to this difference, relative to the larger."""
 NOISE = 1e-14
-"""What is left where equal numbers were subtracted; two numbers this near are the same, but for a p, which is none."""
+"""The rest after subtracting equal numbers; numbers this close are the same, except p-values."""
 DRAWN = 0.02
-"""Places in a drawing are the same where they differ by no more than this, in its own units (1/72 inch)."""
+"""Positions in a drawing are the same up to this difference, in its units (1/72 inch)."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.\d+|\d+)(?:[eE][-+]?\d+)?")
 _SHOWN = 160
 
 
 @dataclass(frozen=True, slots=True)
 class Difference(Plain):
-    """A figure that does not follow from the ledger: where it stands, what is printed, and what was recomputed."""
+    """A figure that does not follow from the ledger: its place, and both values."""
 
     where: str
     printed: str
@@ -33,7 +33,7 @@ class Difference(Plain):
 
 
 def printable(text: str) -> str:
-    """Return a text from elsewhere as a terminal may have it: without signs that move or colour what is printed."""
+    """Return a foreign text without characters that move or colour terminal output."""
     return "".join(sign if sign.isprintable() else " " for sign in text)
 
 
@@ -43,13 +43,13 @@ def _short(text: str) -> str:
 
 
 def same_number(one: float, other: float, noise: float = NOISE) -> bool:
-    """Return whether two numbers are the same within the tolerance, or differ by ``noise`` at most."""
+    """Return whether two numbers agree within the tolerance, or within ``noise``."""
     return one == other or abs(one - other) <= max(noise, TOLERANCE * max(abs(one), abs(other)))
 
 
 @dataclass(frozen=True)
 class Rounding:
-    """Knows every recomputed number, so that a last digit that another machine rounded otherwise is told from a lie."""
+    """All recomputed numbers, to tell a tie in rounding from a changed digit."""
 
     values: tuple[float, ...]
 
@@ -59,11 +59,11 @@ class Rounding:
         return cls(tuple(sorted({float(value) for value in _numbers(results) if math.isfinite(value)})))
 
     def same(self, printed: str, recomputed: str) -> bool:
-        """Return whether two texts say the same, up to ties of rounding."""
+        """Return whether two texts agree, up to ties in rounding."""
         return printed == recomputed or _alike(printed, recomputed, self._tie)
 
     def _tie(self, one: str, other: str) -> bool:
-        """Return whether a recomputed number lies just between two printed ones, which are one last digit apart."""
+        """Return whether a recomputed number lies midway between two, one last digit apart."""
         digits = {len(text.partition(".")[2]) for text in (one, other)}
         a, b = float(one), float(other)
         if len(digits) != 1 or 0 in digits or "e" in f"{one}{other}".lower():
@@ -91,7 +91,7 @@ Name = Callable[[Path], str]
 def compare_values(
     printed: object, recomputed: object, rounding: Rounding, name: Name, path: Path = ()
 ) -> Iterator[Difference]:
-    """Yield where two plain JSON values differ, from ``path`` on; ``name`` puts a place into words."""
+    """Yield the differences of two plain JSON values, from ``path`` on; ``name`` words a place."""
     if isinstance(printed, dict) and isinstance(recomputed, dict):
         for key in [*recomputed, *(key for key in printed if key not in recomputed)]:
             if key not in printed or key not in recomputed:
@@ -116,7 +116,7 @@ def _same_leaf(printed: object, recomputed: object, rounding: Rounding, noise: f
 
 
 def compare_tables(file: str, printed: str, recomputed: str, rounding: Rounding) -> Iterator[Difference]:
-    """Yield where two tables differ: cell by cell in CSV, else line by line."""
+    """Yield the differences of two tables: by cell in CSV, else by line."""
     if file.endswith(".csv"):
         yield from _compare_csv(file, printed, recomputed, rounding)
         return
@@ -129,7 +129,7 @@ def compare_tables(file: str, printed: str, recomputed: str, rounding: Rounding)
 
 
 def _line_difference(where: str, printed: str, recomputed: str) -> Difference:
-    """Return how two lines of a table differ: by their first cells that do, where both have as many."""
+    """Return how two lines of a table differ: the first different cells, if both have as many."""
     mine, theirs = (re.split(r"\s*[|&]\s*", line.strip("| ")) for line in (printed, recomputed))
     place = first_difference(mine, theirs)
     if len(mine) == len(theirs) > place:
@@ -157,7 +157,7 @@ def _compare_csv(file: str, printed: str, recomputed: str, rounding: Rounding) -
 
 
 def skeleton(text: str) -> str:
-    """Return a text without its numbers: what has to be the same sign by sign."""
+    """Return a text without its numbers: the part that must be equal character by character."""
     return _NUMBER.sub("0", text)
 
 
@@ -168,12 +168,12 @@ def _same_cell(printed: str, recomputed: str, rounding: Rounding, noise: float) 
 
 
 def same_drawing(printed: str, recomputed: str) -> bool:
-    """Return whether two attributes of a drawing put the same things at the same places."""
+    """Return whether two attributes of a drawing put the same things at the same positions."""
     return _alike(printed, recomputed, lambda one, other: abs(float(one) - float(other)) <= DRAWN)
 
 
 def _alike(printed: str, recomputed: str, same: Callable[[str, str], bool]) -> bool:
-    """Return whether two texts differ in numbers alone, and each pair of these is the same."""
+    """Return whether two texts differ only in numbers, and ``same`` holds for each pair."""
     if _NUMBER.split(printed) != _NUMBER.split(recomputed):
         return False
     pairs = zip(_NUMBER.findall(printed), _NUMBER.findall(recomputed), strict=True)
@@ -181,13 +181,13 @@ def _alike(printed: str, recomputed: str, same: Callable[[str, str], bool]) -> b
 
 
 def first_difference(printed: Sequence[object], recomputed: Sequence[object]) -> int:
-    """Return the place of the first thing that differs, or the length of the shorter."""
+    """Return the index of the first difference, or the shorter length."""
     pairs = enumerate(zip(printed, recomputed, strict=False))
     return next((place for place, (one, other) in pairs if one != other), min(len(printed), len(recomputed)))
 
 
 def same_writing(values: object, text: str, write: Callable[[object], str]) -> bool:
-    """Return whether values that were read from a text are written as this text; NaN and infinity never are."""
+    """Return whether ``write`` gives this text for its values; never for NaN and infinity."""
     try:
         return write(values) == text
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a bundle of a run on a bank holds: what was asked and answered, and all that follows from it."""
+"""The contents of a bundle of a run on a bank: its calls and all results."""
 
 import hashlib
 import json
@@ -32,13 +32,13 @@ REPORT = "report.html"
 README = "README.txt"
 TABLES = "tables/"
 DECISIONS = f"{TABLES}decisions.csv"
-"""Every decision of a battery, from which anybody can count anew: docs/bundles.md."""
+"""Every decision of a battery, for an independent count: docs/bundles.md."""
 RUN_FOLDER = "run"
 SOURCE = "source/"
 ALONE = "run"
-"""What a run is called in the results that is the only one."""
+"""The name of a single run in the results."""
 _SINCE = {"runs", "episodes_sha256"}
-"""What results hold that those of an older eyechart do not."""
+"""Results that an older eyechart does not have."""
 _HOW = """This is a bundle of eyechart: a run, and what follows from it.
 
 run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
@@ -52,14 +52,14 @@ bundle.json     how the results were made, and a digest of every file
 recomputes all of it from run/ and names what differs.
 """
 RESAMPLES = (100, 100_000)
-"""Fewest and most resamples that a bundle may ask whoever validates it to draw."""
+"""Fewest and most resamples that a bundle may request from a validation."""
 
 
 @dataclass(frozen=True)
 class Recipe(Plain):
-    """How results follow from a run: no number of theirs, only what was chosen when they were made.
+    """How results follow from a run: the choices that were made, and no result.
 
-    ``drawn_with`` are the versions on which the bytes of pictures and drawings depend.
+    ``drawn_with`` are the library versions that the bytes of pictures and drawings depend on.
     """
 
     name: str
@@ -71,19 +71,19 @@ class Recipe(Plain):
 
     @classmethod
     def here(cls, name: str, *, resamples: int, independent: bool, reader: int = READER) -> "Recipe":
-        """Return the recipe of results that are made by this eyechart, with this version of the reader of replies."""
+        """Return the recipe of this eyechart, with this version of the reader of replies."""
         return cls(name, resamples, independent, __version__, reader, drawn_with())
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
-        """Read a recipe, also one of another eyechart; raises BundleError where it is none."""
+        """Read a recipe, also of another eyechart; raises BundleError if it is none."""
         with raising(BundleError, f"{INDEX} does not say how its results were made", of=ValueError):
             return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
 
     def elsewhere(self, readers: Sequence[int] = READERS) -> str | None:
-        """Return in words which other eyechart or reader of replies made the results; None where it was this one.
+        """Return in words which other eyechart or reader made the results; None for this one.
 
-        ``readers`` are the versions by which the replies of its run can be read here, today's last.
+        ``readers`` are the reader versions that can read the run's replies here, today's last.
         """
         if self.eyechart == __version__ and self.reader in readers:
             return None
@@ -94,7 +94,7 @@ class Recipe(Plain):
 
 
 def drawn_with() -> dict[str, str]:
-    """Return the versions on which the bytes of a report's pictures and drawings depend."""
+    """Return the library versions that the bytes of pictures and drawings depend on."""
     return {
         "matplotlib": str(mpl.__version__),
         "pillow": PIL.__version__,
@@ -105,7 +105,7 @@ def drawn_with() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Derived:
-    """What follows from a run: its results as plain values, every file that prints them, and what was counted."""
+    """All that follows from a run: results as plain values, files that print them, counts."""
 
     results: dict[str, object]
     files: dict[str, bytes]
@@ -115,7 +115,7 @@ class Derived:
     def of(
         cls, results: Mapping[str, object], made: Made, how: str, more: Mapping[str, bytes], **counted: int
     ) -> "Derived":
-        """Return what follows from these results and a report, beside ``how`` to read it and ``more`` files."""
+        """Return the files of results and a report, with ``how`` to read them and ``more``."""
         files = {RESULTS: as_json(results), REPORT: made.page.html, README: how.encode()}
         files |= {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
         return cls(json.loads(files[RESULTS]), {**files, **more}, counted)
@@ -124,7 +124,7 @@ class Derived:
 def derive(
     run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
 ) -> Derived:
-    """Compute results, report and tables from the ledger in a run's folder, its bank, and the bank with pictures."""
+    """Compute results, report and tables from a run's folder, its bank, and its pictures' bank."""
     tell("scoring")
     study, reading = study_of(run, "bundle"), Reading(recipe.independent, resamples=recipe.resamples)
     score, made = study.derive(Packed(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)
@@ -144,12 +144,12 @@ def derive(
 
 
 def said_since(printed: Mapping[str, object], derived: Mapping[str, object]) -> dict[str, object]:
-    """Return what follows from a run without what an older eyechart did not print."""
+    """Return results without those that an older eyechart did not print."""
     return {name: value for name, value in derived.items() if name in printed or name not in _SINCE}
 
 
 def digests(ledger_path: Path, spec: str) -> dict[str, str]:
-    """Return a digest of all that the ledger holds of a model's calls, by condition; times of day are left out."""
+    """Return a digest of a model's calls in the ledger by condition, without times of day."""
     digests: dict[str, hashlib._Hash] = {}
     with Ledger(ledger_path) as ledger:
         for sent in ledger.attempts(spec):
@@ -161,7 +161,7 @@ def digests(ledger_path: Path, spec: str) -> dict[str, str]:
 
 
 def _as_of_old(reply: Reply) -> dict[str, object]:
-    """Leave out what 0.1.0 did not record where it is unknown, so that an older run has the digest that it had."""
+    """Return a reply without unknown fields that 0.1.0 lacked, to keep an older digest."""
     values = ((one.name, getattr(reply, one.name)) for one in fields(reply))
     return {name: value for name, value in values if value is not None or name not in SINCE_FORMAT_3}
 

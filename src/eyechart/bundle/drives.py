@@ -1,4 +1,4 @@
-"""Validating drives: every episode is driven again from its record, within a bound that is said beforehand."""
+"""Validate drives: drive every episode again from its record, within an announced bound."""
 
 import random
 from collections.abc import Iterator, Sequence
@@ -22,22 +22,24 @@ from eyechart.studies.structured.seen import Seen, check, read_seen
 
 MOST_EPISODES = 100_000
 MOST_STEPS = 5_000_000
-"""A run of drives has no more in a bundle that is validated."""
+"""The most episodes and steps of a run of drives in a bundle."""
 MOST_DRIVEN = 1_000_000
-"""Steps of worlds that are driven again; of more, episodes are drawn until so many are reached."""
+"""World steps to drive again; a longer run is sampled up to this number."""
 
 MOST_VETTED = 1_000
 UNVETTED = "how worlds were vetted"
-"""What is not compared where other versions vetted."""
+"""Not compared if other versions vetted the worlds."""
 _ACTION_MAP = "action map"
-"""What the world of a ``gym:`` run calls the digest of its action map, among its versions."""
+"""The name of the action map's digest among a ``gym:`` world's versions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Again:
-    """How drives are driven again: in so many ``processes``, and a ``sample`` of so many episodes a run, None for all.
+    """How to drive again.
 
-    A sample bounds the worlds that are vetted again too. ``announce`` is told the bound of the work before it begins.
+    ``processes`` is their number, ``sample`` the episodes per run (None for all). A sample also
+    limits the worlds that are vetted again. ``announce`` gets the bound of the work before it
+    begins.
     """
 
     processes: int = 1
@@ -47,7 +49,7 @@ class Again:
 
 @dataclass
 class Found:
-    """What checking a run came to."""
+    """The findings of a check of one run."""
 
     differences: list[Difference]
     uncompared: list[str]
@@ -56,19 +58,19 @@ class Found:
 
 
 def require_bounded_drives(run: Path) -> None:
-    """Raise BundleError, before anything is computed, where a run of drives is larger than any that is validated."""
+    """Raise BundleError if a run of drives is too large to validate; nothing is computed before."""
     episodes = steps = 0
     for one in read_episodes(run):
         episodes, steps = episodes + 1, steps + len(one.steps)
         for what, count, most in (("episodes", episodes, MOST_EPISODES), ("steps", steps, MOST_STEPS)):
             if count > most:
-                raise BundleError(f"it has more than the {most} {what} that are validated: nothing is recomputed")
+                raise BundleError(f"it has more than {most} {what}, the most that are validated: nothing is recomputed")
 
 
 def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tell: Tell) -> Found:
-    """Drive the episodes of a run again and compare; ``exact`` where the same eyechart drove them.
+    """Drive the episodes of a run again and compare; ``exact`` if the same eyechart drove them.
 
-    A world whose code is not ours is not opened, and what was not driven is said.
+    Worlds with foreign code are not opened; the notes name episodes that were not driven.
     """
     found, manifest = Found([], [], [], {}), read_episodes_manifest(run)
     if (run / RUN).read_bytes() != manifest.as_text().encode():
@@ -89,7 +91,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     simulator = world_of(run, manifest)
     found.differences += [*_declared(manifest, simulator), *_drawn(run, manifest)]
     apart = other_versions(manifest, simulator)
-    if _ACTION_MAP in apart:  # which lies beside it, and is no library
+    if _ACTION_MAP in apart:  # it lies beside the run and is no library
         found.differences.append(Difference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
     words = "; ".join(f"{name} {made}, here {here}" for name, (made, here) in apart.items())
     same = exact and not apart
@@ -114,7 +116,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
 
 
 def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Difference]:
-    """Yield what a manifest says of its world that the world does not."""
+    """Yield the manifest's statements about its world that the world contradicts."""
     declared = simulator.declared
     for name, mine, theirs in (
         ("action_space", manifest.action_space, declared.action_space.by(manifest.reader)),
@@ -125,7 +127,7 @@ def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Diff
 
 
 def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[Difference]:
-    """Yield the counts by which a marginal of the run's own drivers drew and that are not its driver's decisions."""
+    """Yield wrong counts of marginal policies: those that are not their driver's decisions."""
     for spec in {one.key.policy: None for one in read_episodes(run) if one.steps}:
         if driver := manifest.marginal_of(spec):
             counts, made = decided_by(driver, spec, read_episodes(run)), manifest.policies[spec]
@@ -134,7 +136,7 @@ def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[Difference]:
 
 
 def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[Difference]:
-    """Yield the calls whose attempts asked different things."""
+    """Yield the calls whose attempts had different requests."""
     for spec in manifest.models:
         first: dict[object, str] = {}
         for sent in ledger.attempts(spec):
@@ -146,7 +148,7 @@ def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[Differe
 def _chosen(
     run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], how: Again, found: Found
 ) -> list[Episode]:
-    """Return the episodes that are driven again: all, or some by chance, which nobody could know beforehand."""
+    """Return the episodes to drive again: all, or an unpredictable sample."""
     drawn = random.SystemRandom().sample(episodes, len(episodes))
     times, most = _steps_a_decision(run), longest(manifest, episodes)
     kept, steps = [], 0
@@ -157,7 +159,7 @@ def _chosen(
         kept.append(one)
     if left := len(episodes) - len(kept):
         found.uncompared.append(f"{left} of {len(episodes)} episodes of {manifest.simulator}")
-        found.notes.append(f"{left} episodes were not driven again; those that were are drawn by chance")
+        found.notes.append(f"{left} episodes were not driven again; the others were chosen at random")
     return kept
 
 
@@ -170,7 +172,7 @@ def _steps_a_decision(run: Path) -> int:
 
 
 def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) -> None:
-    """Say what driving again found: differences, or with other versions what is not comparable."""
+    """Record the findings of driving again: differences, or what other versions cannot compare."""
     if apart:
         found.uncompared.append(f"{repeats.episodes} episodes, driven with other versions")
         found.notes.append(f"not comparable: driven with {apart}")
@@ -190,18 +192,19 @@ def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) ->
         found.notes.append("this machine encodes pictures to other bytes: no request of a drive was compared")
     if repeats.lost:
         found.uncompared.append(f"how {len(repeats.lost)} episodes failed")
-        found.notes += [f"an error that does not come again: {one}" for one in repeats.lost[:3]]
+        found.notes += [f"an error that did not happen again: {one}" for one in repeats.lost[:3]]
     _hold_states(repeats, found)
 
 
 def _hold_states(repeats: Repeats, found: Found) -> None:
-    """Hold exact states to the record; where none is the same and all are one to one, another machine drove them."""
+    """Compare exact states with the record; if none agrees, another machine drove."""
     unlike = [one for one in repeats.states if one[1] != one[2]]
     one_to_one = len({pair[1:] for pair in repeats.states}) == len({one[1] for one in repeats.states})
     if unlike and len(unlike) == len(repeats.states) and one_to_one:
         found.uncompared.append("exact states")
         found.notes.append(
-            "rounded states are the same at every step, exact ones in no episode: another kind of machine"
+            "rounded states are the same at every step, but no episode has the same exact state: another kind "
+            "of machine"
         )
         return
     for key, recorded, driven in unlike:
@@ -220,7 +223,7 @@ def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again, most: in
 
 
 def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]) -> str:
-    """Return in words what an online run adds: worlds that are vetted again, and frames that are checked anew."""
+    """Return in words an online run's extra work: worlds to vet and frames to check again."""
     if not vetted and not seen:
         return ""
     steps, frames = sum(one.frames for one in vetted), sum(len(one.steps) for _, one in seen)
@@ -229,7 +232,7 @@ def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]
 
 
 def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vetted]:
-    """Return the worlds of an online run in which the positive control drives again: all, or some by chance."""
+    """Return the worlds of an online run to vet again: all, or a random sample."""
     vetted = read_vetting(run) or ()
     if len(vetted) > MOST_VETTED:
         raise BundleError(f"it has {len(vetted)} vetted worlds, more than the {MOST_VETTED} that are vetted again")
@@ -239,12 +242,12 @@ def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vett
     kept = random.SystemRandom().sample(vetted, min(len(vetted), how.sample or len(vetted)))
     if left := len(vetted) - len(kept):
         found.uncompared.append(f"{left} of {len(vetted)} vetted worlds")
-        found.notes.append(f"{left} worlds were not vetted again; those that were are drawn by chance")
+        found.notes.append(f"{left} worlds were not vetted again; the others were chosen at random")
     return kept
 
 
 def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[Seen, Episode]]:
-    """Return the chosen episodes whose every frame an online run says it checked, with what it says."""
+    """Return the chosen episodes that an online run recorded as checked, with that record."""
     told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
     found = ((told.get((one.key.policy, one.key.scenario, one.key.seed)), one) for one in chosen)
     return [(mine, one) for mine, one in found if mine is not None and one.ended != "error"]
@@ -262,7 +265,7 @@ def _hold_vetting(vetted: Sequence[Vetted], manifest: EpisodesManifest, simulato
 
 
 def _apart(where: str, mine: object, again: object, names: Sequence[str]) -> Iterator[Difference]:
-    """Yield in which of these fields two records differ, numbers by more than an error of rounding."""
+    """Yield the fields in which two records differ by more than rounding."""
     for name in names:
         one, other = getattr(mine, name), getattr(again, name)
         close = isinstance(one, float) and isinstance(other, float) and abs(one - other) <= TOLERANCE
@@ -278,7 +281,7 @@ def _hold_seen(
     *,
     told: bool,
 ) -> None:
-    """Check every frame of episodes anew that an online run says it checked; ``told`` is whether it says so of any."""
+    """Check again every frame that an online run recorded as checked."""
     if not told:
         return
     if UNVETTED in found.uncompared:
@@ -292,10 +295,10 @@ def _hold_seen(
 
 
 def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: Found) -> None:
-    """Note what of a run no drive can check."""
+    """Note the parts of a run that no drive can check."""
     if called := [spec for spec in manifest.models if spec.startswith("python:")]:
         found.notes.append(f"unchecked: the code of {', '.join(called)}; its replies are those of the record")
     over = {one.key for one in episodes}
     left = unfinished(run, [key for key in every_episode(manifest) if key not in over], manifest.models)
     if begun := sum(one.begun or 0 for one in left):
-        found.notes.append(f"{begun} episodes were begun and are not over: their calls were not compared")
+        found.notes.append(f"{begun} episodes were started and are unfinished: their calls were not compared")

@@ -1,4 +1,4 @@
-"""Comparing two report pages tag by tag, so that a difference can be named by the figure that it is in."""
+"""Compare two report pages tag by tag, and name each difference by its figure."""
 
 import json
 import re
@@ -28,14 +28,14 @@ _ATTRIBUTE = re.compile(r'([^\s"=<>/]+)(?:="([^"]*)")?')
 _PICTURE = re.compile(r'"data:image/[^"]*"')
 _MOST_UNPACKED = 1_000_000_000
 _LONGER = 8
-"""A page's packed data is read where it has at most so many bytes for each character of what is recomputed."""
+"""Most bytes of unpacked page data per character of the recomputed data."""
 _DRAWN = {"d", "x", "y", "width", "height", "transform", "style", "points", "viewBox"}
 _LABELS = {"caption", "h3", "title", "dt", "th"}
 
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A tag, a remark or a text of a page, and where it stands; ``drawn`` is what stands in a drawing."""
+    """A tag, a comment or a text of a page, with its place; ``drawn`` inside a drawing."""
 
     text: str
     where: str
@@ -43,7 +43,7 @@ class Token:
 
     @property
     def shape(self) -> str:
-        """Return what has to be the same in two pages that are built alike: of a text only that it is one."""
+        """Return the part that is equal in two pages of one structure; the same for any text."""
         if self.text.startswith("<!--"):
             return f"comment {self.text[4:-3].strip()}"
         tag = _TAG.match(self.text)
@@ -53,7 +53,7 @@ class Token:
 
     @property
     def words(self) -> str:
-        """Return what it is in words."""
+        """Return the token in words."""
         return self.shape or unescape(self.text).strip()
 
     @property
@@ -63,7 +63,7 @@ class Token:
 
 
 class _Place:
-    """The section, card, figure, table, row and column that a page is read at."""
+    """The section, card, figure, table, row and column of the current position in a page."""
 
     def __init__(self) -> None:
         self.section = self.card = self.figure = self.caption = self.row = self.term = self.inside = ""
@@ -71,7 +71,7 @@ class _Place:
         self.column, self.head, self.drawn = -1, False, False
 
     def read(self, text: str) -> None:
-        """Go on by a token."""
+        """Move on by a token."""
         tag = _TAG.match(text)
         if tag is None:
             self._name(" ".join(unescape(text).split()))
@@ -109,7 +109,7 @@ class _Place:
         self.inside = "" if tag == self.inside else self.inside
 
     def _name(self, words: str) -> None:
-        """Keep a text that names those after it."""
+        """Keep a text that names the parts after it."""
         if self.inside == "title" and self.drawn:
             self.figure = words
         elif self.inside == "caption":
@@ -132,7 +132,7 @@ class _Place:
 
 
 def tokens_of(html: str) -> Iterator[Token]:
-    """Yield all that stands in a page, without the data of its browser of frames."""
+    """Yield the tokens of a page, without the data of its frame browser."""
     place = _Place()
     for found in _TOKEN.finditer(_PACKED.sub(r"\1\3", _DATA.sub(r"\1\3", html, count=1), count=1)):
         place.read(found.group())
@@ -141,19 +141,19 @@ def tokens_of(html: str) -> Iterator[Token]:
 
 @dataclass(frozen=True, slots=True)
 class Strictness:
-    """What is compared: the places in ``drawings`` and the bytes of ``pictures`` hang on libraries' versions."""
+    """Whether to compare positions in ``drawings`` and ``pictures``, which libraries change."""
 
     drawings: bool
     pictures: bool
 
     def kept(self, html: str) -> list[Token]:
-        """Return what of a page is compared: without comparable drawings, of a drawing only its words."""
+        """Return the tokens to compare; without ``drawings``, only the words of each drawing."""
         every = tokens_of(html if self.pictures else _PICTURE.sub('""', html))
         return [one for one in every if self.drawings or not one.drawn or (not one.shape and one.text.strip())]
 
 
 def compare_pages(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
-    """Yield where two pages differ, each difference with the section, figure, table, row and column it is in."""
+    """Yield the differences of two pages, each with its section, figure, table, row and column."""
     if printed == recomputed:
         return
     yield from _compare_data(printed, recomputed, rounding, how)
@@ -199,7 +199,7 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
     try:
         own = list(_blocks(recomputed, _MOST_UNPACKED))
         given = list(_blocks(printed, _LONGER * (1 + sum(map(len, own)))))
-        if given == own and {*own} <= {"null"}:  # a page that has no browser, as one of scene estimates
+        if given == own and {*own} <= {"null"}:  # no frame browser, as for scene estimates
             return
         mine, theirs = (
             dict[str, Any](chain.from_iterable(json.loads(one).items() for one in side)) for side in (given, own)
@@ -217,7 +217,7 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
 
 
 def _blocks(html: str, most: int) -> Iterator[str]:
-    """Yield a page's data as JSON: what stands in it, and what it holds packed, of ``most`` bytes or ValueError."""
+    """Yield a page's data as JSON, also its packed part up to ``most`` bytes, or ValueError."""
     if plain := _DATA.search(html):
         yield plain.group(2)
     if packed := _PACKED.search(html):
@@ -225,7 +225,7 @@ def _blocks(html: str, most: int) -> Iterator[str]:
 
 
 def _named(data: Mapping[str, Any], path: Path) -> str:
-    """Return a place in the data of a page's browser in words: the call, the frame, the picture, or the episode."""
+    """Return in words a place in the frame browser's data: call, frame, picture or episode."""
     if "runs" not in data:
         return _of_episodes(data, path)
     used = next((words for kind, number, words in _used(data) if (kind, number) == path[:2]), None)
@@ -242,7 +242,7 @@ def _named(data: Mapping[str, Any], path: Path) -> str:
 
 
 def _of_episodes(data: Mapping[str, Any], path: Path) -> str:
-    """Return a place in the data of the browser of episodes in words."""
+    """Return in words a place in the episode browser's data."""
     if path[0] != "episodes" or len(path) < 2:
         return " ".join(map(str, path))
     return " ".join(["episode", f"'{data['episodes'][path[1]]['id']}'", *map(str, path[2:])])

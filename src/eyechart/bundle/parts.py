@@ -1,4 +1,4 @@
-"""Drives, and studies of several runs, in a bundle: what is copied of each run, and what follows from all of them."""
+"""Drives and studies of several runs in a bundle: the copies of the runs, and the results."""
 
 import hashlib
 import re
@@ -27,9 +27,9 @@ from eyechart.studies.battery.tables import decisions_table
 from eyechart.studies.prompts import PromptsScore
 
 OF_DRIVES = (RUN, EPISODES, LEDGER, ACTION_MAP, *BESIDE)
-"""The files of a run of drives; only the first is always there."""
+"""The files of a run of drives; only the first is always present."""
 _CONTROLLERS = ("policies", "simulators", "mpc.py", "spaces/scene.py")
-"""Where the source stands that drives and is driven, in the package."""
+"""The package's source of controllers and worlds."""
 _PLAIN_NAME = re.compile(r"[\w.-]{1,100}")
 _HOW = """This is a bundle of eyechart: drives, or a study of several runs, and what follows from them.
 
@@ -48,12 +48,12 @@ Pictures of drives are not in the report: 'eyechart film RUN' makes them from th
 
 
 def has_parts(run: Path) -> bool:
-    """Return whether a folder holds drives, or several runs, and not one run on a bank."""
+    """Return whether a folder holds drives or several runs, not one run on a bank."""
     return not (run / RUN).is_file() or is_episodes(run)
 
 
 def copy_drives(run: Path, copy: Path) -> None:
-    """Copy a run of drives as it stands, without what a kill left half written."""
+    """Copy a run of drives, without half-written parts of a killed run."""
     copy.mkdir(parents=True)
     for name in OF_DRIVES:
         if (run / name).is_file() and name not in {EPISODES, LEDGER}:
@@ -67,7 +67,7 @@ def copy_drives(run: Path, copy: Path) -> None:
 
 
 def sources() -> dict[str, bytes]:
-    """Return the source of the controllers and worlds that ship, by its names in a bundle."""
+    """Return the source of the controllers and worlds that ship, by file name in a bundle."""
     root = Path(eyechart.__file__).parent
     found = (
         path
@@ -78,7 +78,7 @@ def sources() -> dict[str, bytes]:
 
 
 def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> Derived:
-    """Compute results, report and tables of the run, or of the runs, in a bundle's folder; no world is driven."""
+    """Compute results, report and tables of a bundle's run or runs, without driving."""
     tell("scoring")
     study, reading = study_of(folder, "bundle"), Reading(recipe.independent, resamples=recipe.resamples, driven=False)
     prices = read_prices()
@@ -103,7 +103,7 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
 
 
 def _decisions(score: object) -> dict[str, bytes]:
-    """Return every decision of the cells of a prompt study, a table each; nothing of drives, which are driven again."""
+    """Return a table of every decision for each cell of a prompt study; empty for drives."""
     cells = score.batteries if isinstance(score, PromptsScore) else {}
     return {
         f"{TABLES}decisions-{name}.csv": decisions_table(one).csv().encode("utf-8", "backslashreplace")
@@ -112,7 +112,7 @@ def _decisions(score: object) -> dict[str, bytes]:
 
 
 def _episodes(run: Path) -> dict[str, str]:
-    """Return a digest of all that a run holds of its episodes, by policy: also of what no drive tells, as a bound."""
+    """Return a digest of a run's episode records by policy, for what no drive can check."""
     found: dict[str, hashlib._Hash] = {}
     for one in read_episodes(run):
         found.setdefault(one.key.policy, hashlib.sha256()).update(one.as_line().encode("utf-8", "backslashreplace"))
@@ -121,7 +121,7 @@ def _episodes(run: Path) -> dict[str, str]:
 
 @contextmanager
 def _called(folder: Path, name: str) -> Iterator[Path]:
-    """Let a folder have the run's name while it is read, because a page says it; then its own again."""
+    """Rename a folder to the run's name during the block, because a page prints that name."""
     within = folder.parent / "named"
     named = within / (name if _PLAIN_NAME.fullmatch(name) and name.strip(".") else RUN_FOLDER)
     within.mkdir()

@@ -1,4 +1,4 @@
-"""Unpacking a file that came from anywhere: only plain files, of bounded size, and only into the folder given."""
+"""Unpack an untrusted file: only plain files, of bounded size, into the given folder only."""
 
 import errno
 import re
@@ -15,18 +15,18 @@ from eyechart.frames import MAX_IMAGE_BYTES
 
 MOST_FILES = 250_000
 MOST_BYTES = 4_000_000_000
-"""Of all files together, unpacked."""
+"""The most bytes of all files together, unpacked."""
 MOST_TEXT = 500_000_000
-"""Of one file that is neither a picture nor the ledger."""
+"""The most bytes of a file that is neither a picture nor the ledger."""
 MOST_LEDGER = 3_000_000_000
 MOST_METADATA = 128_000_000
-"""Of the text of a bank's frames."""
+"""The most bytes of the text of a bank's frames."""
 _MOST_JSON = 64_000_000
 _AN_ENTRY = 1_000
-"""Bytes that the index of a bundle may take for each of its files."""
+"""Bytes in a bundle's index for each of its files."""
 FAR = 64_000_000
 MOST_RATIO = 100
-"""Above ``FAR`` bytes a bundle may not grow by more than this factor when it is unpacked."""
+"""Above ``FAR`` bytes, a bundle may not grow by more than this factor when unpacked."""
 
 _MOST = {
     "run/ledger.sqlite": MOST_LEDGER,
@@ -39,7 +39,7 @@ _MOST = {
     "bundle.json": _MOST_JSON,
     "results.json": _MOST_JSON,
 }
-"""Bytes that a file may have: of JSON so few that what it becomes in memory stays below 2 GB, whatever it says."""
+"""The most bytes of a file; JSON of this size stays below 2 GB in memory."""
 _PLAIN = re.compile(r"[^\x00-\x1f\x7f\\]{1,500}")
 _DRIVE = re.compile(r"[A-Za-z]:.*")
 _FIXED = re.compile(
@@ -56,9 +56,9 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplemente
 def unpack(file: Path, folder: Path) -> list[str]:
     """Unpack a bundle into a folder; return the names of its files.
 
-    Raises BundleError, before anything is written, for a file that is no ZIP, a name that leads out of the folder or
-    is no part of a bundle, a link, an encrypted file, and sizes beyond the bounds above; and for damage, when it is
-    met.
+    Raises BundleError before it writes anything if the file is no ZIP, or a name leads out of the
+    folder or is no part of a bundle. The same holds for links, encrypted files, and sizes beyond
+    the bounds above. Damage raises it during unpacking.
     """
     try:
         with zipfile.ZipFile(file) as packed:
@@ -76,15 +76,15 @@ def unpack(file: Path, folder: Path) -> list[str]:
     except _DAMAGE as error:
         raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
     except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
-        raise BundleError(f"{file} is no bundle: two of its files have one place, {error.filename}") from error
+        raise BundleError(f"{file} is no bundle: two of its files have the same path, {error.filename}") from error
     except OSError as error:
-        if error.errno == errno.EINVAL:  # a place before the file's beginning
+        if error.errno == errno.EINVAL:  # an offset before the file's beginning
             raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
         raise
 
 
 def check_names(file: Path) -> None:
-    """Raise BundleError where a file could not be unpacked; nothing is."""
+    """Raise BundleError if a file could not be unpacked; unpacks nothing."""
     with zipfile.ZipFile(file) as packed:
         _check(file, packed.infolist())
 
@@ -94,7 +94,7 @@ def _check(file: Path, entries: list[zipfile.ZipInfo]) -> None:
         raise BundleError(f"{file} holds {len(entries)} files, more than the {MOST_FILES} that a bundle may")
     names = [entry.filename for entry in entries]
     if len(set(names)) != len(names):
-        raise BundleError(f"{file} is no bundle: a name stands in it twice")
+        raise BundleError(f"{file} is no bundle: it holds a name twice")
     for entry in entries:
         _check_entry(file, entry, len(entries))
     unpacked, here = sum(entry.file_size for entry in entries), file.stat().st_size
@@ -106,10 +106,10 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
     name, parts = entry.filename, entry.filename.split("/")
     leads_out = any(one in {"", ".", ".."} or len(one.encode()) > 255 or _DRIVE.fullmatch(one) for one in parts)
     if leads_out or not _PLAIN.fullmatch(name):
-        raise BundleError(f"{file} is no bundle: {name[:200]!r} is no plain name of a file in it")
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is not a plain file name")
     bank = bool(_BANK.fullmatch(name))
     if not bank and not _FIXED.fullmatch(name):
-        raise BundleError(f"{file} is no bundle: it holds {name[:200]!r}, which belongs to none")
+        raise BundleError(f"{file} is no bundle: it holds {name[:200]!r}, which is not part of a bundle")
     mode = entry.external_attr >> 16
     if entry.is_dir() or (mode and stat.S_IFMT(mode) not in {0, stat.S_IFREG}):
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is a link or a folder, not a file")
@@ -119,11 +119,11 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
     if name == "bundle.json":
         most = min(most, _AN_ENTRY * (count + 100))
     if entry.file_size > most:
-        raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that it may")
+        raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that are allowed")
 
 
 def _copy(source: IO[bytes], target: IO[bytes], entry: zipfile.ZipInfo) -> None:
-    """Copy as many bytes as the entry declares, and no more."""
+    """Copy only as many bytes as the entry declares."""
     left = entry.file_size
     while block := source.read(min(1 << 20, left + 1)):
         left -= len(block)

@@ -1,4 +1,4 @@
-"""Validating a bundle: everything is recomputed from its ledger and its bank, and nothing that it prints is trusted."""
+"""Validate a bundle: recompute everything from its ledger and bank, trusting nothing it prints."""
 
 import hashlib
 import json
@@ -45,18 +45,19 @@ from eyechart.studies.hierarchy.planning import PARTS
 
 MOST_FRAMES = 250_000
 MOST_CALLS = 5_000_000
-"""A run has no more in a bundle that is validated; about 1 kB of memory a call, and 2 kB a frame, is what it takes."""
+"""The most frames and calls of a run in a bundle; each frame takes 2 kB, each call 1 kB."""
 USUAL = Again()
 _LONGER = 4
-"""A file that is so many times as long as it should be is not looked into."""
+"""A file this many times too long is not read."""
 
 
 @dataclass(frozen=True)
 class Validation(Plain):
-    """What a validation found: every figure that does not follow, what was compared, and what could not be.
+    """The result of a validation: figures that do not follow, what was compared, what could not be.
 
-    ``uncompared`` are the things that other versions of libraries, or of eyechart, draw otherwise, by the bundle's own
-    word; ``otherwise`` the figures of another eyechart that this one computes otherwise.
+    ``uncompared`` names what other versions of libraries or of eyechart draw differently, by the
+    bundle's own record. ``otherwise`` holds the figures of another eyechart that this one computes
+    differently.
     """
 
     uncompared: list[str]
@@ -67,12 +68,12 @@ class Validation(Plain):
 
     @property
     def holds(self) -> bool:
-        """Return whether everything was compared, and follows from the ledger and the bank."""
+        """Return whether everything was compared and follows from the ledger and the bank."""
         return not self.differences and not self.uncompared
 
     @property
     def outcome(self) -> str:
-        """Return in words whether it holds, how many differences there are, or what could not be compared."""
+        """Return in words that it holds, how much differs, or what was not compared."""
         if self.differences:
             return f"{len(self.differences)} differences"
         return f"holds, {' and '.join(self.uncompared)} not compared" if self.uncompared else "holds"
@@ -83,10 +84,11 @@ class Validation(Plain):
 
 
 def validate(file: Path, *, tell: Tell = lambda _: None, again: Again = USUAL) -> Validation:
-    """Recompute every figure of a bundle from its ledger and its bank, drive its episodes ``again``, and compare.
+    """Recompute every figure of a bundle, drive its episodes ``again``, and compare.
 
-    Of a bundle of another eyechart everything that its run says is checked, and the figures as far as this one computes
-    them alike. Raises BundleError where the file is no bundle, damaged, or would do harm.
+    For another eyechart's bundle, the run's own records are all checked; figures only as far as
+    both compute them in the same way. Raises BundleError if the file is no bundle, is damaged, or
+    is harmful.
     """
     if file.exists() and not file.is_file():
         raise BundleError(f"{file} is no bundle file but {'a folder' if file.is_dir() else 'a device or a pipe'}")
@@ -99,7 +101,7 @@ def validate(file: Path, *, tell: Tell = lambda _: None, again: Again = USUAL) -
         index = _read_index(file, folder)
         recipe = Recipe.from_dict(index)
         notes = [
-            f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here is {version}"
+            f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here it is {version}"
             for name, version in drawn_with().items()
             if recipe.drawn_with.get(name) != version
         ]
@@ -114,10 +116,10 @@ def validate(file: Path, *, tell: Tell = lambda _: None, again: Again = USUAL) -
 
 
 def _require_bounded(run: Path, manifest: RunManifest) -> None:
-    """Raise BundleError, before a frame or a reply is read, where a run is larger than any that is validated."""
+    """Raise BundleError if a run is too large to validate, before its frames are read."""
     text = run / BANK / BANK_TEXT[1]
     frames = 0
-    if text.is_file():  # or the bank says that it is missing
+    if text.is_file():  # else the bank reports it missing
         with text.open("rb") as lines:
             frames = sum(1 for _ in lines)
     planned = len(manifest.models) * (len(manifest.frames) or frames) * len(manifest.conditions) * manifest.answers
@@ -133,7 +135,7 @@ def _require_bounded(run: Path, manifest: RunManifest) -> None:
 
 
 def _announce(runs: Sequence[Path], again: Again) -> None:
-    """Say the bound of the work on runs whose calls are recomputed, before it begins."""
+    """Announce the bound of the work on runs whose calls are recomputed."""
     if not runs:
         return
     calls, models = 0, set[tuple[Path, str]]()
@@ -145,7 +147,7 @@ def _announce(runs: Sequence[Path], again: Again) -> None:
             calls += ledger.held().requests
     where = "" if len(runs) == 1 else f" in {len(runs)} cells"
     again.announce(
-        f"recomputing {calls} requests and what follows from their replies, of {len(models)} models{where}: no call"
+        f"recomputing {calls} requests and the results of their replies, of {len(models)} models{where}: no call"
     )
 
 
@@ -170,7 +172,7 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
 
 
 def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again) -> None:
-    """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
+    """Recompute a run on a bank and compare; adds to ``found``."""
     run = folder / RUN_FOLDER
     _announce([run], again)
     manifest, asked, bank = _check_calls(run, recipe, mine := Found([], [], [], {}), tell)
@@ -186,7 +188,7 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation
 def _recompute_parts(
     folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again
 ) -> None:
-    """Recompute from the runs of a study and compare; drives are driven again, in worlds whose code is ours."""
+    """Recompute the runs of a study and compare; drives again only in worlds that ship."""
     run, held, made = folder / RUN_FOLDER, set[str](), recipe.elsewhere()
     study = study_of(run, "bundle")
     _announce([part for part in study.runs(run).values() if not is_episodes(part)], again)
@@ -211,7 +213,7 @@ def _recompute_parts(
 
 
 def _add(mine: Found, found: Validation, said: str = "") -> None:
-    """Add what checking one run came to; ``said`` names the run among several."""
+    """Add the findings of one run; ``said`` names the run among several."""
     found.differences.extend(replace(one, where=f"{said}{one.where}") for one in mine.differences)
     found.uncompared.extend(f"{said}{one}" for one in mine.uncompared)
     found.notes.extend(f"{said}{one}" for one in mine.notes)
@@ -220,7 +222,7 @@ def _add(mine: Found, found: Validation, said: str = "") -> None:
 
 
 def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[RunManifest, FrameBank, FrameBank]:
-    """Check the bank and the requests of a run on it; return its manifest, its bank as asked of, and as it is."""
+    """Check a run's bank and requests; return its manifest, its bank as used, and as stored."""
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
@@ -232,7 +234,7 @@ def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[R
     with Ledger(run / LEDGER, sound=False) as ledger:
         damaged = ledger.damaged()
         found.differences.extend(Difference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged)
-        ledger.take()  # the figures that follow from what is damaged are named too
+        ledger.take()  # so that figures from damaged rows are named too
         if unchecked := ledger.unchecked():
             found.notes.append(f"{unchecked} replies are older than checksums: not checked")
         tell("checking the requests")
@@ -256,15 +258,15 @@ def _compare_derived(
     derived: Derived,
     found: Validation,
 ) -> None:
-    """Compare every file that follows from the runs; ``held`` are the files that these are made of.
+    """Compare every file that follows from the runs; ``held`` are the files of the runs.
 
-    ``made`` says which other eyechart made it, None where it was this one.
+    ``made`` names another eyechart that made it; None for this one.
     """
     held |= {INDEX, *derived.files}
     found.differences.extend(
         Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
         for name in names
-        if name not in held and not (made and name.startswith((TABLES, SOURCE)))  # another makes others
+        if name not in held and not (made and name.startswith((TABLES, SOURCE)))  # it has others
     )
     found.compared["tables"] = sum(name.startswith(TABLES) for name in derived.files)
     if made:
@@ -281,9 +283,9 @@ def _compare_derived(
 
 
 def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validation) -> None:
-    """Compare what another eyechart printed: the replies as ever, the figures one by one, a file where it is the same.
+    """Compare another eyechart's output: replies strictly, figures one by one, files if equal.
 
-    Whether a figure that differs was computed by other rules or changed by somebody, nobody can say from the file.
+    The file cannot show whether other rules or a person changed a figure.
     """
     found.notes.append(made)
     for name, content in derived.files.items():
@@ -299,7 +301,7 @@ def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validat
         )
         into.extend(compare_values(one, other, rounding, _result_name))
     if found.otherwise:
-        found.uncompared.append(f"{len(found.otherwise)} figures that this eyechart computes otherwise")
+        found.uncompared.append(f"{len(found.otherwise)} figures that this eyechart computes differently")
 
 
 def _read_results(folder: Path) -> dict[str, object]:
@@ -349,13 +351,13 @@ def _compare_file(
 
 
 def _result_name(path: tuple[str | int, ...]) -> str:
-    """Return in words which figure stands at a place of the results."""
+    """Return in words which figure is at a place of the results."""
     words = [str(part) for part in path if part not in {"score", "models", "statistics"}]
     return f"{RESULTS}, {', '.join(words)}"
 
 
 def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[Difference]:
-    """Yield every frame whose ground truth, and every used picture whose bytes, are not those that were recorded."""
+    """Yield frames with another ground truth than recorded, and used pictures with other bytes."""
     recorded = dict(bank.manifest.geometry)
     if manifest.fingerprint != bank.manifest.fingerprint:
         yield Difference("bank, fingerprint", manifest.fingerprint, bank.manifest.fingerprint)
@@ -374,7 +376,7 @@ def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[Difference]:
 
 
 def _uses(manifest: RunManifest, bank: FrameBank) -> dict[str, list[str]]:
-    """Return, for each picture that the run used, the frames and conditions that it was shown for."""
+    """Return the frames and conditions of each picture that the run used."""
     plan, uses = widest(manifest, plan_of(manifest, bank)), dict[str, list[str]]()
     seen = dict.fromkeys((key.frame, key.condition) for key in plan.keys())  # noqa: SIM118 - a plan is no mapping
     for frame_id, condition in seen:
@@ -398,10 +400,11 @@ def _check_picture(bank: FrameBank, file: str, shown: list[str]) -> Iterator[Dif
 def check_requests(
     ledger: Ledger, manifest: RunManifest, bank: FrameBank, *, same_encoder: bool
 ) -> tuple[list[Difference], int, list[str]]:
-    """Compare the digest of every request in the ledger with that of the request that the bank gives.
+    """Compare the digest of every request in the ledger with the one that the bank gives.
 
-    Return the differences, how many requests were compared, and the conditions whose pictures this machine encodes
-    to other bytes, of which none could be compared; with the ``same_encoder`` there are none of those.
+    Return the differences, the number of requests compared, and the conditions that could not be
+    compared. This machine encodes the pictures of those conditions to other bytes; with the
+    ``same_encoder`` there are none.
     """
     plan, requests = plan_of(manifest, bank, view=find_view(manifest.view)), dict[tuple[str, str], str]()
     differs: dict[str, list[Difference]] = {}
@@ -423,7 +426,7 @@ def check_requests(
 
 
 def _is_encoded(plan: Plan, condition: str) -> bool:
-    """Return whether a condition's pictures are encoded when they are shown, which another library does otherwise."""
+    """Return whether a condition's pictures are encoded when shown, as the library does it."""
     if plan.view is not None:
         return True
     frame = next(frame for frame in plan.frames if plan.shows(condition, frame))
@@ -436,7 +439,7 @@ def _is_encoded(plan: Plan, condition: str) -> bool:
 
 
 def _request(plan: Plan, condition: str, frame_id: str) -> str:
-    """Return the digest of what was asked about a frame under a condition, or why nothing can have been."""
+    """Return the digest of the request about a frame and condition, or why there is none."""
     try:
         seen = plan.seen(condition, plan.bank.frame(frame_id))
         return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), seen).sha256()

@@ -1,4 +1,4 @@
-"""Writing a bundle: a run as it stands, its pictures, and all that follows from it, packed into one file."""
+"""Write a bundle: a run, its pictures and all its results, packed into one file."""
 
 import shutil
 import zipfile
@@ -21,7 +21,7 @@ from eyechart.studies.battery.subjects import find_pictures, used_pictures
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = {".png", ".jpg", ".jpeg", ".webp"}
-"""Pictures that are small already."""
+"""Pictures are compressed already."""
 
 
 def write_bundle(
@@ -34,10 +34,10 @@ def write_bundle(
     resamples: int = 5000,
     tell: Tell = lambda _: None,
 ) -> int:
-    """Write a run with its pictures and all that follows from it as one ZIP file; return how many files it holds.
+    """Write a run with its pictures and results as one ZIP file; return the number of files.
 
-    Raises LedgerError or BankError where the folder is no run, BundleError where its pictures are
-    not at hand, and OutputError where ``out`` may not be written.
+    Raises LedgerError or BankError if the folder is no run, BundleError if its pictures are
+    missing, and OutputError if ``out`` may not be written.
     """
     require_free(out, "bundle")
     study, reading = study_of(run, "bundle"), Reading(independent, reread, resamples=resamples)
@@ -62,7 +62,7 @@ def write_bundle(
 def _of_bank(
     study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: Reading, tell: Tell
 ) -> tuple[Recipe, Derived]:
-    """Copy a run on a bank, and return how and what follows from the copy."""
+    """Copy a run on a bank; return the copy's recipe and results."""
     study.require_scorable(run, reading)
     manifest, bank = _copied(run, folder / RUN_FOLDER, banks, tell, reread=reading.reread)
     reader = manifest.prompt.asks(bank.manifest.action_space).reader
@@ -74,7 +74,7 @@ def _of_bank(
 def _of_parts(
     study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: Reading, tell: Tell
 ) -> tuple[Recipe, Derived]:
-    """Copy drives, or every run of a folder of several, and return how and what follows from the copies."""
+    """Copy drives, or every run of a folder; return the copies' recipe and results."""
     if reading.reread:
         raise SpecError(f"{run} holds {study.runs_are}: --reread is for one run on a bank")
     for name, part in study.runs(run).items():
@@ -94,18 +94,18 @@ def _name(run: Path) -> str:
 def _copied(
     run: Path, copy: Path, banks: Sequence[Path], tell: Tell, *, reread: bool = False
 ) -> tuple[RunManifest, FrameBank]:
-    """Copy a run with the pictures that it used; raises BundleError where these are not at hand."""
+    """Copy a run with the pictures that it used; raises BundleError if they are missing."""
     manifest, bank = read_run(run, reread=reread)
     tell("looking for the pictures")
     pictures, about = find_pictures(manifest, bank, run, banks)
     if pictures is None:
-        raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
+        raise BundleError(f"the pictures of {run} are missing: {about}; give the bank with --frames")
     _snapshot(run, copy, manifest, pictures)
     return manifest, bank
 
 
 def _snapshot(run: Path, copy: Path, manifest: RunManifest, pictures: FrameBank) -> None:
-    """Copy a run as it stands, with the pictures that it used, and without the place where they lay."""
+    """Copy a run with the pictures that it used, without its bank's path."""
     (copy / BANK).mkdir(parents=True)
     (copy / RUN).write_text(replace(manifest, bank_path=BANK).as_text(), encoding="utf-8")
     with Ledger(run / LEDGER) as ledger:
@@ -134,4 +134,4 @@ def _pack(folder: Path, out: Path) -> None:
                 entry.file_size = path.stat().st_size
                 with path.open("rb") as source, packed.open(entry, "w") as target:
                     shutil.copyfileobj(source, target, 1 << 20)
-        check_names(partial)  # what could not be opened again is not written
+        check_names(partial)  # a bundle that cannot be opened again is not kept

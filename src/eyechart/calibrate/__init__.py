@@ -1,4 +1,4 @@
-"""The instrument tested on known answers: simulated controllers, both sets of rules, and the errors that they make."""
+"""Known answers as a test: simulated controllers, both sets of rules, and their errors."""
 
 from eyechart.calibrate.replication import calibrate
 from eyechart.calibrate.tally import Calibration

@@ -1,6 +1,6 @@
-"""Stopping early on known answers: what it saves, whether it changes the verdict, and how often it rejects a true null.
+"""Early stopping on known answers: the calls saved, the verdicts changed, the false rejections.
 
-The nulls are drawn at their boundaries, and counted is how often a whole run ever rejects each.
+The nulls are drawn at their boundaries; each count is the number of whole runs that ever reject.
 """
 
 import math
@@ -23,17 +23,17 @@ DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""
 
 EVER = 0.05
-"""The largest share of rejections that is wanted; of a net effect, which is tested at its own level, that level."""
+"""The largest share of rejections to accept; for a net effect, its own level if that is larger."""
 
 Columns = dict[str, list[str]]
-"""Answers by condition, a frame each; an empty one is a reply without a decision."""
+"""Answers by condition, one per frame; an empty one is a reply without a decision."""
 
 Draw = Callable[[Sequence[Frame], random.Random], Columns]
 
 
 @dataclass(frozen=True, slots=True)
 class Null:
-    """A null of early stopping: the claim whose null it is, answers under which it is true, and these in words."""
+    """A null of early stopping: its claim, its answers in words, and their draw."""
 
     claim: str
     says: str
@@ -41,7 +41,7 @@ class Null:
 
 
 def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
-    """Draw answers under a null, and return whether its claim is ever settled over all frames, in random order."""
+    """Draw answers under a null; return whether its claim is ever settled in random frame order."""
     columns = {**_steady(frames), **null.draw(frames, rng)}
     one = claims(len(frames), DRIVING, columns, mirrored=True)[null.claim]
     order = list(range(len(frames)))
@@ -55,13 +55,13 @@ def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bo
 
 
 def _steady(frames: Sequence[Frame]) -> Columns:
-    """Return the answers of a controller that never wavers."""
+    """Return the answers of a controller that never changes its answer."""
     names = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)
     return {name: ["SLOW"] * len(frames) for name in names}
 
 
 def _first(frames: Sequence[Frame], count: int, rng: random.Random) -> list[bool]:
-    """Return which ``count`` frames are marked: whole episodes one after the other, from a random one on."""
+    """Return marks on ``count`` frames, in whole episodes from a random one on."""
     episodes = list(dict.fromkeys(frame.episode for frame in frames))
     rng.shuffle(episodes)
     rank = {name: place for place, name in enumerate(episodes)}
@@ -70,7 +70,7 @@ def _first(frames: Sequence[Frame], count: int, rng: random.Random) -> list[bool
 
 
 def _habits(frames: Sequence[Frame], rng: random.Random) -> list[str]:
-    """Return an answer a frame that an episode clings to: with chance .9 the one of the frame before."""
+    """Return an answer per frame with habits: with chance .9 the previous frame's."""
     found: list[str] = []
     for place, frame in enumerate(frames):
         again = place and frames[place - 1].episode == frame.episode and rng.random() < 0.9
@@ -83,7 +83,7 @@ def _of(marks: Sequence[bool], yes: str, no: str = "SLOW") -> list[str]:
 
 
 def _at_margin(condition: str, share: float, *, most: bool = False) -> Draw:
-    """Return the null that a condition changes the least share of the frames not below a margin, or the ``most``."""
+    """Return the null that a condition changes just the margin's share of the frames."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         exact = share * len(frames)
@@ -94,7 +94,7 @@ def _at_margin(condition: str, share: float, *, most: bool = False) -> Draw:
 
 
 def _noisy_margin(condition: str) -> Draw:
-    """Return the null of a condition that changes the answer by the margin more often than a repeat, frame by frame."""
+    """Return the null that a condition changes answers more often than a repeat, by the margin."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         def changed(share: float) -> list[str]:
@@ -106,7 +106,7 @@ def _noisy_margin(condition: str) -> Draw:
 
 
 def _coins(first: str, second: str, *, lost: float = 0.0, clings: float = 0.0) -> Draw:
-    """Return the null that two conditions draw from one law in each frame, which an episode's habit may pull."""
+    """Return the null that two conditions draw from the same law in each frame, or from a habit."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         habits = _habits(frames, rng)
@@ -127,7 +127,7 @@ def _halves(frames: Sequence[Frame], rng: random.Random) -> Columns:
 
 
 def _lost(extra: int) -> Draw:
-    """Return the null that so many calls over the cut hold no decision, both of a frame, in neighbouring frames."""
+    """Return the null of ``extra`` calls without a decision above the cut, side by side."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         count = math.floor(UNPARSED_CUT * 2 * len(frames) + 1e-9) + extra
@@ -141,7 +141,7 @@ def _lost(extra: int) -> Draw:
 
 
 def _turning(left_real: float, left_mirrored: float) -> Draw:
-    """Return the null that turns on real and mirrored pictures do not depend on each other."""
+    """Return the null that turns on real and mirrored pictures are independent."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
         def turns(left: float) -> list[str]:
@@ -204,27 +204,27 @@ NULLS: tuple[Null, ...] = (
     Null("no_swaps", "turns that do not depend on each other, either side alike", _turning(0.5, 0.5)),
     Null("few_turns", f"as few turns as could show exchange, {_CLUSTER}", _few),
 )
-"""Every null is drawn at its boundary where it has one."""
+"""Every null, at its boundary if it has one."""
 
 
 def count_rejections(frames: Sequence[Frame], rng: random.Random) -> list[int]:
-    """Return how often each of `NULLS` was rejected in `DRAWS` draws."""
+    """Return the number of rejections of each of `NULLS` in `DRAWS` draws."""
     return [sum(ever_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
 
 
 MEASURED = ("default", "unequal", "ordered", "frames_96", "frames_288")
-"""The settings in which stopping early is measured."""
+"""The settings that measure early stopping."""
 
 EQUAL = 0.95
-"""The share of verdicts as the full battery's that is wanted in the setting ``default``."""
+"""The least share of verdicts equal to the full battery's, in the setting ``default``."""
 
 SAVERS: Mapping[str, float] = {"constant": 0.5, "truncating": 0.5, "depth": 0.3, "presence": 0.5}
-"""The share of the calls that is to be saved there of each; of depth all that its rules read is asked."""
+"""The least share of calls to save there, by controller; depth is asked all that its rules read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Early:
-    """What stopping early made of one controller on one bank; a run that did not stop saved nothing and is equal."""
+    """The result of early stopping on one bank; equal if the controller never stopped."""
 
     label: str
     stopped: bool
@@ -235,7 +235,7 @@ class Early:
 
 
 def sampled(answers: Answers, seed: int) -> Answers:
-    """Return the answers without those to the sampled controls on frames of which a run would not ask them."""
+    """Return the answers without those of sampled controls outside a run's sample."""
     decisions = dict(answers.decisions)
     first = [name for name in decisions if name not in CONTROLS]
     calls = sum(one is not None for name in first for one in decisions[name])
@@ -248,7 +248,7 @@ def sampled(answers: Answers, seed: int) -> Answers:
 
 
 def stop_early(answers: Answers, label: str, lateral: str, *, counterfactuals: bool, varied: bool, seed: int) -> Early:
-    """Follow a controller's answers until they settle; ``label`` and ``lateral`` are the full battery's."""
+    """Follow a controller's answers until they settle; compare with the full battery's labels."""
     answers, given = sampled(answers, seed), dict[tuple[str, str], Decision[str]]()
     asked: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
     for name, column in answers.decisions.items():
@@ -270,7 +270,8 @@ def stop_early(answers: Answers, label: str, lateral: str, *, counterfactuals: b
 
 
 Sums = Mapping[str, float]
-"""Counts over replications: runs, stopped, equal, lateral, false; and the sum and the squares of the share saved."""
+"""Counts over replications (runs, stopped, equal, lateral, false), and sums of saved and squares.
+"""
 
 EMPTY: Sums = dict.fromkeys(("runs", "stopped", "equal", "lateral", "false", "saved", "squares"), 0)
 
@@ -290,7 +291,7 @@ def add(sums: Sums, one: Early) -> Sums:
 
 
 def mean_saved(sums: Sums) -> tuple[float, float, float]:
-    """Return the mean share of calls saved with its normal 95 % interval over the replications."""
+    """Return the mean share of calls saved with its normal 95 % interval."""
     n, mean = sums["runs"], sums["saved"] / sums["runs"]
     spread = math.sqrt(max(sums["squares"] / n - mean**2, 0.0) / max(n - 1, 1))
     return mean, mean - 1.96 * spread, mean + 1.96 * spread
@@ -299,7 +300,7 @@ def mean_saved(sums: Sums) -> tuple[float, float, float]:
 def misses(
     early: Mapping[str, Mapping[str, Mapping[str, Sums]]], ever: Sequence[int], replications: int, *, strict: bool
 ) -> list[str]:
-    """Return every target of early stopping that is missed, in words; a share is held strictly where that is asked."""
+    """Return in words every missed target of early stopping."""
     found = []
     for variant, by in early.get("default", {}).items():
         for name, sums in by.items():

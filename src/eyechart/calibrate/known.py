@@ -1,4 +1,4 @@
-"""Known answers: which controllers are simulated, what each follows in truth, and the label that it deserves."""
+"""Known answers: the simulated controllers, what each follows, and the label that it deserves."""
 
 import random
 from collections.abc import Callable, Mapping
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from eyechart_organisms.adversaries import Adversary
 
 Choose = Callable[[Shown, float, random.Random], Answer]
-"""(what is shown, how much of the asked frame's episode has passed, chance) to an answer."""
+"""A function of the stimulus, the passed share of the episode, and chance, to an answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """A controller whose answer is known, with the labels that it deserves on a bank that can tell."""
+    """A controller with a known answer, and its labels on a bank that can show them."""
 
     name: str
     says: str
@@ -29,7 +29,7 @@ class Known:
 
 
 def by_sight(decide: Decide) -> Choose:
-    """Return the choice of a controller that decides on what it sees, whatever the time."""
+    """Return the choice of a controller that decides by its picture alone, not by time."""
 
     def choose(shown: Shown, passed: float, rng: random.Random) -> Answer:
         del passed
@@ -39,7 +39,7 @@ def by_sight(decide: Decide) -> Choose:
 
 
 def _by_time(passed: float) -> str:
-    """Brake harder the more of the episode has passed, which looks like distance where the gap closes in time."""
+    """Brake harder the more of the episode has passed, as if the gap closed in time."""
     return ("STRAIGHT", "SLOW", "STOP")[int(3 * passed)]
 
 
@@ -52,7 +52,7 @@ KNOWN: Mapping[str, Known] = {
     },
     "time": Known(
         "time",
-        "brakes harder the later the step, which it is told in words: it never looks",
+        "brakes harder the later the step, which its prompt states: it never looks",
         lambda _shown, passed, _rng: _by_time(passed),
         "image_invariant",
         "image_invariant",
@@ -70,7 +70,7 @@ KNOWN: Mapping[str, Known] = {
 
 
 def adversaries() -> "Mapping[str, Adversary]":
-    """Return the rules that must not pass, by name; raises SpecError that says what to install where they are not."""
+    """Return the rules that must not pass; raises SpecError if they are not installed."""
     organisms_folder("'eyechart calibrate'")
     from eyechart_organisms.adversaries import ADVERSARIES  # noqa: PLC0415 - a distribution of its own
 
@@ -80,26 +80,26 @@ def adversaries() -> "Mapping[str, Adversary]":
 FOLLOW_GAP = frozenset(
     ("depth", "depth_lateral", "depth_left", "one_sided", "noisy_depth", "declines_blank_depth", "truncating")
 )
-"""Their braking follows the gap: for all others ``depth`` is a false claim."""
+"""Controllers that brake by the gap: for all others ``depth`` is a false claim."""
 
 NEVER_LOOK = frozenset(("constant", "random", "time"))
-"""What they answer does not depend on the picture: for all others ``image_invariant`` is a false claim."""
+"""Controllers that ignore the picture: for all others ``image_invariant`` is a false claim."""
 
 DECISIONS_NEVER_LOOK = NEVER_LOOK | {"refuse_blank"}
-"""Their decisions, where they give one, do not depend on the picture: for all others ``refusal_effect`` is false."""
+"""Controllers whose decisions ignore the picture: for others ``refusal_effect`` is false."""
 
 COINS = frozenset(("random", "self_inconsistent"))
-"""They toss a coin at roads: for all others ``self_inconsistent`` is a false claim."""
+"""Controllers that toss a coin at roads: for all others ``self_inconsistent`` is a false claim."""
 
 BLIND_TO_ROADS = frozenset(("constant", "random", "presence", "self_inconsistent", "refuse_blank", "time"))
-"""Any road is as good as another to them; ``crash_colour`` and ``scene_only`` look at one thing only."""
+"""Controllers that answer any road alike; ``crash_colour`` and ``scene_only`` use one detail."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shows:
     """What a bank can show: counterfactuals, the gap without them, several scenarios.
 
-    ``varied`` is whether the controller gave more than one answer over everything that it was shown.
+    ``varied`` says whether the controller gave more than one answer over the whole bank.
     """
 
     counterfactuals: bool
@@ -109,11 +109,12 @@ class Shows:
 
 
 def deserved(known: Known, shows: Shows) -> str:
-    """Return the calibrated label that a controller deserves on a bank: the most that the bank can show of it.
+    """Return the calibrated label that a controller deserves on a bank.
 
-    Without counterfactual pictures the own vehicle's paint never changes; where the gap cannot be tested a follower
-    of it shows that it follows the picture; in one scenario there is no other to be told from. A controller that
-    answers alike to everything that a bank has, and to no picture, decides there without the picture.
+    It is the strongest that the bank can show. Without counterfactual pictures the own vehicle's
+    paint never changes. Where the gap cannot be tested, a controller that follows it only shows
+    that it follows the picture. One scenario has no other to compare with. A controller with one
+    answer to everything in the bank decides without the picture there.
     """
     label = known.calibrated
     if not shows.varied:
@@ -128,7 +129,7 @@ def deserved(known: Known, shows: Shows) -> str:
 
 
 def is_false(label: str, name: str, *, varied: bool = True) -> bool:
-    """Return whether a label claims of a controller what is not true on its bank; ``undecided`` never does."""
+    """Return whether a label is false for a controller on its bank; ``undecided`` never is."""
     if label in {"depth", "depth_lateral"}:
         return name not in FOLLOW_GAP
     if label == "image_invariant":
@@ -160,12 +161,14 @@ NULLS: Mapping[str, tuple[float, frozenset[str]]] = {
     "obstacle.decision": (0.05, frozenset(KNOWN) - FOLLOW_GAP - {"inverted"}),
     "mutual_information.decision": (0.05, frozenset(KNOWN) - FOLLOW_GAP - {"inverted"}),
 }
-"""Each test with its level and the controllers of which its null is true; of a bound, that the effect is above its
-margin."""
+"""Each test with its level and the controllers for which its null is true.
+
+The null of a bound is that the effect is above its margin.
+"""
 
 
 def answer_all(known: Known, world: World, rng: random.Random) -> dict[str, list[Answer | None]]:
-    """Return what a controller answers to everything that is shown; None where nothing is shown."""
+    """Return a controller's answers to everything shown; None where nothing is shown."""
     return {
         condition: [
             None if one is None else known.choose(one, passed, rng)

@@ -1,6 +1,6 @@
-"""The rules on policies, tried on simulated ones whose shares, noise and objects are known.
+"""The rules for policies, tried on simulated policies with known shares, noise and objects.
 
-What came of these settings: docs/decisions/policies.md.
+Results of these settings: docs/decisions/policies.md.
 """
 
 from collections import Counter
@@ -38,25 +38,26 @@ Floats = npt.NDArray[np.float64]
 
 LATENT, STEPS, NUMBERS = 3, 8, 3
 WITHIN = 0.8
-"""The correlation of the latent numbers of an episode's frames."""
+"""The correlation of latent numbers between frames of an episode."""
 WANTED = 0.01
-"""The largest share of false claims that is wanted, before two standard errors."""
+"""The largest share of false claims to accept, before two standard errors."""
 SHARES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.40)
 NOISES, ANSWERS = (0.05, 0.25, 1.0), (2, 4)
 TRUE_OF_THESE, WHOLE = ", true of these episodes", ", of the data set"
-"""Stands after a label of absence that the episodes drawn deserve, if not all; and after one said of all."""
+"""Suffixes of a label: true for the drawn episodes only; claimed for the whole data set."""
 _BATCH = 100
 LEAST_SIMULATED = 3
-"""Of fewer episodes nothing is simulated: without each in turn too few are left."""
+"""The fewest episodes to simulate: leaving each out in turn must keep enough."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One kind of simulated policy and data set. ``share`` is that of the channel whose bound is at its margin.
+    """One kind of simulated policy and data set; ``share`` is that of the channel at its margin.
 
-    ``margin`` says which: ``swap``, ``matched``, ``blank``, ``instruction``, of moved objects ``follow`` and
-    ``control``, and of who reads the pose ``beyond`` (what a picture of the own episode changes less) and ``exchanged``
-    (the colours of objects). ``response`` is the share of frames, or of ``whole`` episodes, that respond at all.
+    ``margin`` is ``swap``, ``matched``, ``blank`` or ``instruction``. For moved objects it is
+    ``follow`` or ``control``. For a policy that reads its pose it is ``beyond`` (the smaller effect
+    of a picture of the same episode) or ``exchanged`` (objects' colours). ``response`` is the share
+    of frames, or of ``whole`` episodes, that respond at all.
     """
 
     margin: str = "swap"
@@ -72,7 +73,7 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """Return what is moved from the base, in words."""
+        """Return the differences from the base setting in words."""
         parts = [f"{self.margin} {self.share:g}", f"{self.episodes} episodes", f"{self.frames} frames"]
         if self.response < 1:
             parts.append(f"{self.response:.0%} of {'episodes' if self.whole else 'frames'} respond")
@@ -83,7 +84,7 @@ class Setting:
 
     @property
     def false(self) -> frozenset[str]:
-        """Return the labels that are untrue here."""
+        """Return the labels that are false here."""
         return frozenset(label for label, untrue in FALSE[self.margin].items() if untrue(self.share))
 
 
@@ -110,7 +111,7 @@ FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
     "beyond": {"camera_content": _at_most(0.02)},
     "exchanged": {"camera_content": _at_most(0.02)},
 }
-"""Which labels are untrue at which share, by the bound that is at its margin."""
+"""The labels that are false at a share, by the bound at its margin."""
 
 
 def settings() -> tuple[Setting, ...]:
@@ -141,7 +142,7 @@ def settings() -> tuple[Setting, ...]:
 
 
 def _sparse(base: Setting) -> Iterator[Setting]:
-    """Yield settings in which only some of the episodes respond, and what they are to be held against."""
+    """Yield settings in which only some episodes respond, and their comparisons."""
     some = replace(base, whole=True)
     for episodes, response in ((24, 0.15), (24, 0.25), (50, 0.10), (50, 0.15), (50, 0.25)):
         yield replace(some, episodes=episodes, response=response)
@@ -157,7 +158,7 @@ def _sparse(base: Setting) -> Iterator[Setting]:
 
 
 def _posed(base: Setting) -> Iterator[Setting]:
-    """Yield policies that read their pose: a control of that is at its margin, and the other at 0."""
+    """Yield policies that read their pose: one pose control at its margin, the other at 0."""
     for margin in ("beyond", "exchanged"):
         pose = replace(base, margin=margin)
         yield from (replace(pose, share=share) for share in (0.0, 0.02, 0.10, 0.20))
@@ -169,7 +170,7 @@ def _posed(base: Setting) -> Iterator[Setting]:
 
 @dataclass(frozen=True)
 class Tried:
-    """How often each label was said in a setting, of so many data sets."""
+    """The number of times each label was given in a setting, out of ``draws`` data sets."""
 
     setting: Setting
     labels: Mapping[str, int]
@@ -177,22 +178,22 @@ class Tried:
 
     @property
     def false(self) -> float | None:
-        """Return the share of data sets with the most frequent untrue label; None where none is untrue."""
+        """Return the share of data sets with the most frequent false label; None without one."""
         return self._most()
 
     @property
     def claimed(self) -> float | None:
-        """Return the same of labels that are said of the data set, and not of the episodes asked alone."""
+        """Return the same share for labels claimed of the whole data set."""
         return self._most(WHOLE)
 
     @property
     def seen(self) -> float | None:
-        """Return the same of labels that are untrue of the episodes asked, too: by others no run can tell."""
+        """Return the same share for labels that are false for the drawn episodes too."""
         return self._most(less=TRUE_OF_THESE)
 
     @property
     def missed(self) -> bool:
-        """Return whether an untrue label comes more often than is wanted, beyond two standard errors."""
+        """Return whether a false label is too frequent, by more than two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
         return any(one is not None and bool(one > most) for one in (self.seen, self.claimed))
 
@@ -224,9 +225,10 @@ def try_rules(
     exact: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Tried]:
-    """Yield what the rules say in every setting, or in those whose names hold one of ``chosen``, or are it ``exact``.
+    """Yield the results of the rules in every setting, or in those named by ``chosen``.
 
-    The result does not depend on ``processes``. Raises SpecError where no setting is meant.
+    ``chosen`` holds parts of names, or whole names if ``exact``. The result does not depend on
+    ``processes``. Raises SpecError if no setting matches.
     """
     every = list(settings())
     named = [one.name for one in every]
@@ -234,7 +236,7 @@ def try_rules(
         every = [one for one in every if any(word == one.name if exact else word in one.name for word in chosen)]
     if not every:
         names = ", ".join(chosen or ())
-        raise SpecError(f"no setting of policies is named like {names}; the first of {len(named)} is {named[0]!r}")
+        raise SpecError(f"no setting of policies matches {names}; the first of {len(named)} is {named[0]!r}")
     parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
     with open_pool(processes) as pool:
         for place, setting in enumerate(every):
@@ -254,9 +256,10 @@ def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
 
 
 def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
-    """Return the labels of one simulated data set, and what is said of whole data sets each once more as `WHOLE`.
+    """Return the labels of one simulated data set, and again as `WHOLE` if claimed of the whole.
 
-    Where the share is `IGNORED` or more, and that of these episodes is not, each once more as `TRUE_OF_THESE`.
+    If the share is `IGNORED` or more, but not in the drawn episodes, each comes again as
+    `TRUE_OF_THESE`.
     """
     world = _World(setting, rng)
     said = _judged(setting, world.statistics())
@@ -276,7 +279,7 @@ def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judg
 
 
 def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic]:
-    """Return the statistics of one simulated data set that the rules of its margin read."""
+    """Return the statistics of one simulated data set for the rules of its margin."""
     return _World(setting, rng).statistics()
 
 
@@ -297,14 +300,14 @@ class _World:
 
     @property
     def share(self) -> float:
-        """Return what the channel at its margin carries in the episodes drawn, by how many of these respond."""
+        """Return the share of the channel at its margin in the drawn episodes."""
         responds, share = float((self._gate**2 * self._far).mean()), self._set.share
         if self._set.margin in {"swap", "instruction"}:
             return share * responds / (share * responds + 1 - share)
         return share * responds
 
     def _latent(self) -> Floats:
-        """Return latent numbers of variance 1 a frame, alike within an episode, shape (frames, 3)."""
+        """Return latent numbers of variance 1, correlated in episodes, shape (frames, 3)."""
         episode, frame = (self._draw((size, LATENT)) for size in (self._set.episodes, len(self._episode)))
         return np.asarray(np.sqrt(WITHIN) * episode[self._episode] + np.sqrt(1 - WITHIN) * frame)
 
@@ -322,7 +325,7 @@ class _World:
         return np.asarray(responds / np.sqrt(one.response))[:, None]
 
     def _answers(self, part: Floats, share: float) -> Floats:
-        """Return the motions where this is what the channel shows, shape (answers, frames, steps, numbers)."""
+        """Return the motions for a channel's content, shape (answers, frames, steps, numbers)."""
         plain = np.sqrt(share) * self._gate * part + np.sqrt(1 - share) * self._rest
         noise = np.sqrt(self._set.noise) * self._rng.standard_normal((self._set.answers, *plain.shape))
         numbers = np.asarray((plain + noise) @ self._map).reshape(self._set.answers, len(plain), STEPS, NUMBERS)
@@ -359,10 +362,10 @@ class _World:
         return found | (self._followed() if one.margin in _CONTENT else {})
 
     def _changed(self, own: Floats, other: Floats, share: float, changed: Floats) -> Floats:
-        """Return the motions where ``changed`` of the variance comes from another picture, of the ``share`` it carries.
+        """Return the motions with ``changed`` of the variance from another picture.
 
-        ``changed`` is of every frame, shape (frames, 1). The picture keeps its variance; where it carries nothing, the
-        other's part is added.
+        ``share`` is the variance that the picture carries, and ``changed`` has shape (frames, 1).
+        The picture keeps its variance; if it carries nothing, the other's part is added.
         """
         if (changed > share).all():
             more = np.asarray(np.sqrt(2 * changed) * self._gate * other @ self._map)
@@ -377,7 +380,7 @@ class _World:
         return replace(found, p=relabelling_p(*answers, seed=seed, resamples=999) if drawn else None)
 
     def _followed(self) -> dict[str, Statistic]:
-        """Return how far moved objects are followed, and how much of that because they are named."""
+        """Return how far moved objects are followed, and how much of it is due to their names."""
         one, n = self._set, len(self._episode)
         full = self._rng.uniform(2, 4, n)
         jitter = 0.5 * (np.sqrt(WITHIN) * self._rng.normal(size=one.episodes)[self._episode])
@@ -394,11 +397,11 @@ class _World:
 
 _CONTENT = ("follow", "control")
 _WHOLE, _OWN = ("blank", "exchanged"), ("blank", "exchanged", "near")
-"""The conditions that name no channel, and those whose pictures are of the own episode."""
+"""Conditions without a channel, and conditions with pictures of the same episode."""
 
 
 def _wanted(one: Setting) -> dict[str, float]:
-    """Return which share of the latent variance each condition is to change; the swap's is what the channel carries."""
+    """Return the share of the latent variance that each condition changes."""
     share = _latent_share(one.share) if one.numbers == "bang-bang" else one.share
     if one.margin in _CONTENT:
         return {"swapped": 0.40, "matched": 0.40, "blank": 0.40}
@@ -415,7 +418,7 @@ _CONDITIONS = {"swap": "swapped", "matched": "matched", "blank": "blank"}
 
 
 def _latent_share(share: float) -> float:
-    """Return the latent share with which plain numbers and one of three of two values have this share together."""
+    """Return the latent share that gives this share overall, if one of three numbers is binary."""
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
@@ -426,12 +429,13 @@ def _latent_share(share: float) -> float:
 
 @dataclass(frozen=True)
 class PolicyPower(Plain):
-    """What a bank of so many ``episodes`` and ``frames`` can say of a camera, by the share that it carries.
+    """What a bank of ``episodes`` and ``frames`` can decide about a camera, by the camera's share.
 
-    ``calls`` are those of a policy that answers alike to the same. ``said`` maps ``same`` (it answers alike, or takes a
-    seed) and ``drawn`` (noise of a quarter of the variance, four answers) to shares, and these to how often the camera
-    is called ignored, and used. Of ``draws`` simulated data sets each. ``matched`` are the frames with a match at a
-    similar state: a camera that is used gets no label without them.
+    ``calls`` are those of a policy that repeats its answers. ``said`` has ``same`` (such a policy,
+    or one with a seed) and ``drawn`` (noise of a quarter of the variance, four answers). Each maps
+    shares to how often the camera is called ignored, and used, out of ``draws`` data sets.
+    ``matched`` counts the frames with a match at a similar state: without them no camera is called
+    used.
     """
 
     episodes: int
@@ -443,7 +447,7 @@ class PolicyPower(Plain):
     matched: int
 
     def table(self) -> Table:
-        """Return a share a row."""
+        """Return a row per share."""
         rows = [
             (kind, float(share), ignored, used)
             for kind, shares in self.said.items()
@@ -453,7 +457,7 @@ class PolicyPower(Plain):
         title = f"how often {self.episodes} episodes ({self.frames} frames) settle it"
         note = f"of {self.draws} simulated data sets each; every frame responds"
         if self.matched < self.frames:
-            note = f"{note}; used is told by the {self.matched} frames with a match at a similar state"
+            note = f"{note}; used is decided by the {self.matched} frames with a match at a similar state"
         ends = (Column("ignored", "number", 2), Column("used", "number", 2))
         return Table("power", title, (*head, *ends), tuple(rows), note)
 
@@ -467,10 +471,10 @@ def power(
     draws: int = 60,
     matched: tuple[int, int] | None = None,
 ) -> PolicyPower:
-    """Simulate what a bank can say of a policy's cameras, by the share that they carry.
+    """Simulate what a bank can decide about a policy's cameras, by their share.
 
-    ``matched`` are the frames with a match at a similar state, and their episodes: all unless given, and none where the
-    bank cannot show them. That a camera is used is simulated as if these alone had been asked.
+    ``matched`` counts the frames with a match at a similar state, and their episodes; the default
+    is all. Whether a camera is used is simulated on these frames alone.
     """
     told, of = (frames, episodes) if matched is None else matched
     kinds = {"same": Setting(), "drawn": Setting(noise=0.25, answers=4)}
@@ -489,7 +493,7 @@ def power(
 
 
 def table(tried: Sequence[Tried]) -> Table:
-    """Return a setting a row: how often each label was said, and the untrue one."""
+    """Return a row per setting: how often each label was given, and the false one."""
     labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels) if "," not in label))
     rows = [
         (
@@ -505,8 +509,8 @@ def table(tried: Sequence[Tried]) -> Table:
     ]
     head = [Column("setting"), *(Column(label, "number") for label in labels), Column("untrue here")]
     note = (
-        "false: of the labels; seen: of labels that are untrue of the episodes drawn, too; claimed: of what is said of "
-        f"the whole data set; ! seen or claimed more often than {WANTED} plus two standard errors"
+        "false: share of false labels; seen: of those that are false for the drawn episodes too; claimed: of "
+        f"those claimed of the whole data set; ! marks seen or claimed above {WANTED} plus two standard errors"
     )
     ends = (Column("false", "number", 4), Column("seen", "number", 4), Column("claimed", "number", 4), Column(""))
     return Table("policies", "", (*head, *ends), tuple(rows), note)

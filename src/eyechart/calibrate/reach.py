@@ -1,4 +1,4 @@
-"""Which labels a bank can lead to: how many frames have a match at a similar state, and what it cannot show."""
+"""The labels that a bank can give: frames with a match at a similar state, and what is missing."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,17 +17,17 @@ from eyechart.verdicts.channels import AXES
 from eyechart.verdicts.uses import LEAST_EPISODES
 
 LEAST_GROUNDED = 7
-"""Below so many episodes no test of a moved object can reach .01."""
+"""The fewest episodes with which a test of a moved object can reach .01."""
 BY_MATCH = ("object_grounded", "camera_content", "pose_only")
-"""The labels of cameras that rest on pictures at a similar state."""
+"""The camera labels that need pictures at a similar state."""
 
 
 @dataclass(frozen=True)
 class PolicyReach:
-    """What a bank can say of a policy, how often, and how many calls that takes.
+    """What a bank can decide about a policy, with which power and how many calls.
 
-    ``matches`` are those of `matches`, ``never`` the labels of `unreachable`, ``unmoved`` the numbers of `unmoved`, and
-    ``shapley`` the calls that ``--shapley`` asks besides.
+    ``matches``, ``never`` and ``unmoved`` are those of `matches`, `unreachable` and `unmoved`.
+    ``shapley`` counts the further calls of ``--shapley``.
     """
 
     bank: FrameBank
@@ -40,7 +40,7 @@ class PolicyReach:
 
     @classmethod
     def of(cls, bank: FrameBank) -> "PolicyReach":
-        """Return this of a bank that says what a motion is."""
+        """Return the reach of a bank that defines a motion."""
         conditions, left_out = conditions_of(bank)
         further = dict.fromkeys(name for name in subset_conditions(bank).values() if name not in conditions)
         calls, more = (
@@ -56,31 +56,31 @@ class PolicyReach:
         return {**self.power.as_dict(), **labels, "unmoved": self.unmoved, "notes": notes(self.bank)}
 
     def details(self) -> Table:
-        """Return what the power comes of, a row each."""
+        """Return the basis of the power, a row each."""
         bank, one = self.bank, self.power
         some = ", not each of every frame" if one.calls < self.conditions * len(bank) else ""
         unasked = {name: why for name, why in one.left_out.items() if "frame" in why}
         alike = ", ".join(f"{channel} {count}" for channel, count in self.matches.items())
         bound = (share_bound(0, one.episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
-        most = f"where none of {one.episodes} responds, up to {bound:.1%} may"
+        most = f"if none of {one.episodes} responds, up to {bound:.1%} may"
         whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
         lines = [
             f"channels: {', '.join(channels_of(bank))}",
-            f"calls: {one.calls} ({self.conditions} conditions{some}); about four times that where answers are drawn",
+            f"calls: {one.calls} ({self.conditions} conditions{some}); about four times that if answers are sampled",
             f"frames with a match at a similar state: of {len(bank)}: {alike}",
             f"labels that a policy may get: {', '.join(reachable(bank)) or 'none'}",
             *(f"not reachable: {labels}: {why}" for labels, why in by_reason(self.never).items()),
             *(f"counts as content: {it} of the state, which never changes within an episode" for it in self.unmoved),
             *(f"not asked: {names}: {why}" for names, why in by_reason(unasked).items()),
             *(f"note: {words}" for words in notes(bank)),
-            *([f"--shapley: {self.shapley} calls more"] if self.shapley else []),
-            f"absence (ignores_camera …): said of {whole}: {most}",
+            *([f"--shapley: {self.shapley} more calls"] if self.shapley else []),
+            f"absence (ignores_camera …): claimed for {whole}: {most}",
         ]
-        return of_lines("details", "What it comes of", lines)
+        return of_lines("details", "Basis of the power", lines)
 
 
 def matches(bank: FrameBank) -> dict[str, int]:
-    """Return of all cameras, and of each, how many frames have a frame of another episode at a similar state."""
+    """Return the number of frames with a match at a similar state, for all cameras and for each."""
     cameras = [name for name in channels_of(bank) if name not in {STATE, INSTRUCTION}]
     if not bank.manifest.state:
         return dict.fromkeys(cameras, 0)
@@ -89,7 +89,7 @@ def matches(bank: FrameBank) -> dict[str, int]:
 
 
 def matched_of(bank: FrameBank) -> tuple[int, int]:
-    """Return how many frames are asked with a match of all their cameras, and of how many episodes they are."""
+    """Return the number of frames with a match of all cameras, and of their episodes."""
     if f"matched@{CAMERAS}" not in conditions_of(bank)[0]:
         return 0, 0
     there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images) != NOBODY
@@ -98,7 +98,7 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
 
 
 def unreachable(bank: FrameBank) -> dict[str, str]:
-    """Return the labels that no policy can get on a bank, with why; of one camera alone as ``LABEL of camera:NAME``."""
+    """Return the labels that no policy can get on a bank, with why; "LABEL of camera:NAME"."""
     found: dict[str, str] = {}
     for label, why in (*_of_episodes(bank), *_of_cameras(bank), *_of_the_rest(bank)):
         found.setdefault(label, why)
@@ -112,17 +112,17 @@ def reachable(bank: FrameBank) -> tuple[str, ...]:
 
 
 def _said_on(axis: str) -> list[str]:
-    """Return the labels of an axis that say something."""
+    """Return the conclusive labels of an axis."""
     return [name for name, one in AXES[axis].items() if not one.is_open]
 
 
 def _of_episodes(bank: FrameBank) -> Iterator[tuple[str, str]]:
     count = len({frame.drive for frame in bank})
     if count < LEAST_EPISODES:
-        why = f"{count} episodes bound nothing; {LEAST_EPISODES} are the least"
+        why = f"{count} episodes bound nothing; at least {LEAST_EPISODES} are needed"
         yield from ((label, why) for axis in AXES for label in _said_on(axis))
     if count < LEAST_GROUNDED:
-        yield "object_grounded", f"below {LEAST_GROUNDED} episodes no test can tell"
+        yield "object_grounded", f"below {LEAST_GROUNDED} episodes the test has no power"
 
 
 def _of_cameras(bank: FrameBank) -> Iterator[tuple[str, str]]:
@@ -135,29 +135,29 @@ def _of_cameras(bank: FrameBank) -> Iterator[tuple[str, str]]:
         elif why := left_out.get(f"matched@{channel}", ""):
             yield from ((f"{label}{of}", why) for label in labels if label in BY_MATCH)
         elif why := _its_pose(bank, channel):
-            yield f"camera_content{of}", f"{why}, and a policy that reads its own pose answers to the matched ones too"
+            yield f"camera_content{of}", f"{why}, and a policy that reads its own pose responds to the matched ones too"
     if any(why := left_out.get(name, "") for name in MOVES):
         yield "object_grounded", f"the bank moves no object: {why}"
 
 
 def unmoved(bank: FrameBank) -> list[str]:
-    """Return the numbers of the state that never change within an episode and that a picture may still tell.
+    """Return the numbers of the state that never change within an episode but may be visible.
 
-    They count as its content, since no picture of the own episode shows them otherwise; none where a world changes
-    pictures while the state stays.
+    They count as content, because no picture of the same episode shows other values. Empty if a
+    world changes pictures while the state stays.
     """
     return [] if _state_stays(bank, CAMERAS) or _its_pose(bank, CAMERAS) else own_pictures(bank, CAMERAS)[1]
 
 
 def _state_stays(bank: FrameBank, channel: str) -> bool:
-    """Return whether a world moves an object, or exchanges the objects' colours, in pictures of a channel."""
+    """Return whether a world moves objects or exchanges their colours in a channel's pictures."""
     over = "" if channel == CAMERAS else f"{OVER}{channel.removeprefix(CAMERA)}"
     able = conditions_of(bank)[0]
     return f"{EXCHANGED}{over}" in able or (channel == CAMERAS and set(MOVES) <= {*able})
 
 
 def _its_pose(bank: FrameBank, channel: str) -> str:
-    """Return why no picture of a channel is told from the pose that it shows; nothing where one is."""
+    """Return why no picture of a channel can be separated from its pose; empty if one can."""
     if _state_stays(bank, channel):
         return ""
     return conditions_of(bank)[1].get(f"near{OVER}{channel}", "") or own_pictures(bank, channel)[0]

@@ -1,4 +1,4 @@
-"""One replication: one simulated bank, all known controllers on it, and both sets of rules on what they answered."""
+"""One replication: a simulated bank, all known controllers on it, and both sets of rules."""
 
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,17 +32,17 @@ from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
 RESAMPLES = 999
-"""Resamples of each permutation test; the level of such a test does not depend on their number."""
+"""Resamples of each permutation test; its level does not depend on their number."""
 
 DRAWN = frozenset(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
-"""What a bank without counterfactual pictures lacks."""
+"""The conditions that a bank without counterfactual pictures lacks."""
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One replication of one setting. Everything random in it comes from these three."""
+    """One replication of one setting, the source of all its randomness."""
 
     setting: str
     replication: int
@@ -51,7 +51,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What came of one task: an outcome a controller, and in the default setting what else is tried."""
+    """The results of one task: an outcome per controller, and the default setting's trials."""
 
     outcomes: list[Outcome]
     rejected: list[int]
@@ -69,10 +69,10 @@ def calibrate(
 ) -> Calibration:
     """Simulate ``replications`` banks of every setting and judge all known controllers on each.
 
-    The result depends on the seed and on nothing else, least of all on ``processes``. ``progress`` is called with
-    (banks done, banks in all). ``keep`` names a file of what was found so far: banks that stand in it are not simulated
-    again, the others are appended as they are done. Raises SpecError for an unknown setting, a number below 1, a file
-    that holds something else, or where ``eyechart-organisms`` is not installed.
+    The result depends on the seed alone, not on ``processes``. ``progress`` gets (banks done,
+    total). ``keep`` is a file of finished banks: they are not simulated again, and new ones are
+    appended. Raises SpecError for an unknown setting, a number below 1, a file with other content,
+    or if ``eyechart-organisms`` is not installed.
     """
     adversaries()
     chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
@@ -92,7 +92,7 @@ def calibrate(
 def _make(
     tasks: Sequence[Task], processes: int, known: Mapping[Task, Made], keep: Path | None, progress: Progress | None
 ) -> dict[Task, Made]:
-    """Return what is known of tasks and what is made of the others, which is appended to a file where one is named."""
+    """Return the known results of tasks and those made now, which are appended to ``keep``."""
     found, todo = dict(known), [task for task in tasks if task not in known]
     with ExitStack() as opened:
         file = None if keep is None else opened.enter_context(keep.open("ab"))
@@ -112,7 +112,7 @@ KEPT = "eyechart-calibration-banks/1"
 
 
 def _kept(file: Path, seed: int) -> dict[Task, Made]:
-    """Return what a file holds of banks that are done, and begin it where it is not there; half a line is cut off."""
+    """Return the finished banks of a file; start the file if it is new, and cut off half a line."""
     head = _JSON.encode({"format": KEPT, "eyechart": __version__, "seed": seed}) + b"\n"
     try:
         if not file.exists():
@@ -120,7 +120,7 @@ def _kept(file: Path, seed: int) -> dict[Task, Made]:
         text = file.read_bytes()
         if not text.startswith(head):
             raise SpecError(
-                f"{file} does not hold banks of seed {seed} and of eyechart {__version__}; name another file"
+                f"{file} does not hold banks of seed {seed} and of eyechart {__version__}; give another file"
             )
         whole = text[: text.rindex(b"\n") + 1]
         if whole != text:
@@ -132,7 +132,7 @@ def _kept(file: Path, seed: int) -> dict[Task, Made]:
 
 @contextmanager
 def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
-    """Yield what is made of tasks in their order, by this process or by several others."""
+    """Yield the results of tasks in their order, from this process or several others."""
     if processes == 1:
         yield map(_whole, tasks)
         return
@@ -141,20 +141,20 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
 
 
 def _whole(task: Task) -> Made:
-    """Return the outcomes of a task and, once a replication, rejections of early stopping and what adversaries got."""
+    """Return a task's outcomes and, in the default setting, early rejections and adversaries."""
     once = task.setting == "default"
     return Made(replicate(task), rejections(task) if once else [], try_adversaries(task) if once else [])
 
 
 def rejections(task: Task) -> list[int]:
-    """Return how often each null of early stopping was ever rejected, on the frames of the task's bank."""
+    """Return the rejections of each null of early stopping on the frames of a task's bank."""
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     return count_rejections(world.frames, random.Random(key_seed(*key, "nulls")))  # noqa: S311 - no secret
 
 
 def try_adversaries(task: Task) -> list[Tried]:
-    """Return what every adversary is called on the bank of a task, asked in stages as a run asks."""
+    """Return every adversary's labels on the bank of a task, asked in a run's stages."""
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
@@ -173,7 +173,7 @@ def try_adversaries(task: Task) -> list[Tried]:
 
 
 def staged(answers: Answers, how: Resampling) -> Answers:
-    """Return those of a model's answers that a run would have asked for: controls only where they could matter."""
+    """Return the answers that a run would ask for: controls only where they could matter."""
     asked = [name for name in answers.decisions if name not in CONTROLS]
     answers = sampled(answers, how.seed)
     while True:
@@ -186,7 +186,7 @@ def staged(answers: Answers, how: Resampling) -> Answers:
 
 
 def replicate(task: Task) -> list[Outcome]:
-    """Draw the bank of a task and return what both sets of rules say of every known controller on it."""
+    """Draw a task's bank; return the labels of every known controller by both sets of rules."""
     setting = SETTINGS[task.setting]
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(setting, np.random.default_rng(key_seed(*key, "world")))
@@ -207,7 +207,7 @@ def replicate(task: Task) -> list[Outcome]:
 
 
 def answers_of(known: Known, setting: Setting, world: World, rng: random.Random) -> Answers:
-    """Return a controller's answers to a world, read from its replies as those of a run are."""
+    """Return a controller's answers in a world, read from replies as in a run."""
 
     @cache
     def decision(answer: Answer | None) -> Decision[str] | None:
@@ -221,7 +221,7 @@ def answers_of(known: Known, setting: Setting, world: World, rng: random.Random)
 
 
 def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) -> dict[str, Statistic]:
-    """Return the statistics that the same answers would give on a bank without counterfactual pictures."""
+    """Return the statistics of the same answers on a bank without counterfactual pictures."""
     kept = {name: column for name, column in answers.decisions.items() if name not in DRAWN}
     missing = cannot_say("the bank has no counterfactual pictures")
     bare = Calibrated(replace(answers, decisions=kept), Resampling()).tests()
@@ -237,7 +237,7 @@ def _outcome(
     corrected: float | None,
     order: int,
 ) -> Outcome:
-    """Return what was said of a controller by its answers, all that it can give and those that a run asked for."""
+    """Return a controller's labels from its answers: all that it can give, and those of a run."""
     every, answers = given
     lateral = verdicts.lateral_rules(found, answers.directions()).label
     rulings, early = [], []

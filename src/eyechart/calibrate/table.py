@@ -1,4 +1,4 @@
-"""The tables of a calibration, as Markdown that reads well in a terminal too."""
+"""The tables of a calibration, as Markdown that a terminal can show too."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -16,7 +16,7 @@ Cells = Sequence[Sequence[str]]
 
 
 def tables(found: Calibration) -> str:
-    """Return everything that a calibration found, one table below the other."""
+    """Return all results of a calibration, one table below the other."""
     parts = [
         f"{found.replications} replications of each setting, seed {found.seed}, {found.resamples} resamples a test.",
         _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings]),
@@ -79,12 +79,12 @@ def _false_claims(found: Calibration) -> str:
                 for one in each
             ]
             rows.append((setting, variant.split()[0], *cells))
-    title = "False claims: share over the controllers of which the claim is untrue (the one worst off)"
+    title = "False claims: share over the controllers for which the claim is false (the worst controller)"
     return _table(title, ("setting", "counterfactuals", *CLAIMS), rows)
 
 
 def _type_one(found: Calibration) -> str:
-    """Return how often each test rejected under its null: in the default setting, over all, and where most."""
+    """Return how often each test rejected a true null: by default, over all, and at most."""
     rows = []
     for test, (alpha, names) in NULLS.items():
         each = {setting: found.type_one(setting, test) for setting in found.settings}
@@ -107,7 +107,7 @@ def _type_one(found: Calibration) -> str:
 
 
 def _power(found: Calibration) -> str:
-    """Return how the share of right labels grows with the number of frames."""
+    """Return the share of right labels by the number of frames."""
     sizes = [name for name in POWER if name in found.settings]
     if len(sizes) < 2:
         return ""
@@ -121,7 +121,7 @@ def _power(found: Calibration) -> str:
 
 
 def _stopped(found: Calibration, variant: str) -> str:
-    """Return what stopping early made of each controller in the default setting."""
+    """Return the effect of early stopping on each controller in the default setting."""
     by = found.early.get("default", {}).get(variant, {})
     rows = []
     for name, sums in by.items():
@@ -134,7 +134,7 @@ def _stopped(found: Calibration, variant: str) -> str:
 
 
 def _stopped_elsewhere(found: Calibration) -> str:
-    """Return the same of the other settings, in brief."""
+    """Return the same for the other settings, in brief."""
     rows = []
     for setting, variants in found.early.items():
         for variant, by in variants.items():
@@ -160,7 +160,7 @@ def _ever(found: Calibration) -> str:
 
 
 def _adversaries(found: Calibration) -> str:
-    """Return what each adversary was called, and how often that was untrue of it."""
+    """Return each adversary's labels, and how often they were false."""
     rows = []
     for name, counts in found.adversaries.items():
         one, n = adversaries()[name], sum(counts.values())

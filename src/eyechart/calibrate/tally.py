@@ -1,4 +1,4 @@
-"""Counting what many replications said: how often right, how often false, how often each test rejected."""
+"""Counts over many replications: right labels, false labels, and rejections of each test."""
 
 import math
 from collections import Counter
@@ -23,10 +23,10 @@ CLAIMS: Mapping[str, tuple[str, ...]] = {
     "self_inconsistent": ("self_inconsistent",),
     "refusal_effect": ("refusal_effect",),
 }
-"""The positive claims that can be untrue, and the labels that make them."""
+"""The positive claims that can be false, and the labels that make them."""
 
 RIGHT = 0.95
-"""The share of right labels that is wanted of each controller in `WANTED`, default setting, with counterfactuals."""
+"""The least share of right labels of each in `WANTED`, default setting, with counterfactuals."""
 
 WANTED = (
     "constant",
@@ -53,19 +53,19 @@ FALSE: Mapping[tuple[str, str], float] = {
         for variant in VARIANTS
     },
 }
-"""The largest share of false claims that is wanted, over the controllers of which the claim is untrue."""
+"""The largest share of false claims over the controllers for which the claim is false."""
 
 
 AGAINST: Mapping[str, float] = {"depth": 0.01, "depth_lateral": 0.01, "turns_clear": 0.01, "absence": 0.005}
-"""The largest share of each false claim that is wanted over all adversaries of which it is untrue."""
+"""The largest share of each false claim over all adversaries for which it is false."""
 
 STRICT_FROM = 200
-"""From so many replications on a target is held against the share itself; below, against its 95 % interval."""
+"""From this many replications, a target applies to the share; below, to its 95 % interval."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ruled:
-    """The calibrated label that was given, the one that was deserved, and whether the given one is untrue."""
+    """The calibrated label that was given, the deserved one, and whether the given one is false."""
 
     label: str
     deserved: str
@@ -74,9 +74,10 @@ class Ruled:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one replication said of one controller: both sets of rules, and the p of every test.
+    """One controller's result in one replication: both sets of rules, and the p of every test.
 
-    ``rulings`` stand in the order of `VARIANTS`, and so does ``early`` where stopping early was measured.
+    ``rulings`` and ``early`` are in the order of `VARIANTS`; ``early`` is empty if it was not
+    measured.
     """
 
     controller: str
@@ -89,7 +90,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What one adversary was called on one bank."""
+    """One adversary's labels on one bank."""
 
     adversary: str
     label: str
@@ -98,7 +99,7 @@ class Tried:
 
 @dataclass(frozen=True, slots=True)
 class FalseClaims:
-    """How often a claim was made that is untrue: over all who could be wronged, and of the one worst off."""
+    """The rate of a false claim: over all controllers that it could wrong, and for the worst."""
 
     claim: str
     setting: str
@@ -110,7 +111,7 @@ class FalseClaims:
 
     @property
     def holds(self) -> bool:
-        """Return whether the share is as wanted, and no single controller is surely above it."""
+        """Return whether the share is low enough, and no single controller is surely above it."""
         surely = any(one.ci is not None and one.ci[0] > self.wanted for one in (self.pooled, self.worst_rate))
         strict = self.worst_rate.n >= STRICT_FROM
         return not surely and not (strict and (self.pooled.value or 0.0) > self.wanted)
@@ -118,14 +119,16 @@ class FalseClaims:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Everything that was counted, over ``replications`` banks of each setting.
+    """All counts over ``replications`` banks of each setting.
 
-    ``labels[setting][variant][controller]`` counts calibrated labels, ``paper[setting][controller]`` the paper's, and
-    ``lateral[setting][controller]`` the lateral ones; ``rights[setting][variant][controller]`` counts deserved
-    labels, and ``falses``, with the places of ``labels``, untrue ones.
-    ``tests[setting][test][controller]`` is (made, rejected). ``early``, with the places of ``labels``, holds what
-    stopping early made of the runs, and ``ever`` how often each of its nulls was rejected. ``adversaries[name]`` counts
-    what each was called in the default setting with counterfactuals and controls, as "label/lateral label".
+    ``labels[setting][variant][controller]`` counts calibrated labels,
+    ``paper[setting][controller]`` the paper's, and ``lateral[setting][controller]`` lateral ones.
+    ``rights[setting][variant][controller]`` counts deserved labels. ``falses``, indexed like
+    ``labels``, counts false ones.
+    ``tests[setting][test][controller]`` is (made, rejected). ``early``, indexed like ``labels``,
+    holds the effects of early stopping, and ``ever`` the rejections of each of its nulls.
+    ``adversaries[name]`` counts its labels in the default setting with counterfactuals and
+    controls, as "label/lateral label".
     """
 
     replications: int
@@ -143,16 +146,16 @@ class Calibration:
     adversaries: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     def right(self, setting: str, variant: str, controller: str) -> Statistic:
-        """Return how often a controller got the calibrated label that it deserves there."""
+        """Return how often a controller got the calibrated label that it deserves."""
         return rate(self.rights[setting][variant].get(controller, 0), self.replications)
 
     def undecided(self, setting: str, variant: str) -> Statistic:
-        """Return what fraction of all verdicts of a setting is ``undecided``."""
+        """Return the share of ``undecided`` among all verdicts of a setting."""
         counts = self.labels[setting][variant].values()
         return rate(sum(one.get("undecided", 0) for one in counts), self.replications * len(counts))
 
     def false_claims(self, claim: str, setting: str, variant: str) -> FalseClaims:
-        """Return how often a claim was untrue."""
+        """Return how often a claim was false."""
         by_controller = {
             name: sum(self.falses[setting][variant][name].get(label, 0) for label in CLAIMS[claim])
             for name in KNOWN
@@ -179,7 +182,7 @@ class Calibration:
         ]
 
     def fooled(self, claim: str) -> dict[str, Statistic]:
-        """Return how often each adversary got a claim that is untrue of it, of those of which it is."""
+        """Return the rate of a false claim for each adversary that it could wrong."""
         found = {}
         for name, counts in self.adversaries.items():
             false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
@@ -188,7 +191,7 @@ class Calibration:
         return found
 
     def missed_readers(self) -> dict[str, Statistic]:
-        """Return how often each adversary that reads the distance of the lead was called so."""
+        """Return how often each adversary that reads the lead's distance got such a label."""
         return {
             name: rate(
                 sum(n for called, n in counts.items() if called.startswith("depth/") or "depth_lateral/" in called),
@@ -207,7 +210,7 @@ class Calibration:
         return rate(rejected, made)
 
     def misses(self) -> list[str]:
-        """Return every target that is missed, in words; empty where all hold."""
+        """Return every missed target in words; empty if all are met."""
         found = []
         if "default" in self.settings:
             for name in WANTED:
@@ -227,7 +230,7 @@ class Calibration:
         )
 
     def _fooled(self) -> list[str]:
-        """Return which claims adversaries got too often, and which readers too seldom."""
+        """Return the claims that adversaries got too often, and readers' labels got too seldom."""
         found = []
         for claim, wanted in AGAINST.items():
             each = self.fooled(claim)
@@ -244,13 +247,13 @@ class Calibration:
                     most = f"wanted at most {wanted} and two standard errors"
                     found.append(f"adversary {name} gets {claim} {wrong} of {n} times, {most}")
         return found + [
-            f"{name} reads the distance and is told so {one.value:.3f} of {one.n} times, wanted {RIGHT}"
+            f"{name} reads the distance and gets that label in {one.value:.3f} of {one.n} cases, wanted {RIGHT}"
             for name, one in self.missed_readers().items()
             if one.ci is not None and one.ci[1] < RIGHT
         ]
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values: the counts, and what is read from them."""
+        """Return plain JSON values: the counts, and the results from them."""
         return {
             "format": FORMAT,
             **picked(self, "replications seed resamples"),
@@ -292,7 +295,7 @@ class Calibration:
 
 
 def read_calibration(raw: Mapping[str, Any]) -> Calibration:
-    """Return the calibration that `Calibration.as_dict` wrote; raises SpecError where it is something else."""
+    """Return the calibration that `Calibration.as_dict` wrote; raises SpecError for other data."""
     if raw.get("format") != FORMAT:
         raise SpecError(f"this is no calibration of format {FORMAT!r}, but {raw.get('format')!r}")
     tests = {
@@ -307,7 +310,7 @@ def read_calibration(raw: Mapping[str, Any]) -> Calibration:
 
 
 def called(tried: Iterable[Tried]) -> dict[str, dict[str, int]]:
-    """Return how often each adversary was called what."""
+    """Return the counts of each adversary's labels."""
     found: dict[str, Counter[str]] = {}
     for one in tried:
         found.setdefault(one.adversary, Counter())[f"{one.label}/{one.lateral}"] += 1
@@ -330,7 +333,7 @@ def tally(
     seed: int,
     resamples: int,
 ) -> Calibration:
-    """Count the outcomes of every setting; the order in which they come has no effect."""
+    """Count the outcomes of every setting, in any order."""
     by: dict[str, dict[str, list[Outcome]]] = {s: {name: [] for name in KNOWN} for s in settings}
     for setting, outcomes in found:
         for one in outcomes:
@@ -383,7 +386,7 @@ def _rejected(outcomes: Sequence[Outcome], test: str) -> tuple[int, int]:
 
 
 def _stops(by: Mapping[str, Sequence[Outcome]]) -> dict[str, dict[str, Sums]]:
-    """Return what stopping early made of each controller's runs, by variant, where it was measured."""
+    """Return the effects of early stopping by variant and controller, where measured."""
     found: dict[str, dict[str, Sums]] = {}
     for name, outcomes in by.items():
         for one in outcomes:

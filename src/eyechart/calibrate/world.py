@@ -1,8 +1,8 @@
-"""A simulated world: frames of autocorrelated episodes, and what a controller sees of each under each condition.
+"""A simulated world: frames of autocorrelated episodes, and each condition's content.
 
-No picture is drawn. What the image-only reader would read from it is simulated, and the scripted controllers decide on
-that reading as they decide on a picture's. A setting is a kind of bank: how many episodes of what length, and what the
-bank lacks. Every constant stands in docs/calibration.md.
+No picture is drawn. The reading of the image-only reader is simulated, and scripted controllers
+decide on it as on a picture's. A setting is a kind of bank: its episodes and what it lacks. Every
+constant is in docs/calibration.md.
 """
 
 import math
@@ -19,12 +19,12 @@ from eyechart.perception.renderer import Reading
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
 
 Episode = tuple[str, int]
-"""An episode's scenario, and how many frames it has."""
+"""An episode's scenario, and its number of frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """What the pictures of a scenario show: lanes, a ramp, and the median gap in metres."""
+    """The content of a scenario's pictures: lanes, a ramp, and the median gap in metres."""
 
     lanes: int
     ramp: bool
@@ -37,18 +37,19 @@ ROADS: Mapping[str, Road] = {
     "merge": Road(3, True, 15.0),
     "blocked": Road(2, False, 12.0),
 }
-"""The scenarios: their gaps differ, so that to recognise the scenario looks like reading the distance."""
+"""The scenarios; their gaps differ, so knowing the scenario looks like reading the distance."""
 
 FEWEST_FRAMES, MOST_FRAMES = 8, 40
-"""How long the episodes of the setting ``unequal`` are."""
+"""The lengths of episodes in the setting ``unequal``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A kind of bank. ``episodes`` and ``frames`` count per scenario and per episode; 0 episodes: one to three in all.
+    """A kind of bank, with ``episodes`` per scenario and ``frames`` per episode.
 
-    ``exchanges`` says whether the bank has episodes enough to test the gap without counterfactuals, and ``lowest``
-    whether ``lead_near`` shows the lead as near as can be shown.
+    With 0 episodes there are one to three in all. ``exchanges`` says whether the episodes suffice
+    to test the gap without counterfactuals. ``lowest`` says whether ``lead_near`` shows the nearest
+    possible lead.
     """
 
     name: str
@@ -93,33 +94,33 @@ POWER = ("small_10", "small_24", "frames_48", "frames_96", "default", "frames_28
 
 
 GAP_AR = 0.85
-"""Correlation of the log gap from one frame to the next within an episode."""
+"""Correlation of the log gap between neighbouring frames of an episode."""
 GAP_LOG_SD = 0.7
 EPISODE_SHARE = 0.2
-"""The share of the variance of the log gap that a whole episode has in common."""
+"""The share of the log gap's variance that is common to an episode."""
 NEAREST_M, FARTHEST_M = 5.0, 76.0
-"""No gap is smaller; a lead beyond the picture's edge is no lead."""
+"""The smallest gap, and the largest: a lead beyond the picture's edge is no lead."""
 
 SIDE_STAYS = 0.7
-"""Chance that a side is next as it is now; half of the sides are clear."""
+"""Chance that a side stays as it is; half of the sides are clear."""
 PHASE_DRIFT, PHASE_SD = 0.06, 0.03
-"""By how much, in periods a frame, the phase of the lane markings moves."""
+"""Drift and deviation of the lane markings' phase, in periods per frame."""
 
 NEAR_M, FAR_M = (7.0, 9.0), (50.0, 60.0)
-"""Where ``lead_near`` and ``lead_far`` put the lead, in metres."""
+"""The distances of ``lead_near`` and ``lead_far`` in metres."""
 
 SPAN: Span = (NEAREST_M, FAR_M[1])
-"""Over which distances ``lead_drawn`` puts the lead, evenly in their logarithm."""
+"""The range of ``lead_drawn`` in metres, uniform in the logarithm."""
 
 LANE_M = 4.0
-"""A lane's width."""
+"""A lane's width in metres."""
 
 NO_PICTURE, UNIFORM, NOISE = Sight("no_picture", None), Sight("uniform", None), Sight("unknown", None)
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What is shown for one frame: the sight, and how much of the shown episode has passed, or None for no road."""
+    """The stimulus of one frame: the sight, and the passed share of its episode, if any."""
 
     sight: Sight
     passed: float | None
@@ -127,7 +128,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class World:
-    """Frames with their ground truth, and what each condition shows for them; None where it shows nothing."""
+    """Frames with ground truth, and each condition's content; None where it shows nothing."""
 
     frames: tuple[Frame, ...]
     passed: tuple[float, ...]
@@ -135,12 +136,12 @@ class World:
 
 
 def make_world(setting: Setting, rng: np.random.Generator) -> World:
-    """Draw one bank of a setting and everything that is shown of it; equal for all controllers."""
+    """Draw one bank of a setting and all its content, equal for all controllers."""
     episodes = setting.draw(rng)
     frames: list[Frame] = []
     passed: list[float] = []
     readings: list[Reading] = []
-    apart, anew = rng.spawn(2)  # what was not drawn at first, so that all else is as it was
+    apart, anew = rng.spawn(2)  # separate streams for later additions keep older draws as they were
     for number, episode in enumerate(episodes):
         scenario, length = episode
         gaps = _gaps(episode, rng, ordered=setting.ordered)
@@ -150,7 +151,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
             gap_m = None if gaps[step] > FARTHEST_M else round(float(gaps[step]), 3)
             name = f"{scenario}-{number}"
             road, scene = ROADS[scenario], Scene(gap_m, bool(left[step]), bool(right[step]))
-            lane, _ = road.lanes // 2, apart.random(2)  # two distances of older worlds: all else stays as it was
+            lane, _ = road.lanes // 2, apart.random(2)  # two older distances
             truth: dict[str, Scalar] = {
                 "lead_gap_m": gap_m,
                 "left_clear": scene.left_clear,
@@ -175,7 +176,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
 
 
 def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:
-    """Return what else is on the road: the lead, what blocks a side, and now and then a vehicle farther away."""
+    """Return the vehicles on the road: the lead, those that block a side, and some farther away."""
     found = [] if scene.gap_m is None else [Other(scene.gap_m, 0.0)]
     for clear, aside in ((scene.left_clear, -LANE_M), (scene.right_clear, LANE_M)):
         place, far, seen = rng.uniform(-10.0, 38.0), rng.uniform(43.0, 76.0), rng.uniform() < 1 / 2
@@ -187,7 +188,7 @@ def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:
 
 
 def _filed(name: str, column: Sequence[Shown | None], frames: Sequence[Frame]) -> tuple[Shown | None, ...]:
-    """Return what is shown with what stands for its file: one of its own for each picture, one for all blank ones."""
+    """Return the content with stand-ins for files: one per picture, one for all blank ones."""
 
     def file(shown: Shown, frame: Frame) -> bytes:
         if shown.sight.kind in {"uniform", "no_picture"}:
@@ -206,7 +207,7 @@ def _ranged(
     readings: Sequence[Reading],
     rng: np.random.Generator,
 ) -> tuple[list[Frame], dict[str, list[Reading | None]]]:
-    """Return the frames with their distances over the whole range, and what the control pictures there show."""
+    """Return the frames with distances over the whole range, and their control pictures."""
     there = [frame.id for frame, one in zip(frames, readings, strict=True) if one.scene.gap_m is not None]
     draws = draws_of(int(rng.integers(2**63)), SPAN, there)
     found, columns = [], {name: list[Reading | None]() for name in RANGED}
@@ -228,7 +229,7 @@ def _ranged(
 
 
 def _at(one: Reading, lead_m: float, exchange_m: float, rng: np.random.Generator) -> dict[str, Reading | None]:
-    """Return what the pictures of a frame with a lead show at its two distances of the whole range."""
+    """Return the control pictures of a frame with a lead, at its two distances of the range."""
     beside = [other for other in one.others if other.aside_m] or [Other(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))]
     other, far, its_far = beside[int(rng.integers(len(beside)))], rng.uniform(*FAR_M), rng.uniform(*FAR_M)
     alone, own = _moved(one, lead_m), _exchanged(one, other, exchange_m, its_far)
@@ -243,19 +244,19 @@ def _at(one: Reading, lead_m: float, exchange_m: float, rng: np.random.Generator
 
 
 def _gaps_shown(column: Sequence[Shown | None]) -> list[float | None]:
-    """Return the gap of each picture of a road, None where there is none."""
+    """Return the gap in each picture of a road; None without a lead or road."""
     readings = [None if one is None else one.sight.reading for one in column]
     return [None if one is None else one.scene.gap_m for one in readings]
 
 
 def _on_road(readings: Sequence[Reading | None], passed: Sequence[float]) -> tuple[Shown | None, ...]:
-    """Return pictures of roads, None where there is none, each with the share of the episode that has passed."""
+    """Return pictures of roads with the passed share of the episode; None without a road."""
     pairs = zip(readings, passed, strict=True)
     return tuple(None if one is None else Shown(Sight("road", one), time) for one, time in pairs)
 
 
 def _gaps(episode: Episode, rng: np.random.Generator, *, ordered: bool) -> NDArray[np.float64]:
-    """Return an episode's gaps in metres: a stationary AR(1) process of their logarithm about the scenario's median."""
+    """Return an episode's gaps in metres: a stationary AR(1) process of their logarithm."""
     scenario, length = episode
     noise = rng.standard_normal(length)
     path = np.empty(length)
@@ -274,7 +275,7 @@ def _phases(length: int, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _side(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return whether one side is clear, frame by frame: a two-state chain."""
+    """Return whether one side is clear in each frame: a two-state chain."""
     changes = rng.uniform(size=length) >= SIDE_STAYS
     changes[0] = rng.uniform() < 1 / 2
     return np.asarray(np.cumsum(changes) % 2 == 1)
@@ -283,7 +284,7 @@ def _side(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
 def _shown(
     frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
 ) -> dict[str, tuple[Shown | None, ...]]:
-    """Return what each condition shows; a condition that the bank cannot supply for any frame is left out."""
+    """Return each condition's content, without conditions that the bank cannot supply."""
     roads = [
         Shown(Sight("road", one, f"{frame.id}/real".encode()), time)
         for frame, one, time in zip(frames, readings, passed, strict=True)
@@ -312,7 +313,7 @@ def _shown(
 
 
 def _exchanged(reading: Reading, moved: Other, lead_m: float, beside_m: float) -> Reading:
-    """Return the reading with the lead at one distance and a vehicle of a neighbouring lane at another."""
+    """Return the reading with the lead at one distance and a neighbour at another."""
     kept = [one for one in reading.others if one != moved and one.aside_m]
     others = (*kept, Other(lead_m, 0.0), Other(beside_m, moved.aside_m))
     left, right = (
@@ -324,7 +325,7 @@ def _exchanged(reading: Reading, moved: Other, lead_m: float, beside_m: float) -
 
 
 def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bool) -> list[int]:
-    """Return for each frame the number of another one of its scenario, or of another scenario."""
+    """Return for each frame the index of another one in its scenario, or in another scenario."""
     places = np.arange(len(scenarios))
     found = []
     for place, scenario in enumerate(scenarios):
@@ -334,7 +335,7 @@ def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bo
 
 
 def _moved(reading: Reading, gap_m: float | None) -> Reading | None:
-    """Return the reading with the lead at another gap or gone, or None where there is no lead to move."""
+    """Return the reading with the lead at another gap or gone; None if there is no lead."""
     if reading.scene.gap_m is None:
         return None
     lead = () if gap_m is None else (Other(gap_m, 0.0),)

@@ -1,4 +1,7 @@
-"""The command line: one short function a command; nothing heavy is imported before its command runs."""
+"""The command line: one short function for each command.
+
+A command's heavy imports stand in its function, so that other commands start quickly.
+"""
 
 import errno
 import gc
@@ -41,29 +44,32 @@ _ASCII = str.maketrans(
         "”": '"',
     }
 )
-"""What stands for a sign on a terminal that cannot print it; any other such sign becomes a question mark."""
+"""Replacements for characters that a terminal cannot print; any other becomes a question mark."""
 
 _READING = frozenset(
     {"audit", "bundle", "calibrate", "compare", "costs", "gate", "paper", "plan", "report", "score", "transfer"}
     | {"validate", "verdict"}
 )
-"""The commands that ask nobody, so that no arithmetic is done but eyechart's own."""
+"""The commands that call no model: eyechart's own arithmetic is the only one."""
 _MADE = 100_000
-"""So many new objects let the collector of cycles look again: at 700, what modules and rows make has it look often."""
+"""New objects before the garbage collector runs; Python's 700 would run it too often."""
 
 _CLOSED = (
-    "eyechart: code that was called closed files that are not its own: mend it, and give the same command again; what "
-    "it was asked may stand in no ledger"
+    "eyechart: the called code closed files that are not its own: correct that code and give the same command "
+    "again; its last calls may be missing from the ledger"
 )
 _LEFT_S = 5.0
-"""So long a thread may go on that called code left, once the command is done."""
-_NO_MEMORY = "there is not enough memory: end other programs or raise this one's limit, and give the same command again"
+"""Seconds that a thread of called code may go on after the command is done."""
+_NO_MEMORY = (
+    "there is not enough memory: end other programs or raise this one's limit, then give the same command again"
+)
 
 
 def main() -> None:
-    """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``.
+    """Run the command line.
 
-    A Ctrl-C, also while modules are imported, prints one line and exits 130; SIGTERM and SIGHUP exit 143 and 129.
+    Bad input prints one line and exits 2; only ``--debug`` prints a traceback. Ctrl-C, also during
+    imports, prints one line and exits 130. SIGTERM exits 143, SIGHUP 129.
     """
     before, others = _calls(), frozenset(threading.enumerate())
     try:
@@ -113,11 +119,11 @@ def _command() -> None:
 
 
 def _end_by(error: EyechartError | OSError) -> None:
-    """End the command by what is wrong, in one line."""
+    """End the command with one line that says what is wrong."""
     said = str(error)
     if isinstance(error, OSError):
         if error.errno == errno.EBADF:
-            _say_and_leave(2, _CLOSED)  # the loop of its calls would complain in many lines
+            _say_and_leave(2, _CLOSED)  # the event loop would print many lines
         if is_full(error) or is_too_long(error):
             where, what = error.filename2 or error.filename, "the disk is full" if is_full(error) else why(error)
             said = f"{what}{f' ({where})' if where else ''}: make room and try again"
@@ -125,7 +131,7 @@ def _end_by(error: EyechartError | OSError) -> None:
 
 
 def _calls() -> frozenset[object]:
-    """Return the calls of callables that are under way in this process, also where nobody waits for them any more."""
+    """Return the calls of callables that still run here, those that were given up included."""
     called = sys.modules.get("eyechart.models.python_callable")
     return frozenset() if called is None else called.under_way()
 
@@ -136,10 +142,10 @@ def _waited_for() -> frozenset[threading.Thread]:
 
 
 def _leave_threads(others: frozenset[threading.Thread], status: object) -> None:
-    """End the process beside threads that still go on, but for ``others``, and say so."""
+    """End the process while threads other than ``others`` still run, and say so."""
     if left := _waited_for() - others:
         first = min(one.name for one in left)
-        what = f"{counted(len(left), 'thread')} that called code left behind ended with the command (first '{first}')"
+        what = f"{counted(len(left), 'thread')} of the called code ended with the command (first '{first}')"
         _say_and_leave(status, f"eyechart: {printable(what)}")
 
 
@@ -150,44 +156,46 @@ def _say_and_leave(status: object, line: str) -> NoReturn:
 
 
 def _leave_calls(status: object) -> NoReturn:
-    """End the process at once, beside a call that was given up.
+    """End the process at once, although a call that was given up still runs.
 
-    The usual end takes the interpreter from below that thread, and libraries such as torch abort the process then.
+    A normal exit would remove the interpreter from under its thread; torch, for one, aborts then.
     """
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):  # nobody reads on
+        with suppress(OSError):  # the reader may be gone
             stream.flush()
     os._exit(status if isinstance(status, int) else int(status is not None))
 
 
 def _keep_to_one_thread() -> None:
-    """Have a command that only reads multiply in one thread: its arrays are small, and other threads would but wait.
+    """Let a command that only reads multiply in one thread.
 
-    Sums do not depend on how many processors there are then. Whoever set the variable has it as they set it.
+    Its arrays are small, so more threads do not help. Sums then do not depend on the number of
+    processors. A value that the user set stays.
     """
     if _READING & set(sys.argv[1:2]):
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _open_what_is_closed() -> None:
-    """Let standard streams that a shell closed (``>&-``) lead nowhere, so that no file gets their number either.
+    """Lead standard streams that a shell closed (``>&-``) to the null device.
 
-    Raises OutputError where it is that of the output: a command that prints nothing would seem to have done its work.
+    No other file can get their numbers then. Raises OutputError where standard output is closed:
+    the command would seem to succeed and print nothing.
     """
     silent = sys.stdout is None
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
     if silent:
-        raise OutputError("the standard output is closed: give it a place, which may be /dev/null")
+        raise OutputError("the standard output is closed: redirect it to a file or to /dev/null")
 
 
 def _print_what_can_be() -> None:
-    """Have the standard streams print another sign where theirs cannot print one."""
+    """Let the standard streams replace characters that they cannot encode."""
     import codecs
     import io
 
@@ -204,7 +212,7 @@ def _print_what_can_be() -> None:
 
 
 def _say_what_is_missing() -> None:
-    """Have a warning of missing calls printed as one line; it comes once a ledger, as Python has it of any warning."""
+    """Print a warning of missing calls as one line; Python prints each such warning once."""
     import warnings
 
     usual = warnings.formatwarning
@@ -220,11 +228,11 @@ def _say_what_is_missing() -> None:
 
 
 def _end(status: int, line: str) -> None:
-    """Print one line and end at once, whatever else still runs or interrupts."""
+    """Print one line and end at once, even if another interrupt comes."""
     import signal
 
     signal.signal(signal.SIGINT, lambda *_: os._exit(status))
-    with suppress(OSError):  # of a terminal that is gone
+    with suppress(OSError):  # the terminal may be gone
         print(line, file=sys.stderr)  # noqa: T201
     _leave(status)
 
@@ -233,5 +241,5 @@ def _leave(status: int) -> None:
     try:
         sys.stdout.flush()
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or its last flush would complain
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the last flush fails
     sys.exit(status)

@@ -23,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     add_completion=False,
-    epilog="Start with 'eyechart look SPEC'. Bad input prints one line and exits 2; --debug shows where it arose.",
+    epilog="Start with 'eyechart look SPEC'. Bad input prints one line and exits 2; --debug prints the traceback.",
 )
 listing = typer.Typer(help="List models, modes, conditions, prompts and simulators.", no_args_is_help=True)
 
@@ -39,7 +39,10 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @listing.command()
 def models(json: Json = False) -> None:
-    """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
+    """List the built-in models and how to name others.
+
+    The correct verdict of scripted models and organisms is known.
+    """
     from eyechart.models import known_models
 
     _show(known_models(), json=json)
@@ -47,10 +50,10 @@ def models(json: Json = False) -> None:
 
 @listing.command()
 def modes(
-    name: Annotated[str | None, typer.Argument(help="One of them, to be written as a file: > mode.toml.")] = None,
+    name: Annotated[str | None, typer.Argument(help="A mode to print as a file: > mode.toml.")] = None,
     json: Json = False,
 ) -> None:
-    """List the request modes of the paper's hosted and structured models, or write one; none was ever tried."""
+    """List the request modes of the paper's models, or print one as a file. None was ever tried."""
     from eyechart.models import PAPER, known_modes
 
     known = known_modes()
@@ -72,7 +75,10 @@ def _mode_words(mode: "RequestMode") -> str:
 
 @listing.command()
 def policies(json: Json = False) -> None:
-    """List the policies that there are, and how others are named; the trained ones are known answers."""
+    """List the built-in policies and how to name others.
+
+    The correct verdict of the trained ones is known.
+    """
     from eyechart.models import POLICIES, known_models
 
     _show(known_models(POLICIES), json=json)
@@ -80,7 +86,10 @@ def policies(json: Json = False) -> None:
 
 @listing.command()
 def conditions(json: Json = False) -> None:
-    """List the input conditions and what each asks; those over a CHANNEL or CAMERA are of policies."""
+    """List the conditions and the question that each answers.
+
+    Those with CHANNEL or CAMERA are for policies.
+    """
     from eyechart.conditions.policies import listed_conditions
 
     _show(listed_conditions(), json=json)
@@ -145,6 +154,8 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
     del version

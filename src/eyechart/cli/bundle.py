@@ -1,4 +1,4 @@
-"""``eyechart report`` shows a run's evidence on a page; ``bundle`` packs it, ``validate`` recomputes what it says."""
+"""``eyechart report``, ``paper``, ``bundle`` and ``validate``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +17,7 @@ def report(
         list[Path], typer.Argument(help="Folders of the runs, or one folder that holds them.", metavar="RUN...")
     ],
     out: Annotated[Path, typer.Option(help="HTML file to write.")],
-    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
+    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; repeat for more.")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
     tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
     prices: PriceFile = None,
@@ -26,11 +26,12 @@ def report(
     against: Against = None,
     step: Steps = None,
 ) -> None:
-    """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
+    """Write one HTML page with verdicts, figures, statistics and every reply.
 
-    Of batteries, of episodes, of a whole study of the hierarchy, or of scene estimates: the clauses of admission and
-    the worst frames with what was told of them. It needs no network and shows in any browser. Of a folder that holds
-    runs of any kinds: an index of them, models side by side, and each model over time.
+    It reads runs of any kind: batteries, drives, policies, scene estimates or a whole hierarchy
+    study. For scene estimates the page shows the clauses of admission and the worst frames. For a
+    folder of runs it writes an index that compares models side by side and over time. The page
+    needs no network.
     Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
@@ -45,11 +46,11 @@ def report(
     listed = len(runs) == 1 and holds_runs(runs[0])
     of_runs = {"--frames": frames, "--figures": figures, "--against": against, "--step": step}
     if listed and (given := [name for name, value in of_runs.items() if value]):
-        raise SpecError(f"an index of runs takes no {', '.join(given)}: give the runs themselves")
+        raise SpecError(f"an index of runs does not take {', '.join(given)}: give the runs themselves")
     studies = [] if listed else [study_of(run, "report" if against is None else "report --against") for run in runs]
     if len({one.runs_are for one in studies}) > 1:
         told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
-        raise SpecError(f"a report is about one kind of run ({told}): make one of each")
+        raise SpecError(f"a report needs runs of one kind ({told}): make one report for each kind")
     priced = None if prices is None else read_prices(prices)
     reading = Reading(independent, reread, against, steps=read_steps(step, studies), prices=priced)
     with patience("report") as tell:
@@ -70,12 +71,12 @@ def report(
 def paper(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Runs of any kinds, or a folder of them; with --guardian, votes too.", metavar="RUN..."),
+        typer.Argument(help="Runs of any kind, or a folder of them; with --guardian, votes too.", metavar="RUN..."),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write in.")],
-    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
+    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; repeat for more.")] = None,
     guardian: Annotated[
-        Path | None, typer.Option(help="A guardian, scored on the votes given that did not choose it.")
+        Path | None, typer.Option(help="A guardian to score on those of the given votes that did not choose it.")
     ] = None,
     scores: Annotated[
         Path | None, typer.Option(help="CSV file with the columns model and score, to correlate with grounding.")
@@ -86,12 +87,13 @@ def paper(
     against: Against = None,
     json: Json = False,
 ) -> None:
-    """Write every table and figure of the paper that runs determine, and say what is missing for the others.
+    """Write every table and figure of the paper that the runs allow, and say what the others lack.
 
-    Files are named by the paper's labels, as t-frontier.tex: tables in CSV, Markdown and LaTeX (with label and caption,
-    no wider than a column), figures in SVG and PDF. What an earlier call wrote there, and this one does not, is
-    removed where nobody changed it. Costs, latency and energy of all models stand in costs.tex, calls and
-    episodes by study in corpus.tex, and what was asked twice in replication.tex.
+    Files have the paper's labels, as t-frontier.tex. Tables are CSV, Markdown and LaTeX with label
+    and caption, at most one column wide; figures are SVG and PDF. Files of an earlier call that
+    this one does not write are removed, unless they were changed since. costs.tex has the costs,
+    latency and energy of all models, corpus.tex the calls and episodes of each study, and
+    replication.tex the repeated questions.
     Example: eyechart paper run-hosted run-drives --out artefacts
     """
     from eyechart.overview import find_runs, holds_runs
@@ -112,9 +114,9 @@ def paper(
     for path in written.files:
         print_line(f"wrote    {path}")
     for path in written.removed:
-        print_line(f"removed  {path}: of an earlier call, and nothing of these runs")
+        print_line(f"removed  {path}: an earlier call wrote it, and these runs do not")
     for path in written.kept:
-        print_line(f"kept     {path}: of an earlier call, and changed since")
+        print_line(f"kept     {path}: an earlier call wrote it, and it was changed since")
     for label, why in found.missing.items():
         print_line(f"missing  {label}: {why}")
 
@@ -126,10 +128,11 @@ def bundle(
     independent: Independent = False,
     reread: Reread = False,
 ) -> None:
-    """Pack a run, the pictures that it used, its results, tables and report into one file.
+    """Pack a run, its pictures, results, tables and report into one file.
 
-    Of drives, of a hierarchy and of an online run: every episode's record, its replies, and the source of the
-    controllers that ship; of a prompt study: all its cells. The same run gives the same bytes.
+    For drives, a hierarchy or an online run it holds every episode's record and replies, and the
+    source of the controllers that ship. For a prompt study it holds all cells. The same run gives
+    the same bytes.
     Example: eyechart bundle run --out run.zip
     """
     from eyechart.bundle import write_bundle
@@ -148,24 +151,29 @@ def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON, with every difference.")] = False,
     allow_uncompared: Annotated[
         bool,
-        typer.Option("--allow-uncompared", help="Exit 0 too where not all could be compared."),
+        typer.Option("--allow-uncompared", help="Exit 0 even if not all could be compared."),
     ] = False,
     processes: Annotated[
-        int | None, typer.Option(min=1, help="Processes that drive episodes again; default: one a processor.")
+        int | None, typer.Option(min=1, help="Processes that drive episodes again; default: one per processor.")
     ] = None,
     sample: Annotated[
         int | None,
-        typer.Option(min=1, help="Drive, and vet, only so many episodes and worlds of each run again, by chance."),
+        typer.Option(
+            min=1, help="Drive and vet again only this many episodes and worlds of each run, chosen at random."
+        ),
     ] = None,
 ) -> None:
-    """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
+    """Recompute every figure of a bundle from its ledger and its bank.
 
-    Every episode in it is driven again from its record, models answered by the ledger: in worlds and by policies that
-    ship alone, and with other versions only to 3 decimals, which is said. The work is bounded, and said beforehand.
-    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, or of another version or
-    drawn with other libraries, so that not all could be compared, which is said. Numbers are the same within 1e-9 of
-    the larger of them; a printed number must have the same digits, but for a tie of rounding; places in drawings may be
-    0.02 points apart. Example: eyechart validate run.zip
+    It trusts nothing that the bundle prints. It drives every episode again from its record, with
+    the models' answers from the ledger. That covers only worlds and policies that ship; with other
+    library versions it compares to 3 decimals and says so. The work is bounded and announced.
+    Numbers agree within 1e-9 of the larger one. Printed numbers have the same digits, except for a
+    tie in rounding. Positions in drawings may differ by 0.02 points.
+    Exit 0: everything follows; 1: something differs, by name; 2: the file is no bundle, or is
+    damaged or harmful. Exit 2 also means that not everything could be compared, as with another
+    version or other drawing libraries.
+    Example: eyechart validate run.zip
     """
     from eyechart.bundle import Again
     from eyechart.bundle import validate as check
@@ -180,7 +188,7 @@ def validate(
         if len(found.differences) > _SHOWN:
             print_line(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
         for one in found.otherwise[:_SHOWN]:
-            print_line(f"computed otherwise here: {one}")
+            print_line(f"computed differently here: {one}")
         for note in found.notes:
             print_line(f"note: {note}")
         compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())

@@ -1,4 +1,4 @@
-"""``eyechart demo`` and ``calibrate``: the main job, and the instrument itself, on known answers, offline."""
+"""``eyechart demo`` and ``calibrate``: known answers, tried offline."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,33 +14,33 @@ if TYPE_CHECKING:
     from eyechart.verdicts import Verdict
 
 _AT_ONCE = 48
-"""Calls under way, a model: a batch of the organisms."""
+"""Concurrent calls of a model: one batch of the organisms."""
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed gives other episodes and other draws.")] = 0,
     vlm: Annotated[
         bool,
-        typer.Option("--vlm", help="Ask the five model organisms: needs the extras 'organisms' and 'transformers'."),
+        typer.Option("--vlm", help="Ask the five model organisms; needs the extras 'organisms' and 'transformers'."),
     ] = False,
     policy: Annotated[
         bool,
         typer.Option(
-            "--policy", help="Ask six tiny robot policies, which answer with motions: needs the extra 'organisms'."
+            "--policy", help="Ask six tiny robot policies, which answer with motions; needs the extra 'organisms'."
         ),
     ] = False,
 ) -> None:
-    """Build a highway bank, run all known-answer controllers, and print their verdicts.
+    """Build a highway bank, run all test controllers and print their verdicts.
 
-    There are sixteen scripted ones; --vlm asks instead five tiny real vision-language models, trained to look in a
-    known way, and --policy six tiny robot policies on a tabletop. Every one declares the verdict that it deserves;
-    exit 1 where one got another. A second call uses the bank and the finished calls of the first.
+    Every controller declares its correct verdict; exit 1 if one gets another. Sixteen controllers
+    are scripted. --vlm runs five tiny real vision-language models instead, and --policy six tiny
+    robot policies on a tabletop. A second call reuses the bank and the finished calls of the first.
     Example: eyechart demo --out demo
     """
     if policy:
         if vlm:
-            raise typer.BadParameter("--vlm and --policy are two demos: give one of them")
+            raise typer.BadParameter("--vlm and --policy are different demos: give one of them")
         _demo_policies(out, seed)
         return
     from eyechart.models import open_model
@@ -57,9 +57,9 @@ def demo(
         declared = {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
     else:
         declared = {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
-    # a checkpoint itself says whether its answers are drawn
+    # the checkpoint itself says whether it samples its answers
     asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
-    open_model(asked[0].spec, asked[0])  # what is not installed is said before a bank is built
+    open_model(asked[0].spec, asked[0])  # names a missing package before a bank is built
     bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with progress("frames", "frames") as move:
@@ -71,7 +71,7 @@ def demo(
     verdicts = judge(scored)
     if vlm:
         print_each(verdicts_printed(scored, verdicts))
-        print_line("Trained to do, and the verdict that this deserves:")
+        print_line("The task that each was trained for, and the verdict that it deserves:")
         for name, one in ORGANISMS.items():
             print_line(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
     else:
@@ -91,19 +91,19 @@ def demo(
 
 
 def _why(one: "Verdict") -> str:
-    """Return what a controller may be trusted with, and why."""
+    """Return a controller's permitted use, and why."""
     reason = str(one.calibrated.reason)
     return f"{one.trust} {reason[:1].upper()}{reason[1:]}."
 
 
 _SHOWN = ("No", "In part", "Yes")
-"""Of each answer one is explained."""
+"""The answers; one controller is explained for each."""
 
 
 def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str]) -> None:
-    """Print one of each answer with what it does and why it got its label, and the others in a line each.
+    """Print one controller for each answer with its reason, and the others in a line each.
 
-    ``found`` holds answer, label and reason.
+    ``found`` holds answer, label and reason by SPEC; ``does`` holds what each does.
     """
     import textwrap
 
@@ -112,7 +112,7 @@ def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str
     for spec in shown:
         answer, label, why = found[spec]
         print_line(f"{answer}: {spec}, {label}")
-        for words in (f"What it does: {does[spec]}.", f"What is found: {why}"):
+        for words in (f"What it does: {does[spec]}.", f"The verdict: {why}"):
             print_line(textwrap.fill(words, 80, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
     print_line("")
     print_line(f"The {len(found) - len(shown)} others:")
@@ -124,7 +124,7 @@ def _explained(found: Mapping[str, tuple[str, str, str]], does: Mapping[str, str
 
 
 def _demo_policies(out: Path, seed: int) -> None:
-    """Ask six trained policies about a tabletop, and print their verdicts beside what each was trained to do."""
+    """Ask six trained policies about a tabletop; print their verdicts beside their training."""
     from contextlib import ExitStack
 
     from eyechart.studies.policy import demo as study
@@ -152,28 +152,30 @@ def _demo_policies(out: Path, seed: int) -> None:
 
 
 def calibrate(
-    replications: Annotated[int, typer.Option(min=1, help="Simulated banks of each setting.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 0,
-    processes: Annotated[int, typer.Option(min=1, help="Processes; the result does not depend on it.")] = 2,
-    setting: Annotated[list[str] | None, typer.Option(help="Only this setting; give it again for more.")] = None,
+    replications: Annotated[int, typer.Option(min=1, help="Simulated banks for each setting.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of every random draw.")] = 0,
+    processes: Annotated[int, typer.Option(min=1, help="Processes; the result does not depend on their number.")] = 2,
+    setting: Annotated[list[str] | None, typer.Option(help="Only this setting; repeat for more.")] = None,
     policies: Annotated[
-        bool, typer.Option("--policies", help="The rules on policies instead; a setting is part of its name.")
+        bool,
+        typer.Option("--policies", help="Test the rules for policies instead; --setting is part of a setting's name."),
     ] = False,
     keep: Annotated[
-        Path | None, typer.Option(help="Keep each bank's outcome in this file, and go on from it.", dir_okay=False)
+        Path | None, typer.Option(help="Keep each bank's outcome in this file, and continue from it.", dir_okay=False)
     ] = None,
     json: Json = False,
 ) -> None:
-    """Test the battery's tests and both sets of rules on simulated controllers whose answer is known.
+    """Try the battery's tests and both sets of rules on simulated controllers with known answers.
 
-    Prints confusion matrices, error rates, power and the share of undecided verdicts; see docs/calibration.md. With
-    --policies, how often each label was said of simulated policies, and how often it was untrue. Without --policies it
-    needs the extra 'organisms'. Exit 0: all targets hold, 1: one is missed.
+    It prints confusion matrices, error rates, power and the share of undecided verdicts; see
+    docs/calibration.md. With --policies it prints how often simulated policies got each label, and
+    how often that label was false. Without --policies it needs the extra 'organisms'. Exit 0: all
+    targets are met; 1: one is missed.
     Example: eyechart calibrate --replications 200 --keep banks.jsonl
     """
     if policies:
         if keep is not None:
-            raise SpecError("--keep goes with the banks of controllers; --policies begins anew each time")
+            raise SpecError("--keep is for the banks of controllers; --policies always starts anew: leave out --keep")
         _calibrate_policies(replications, seed, processes, setting, json=json)
         return
     from eyechart.calibrate import calibrate as run
@@ -194,7 +196,7 @@ def calibrate(
 
 
 def _calibrate_policies(draws: int, seed: int, processes: int, chosen: list[str] | None, *, json: bool) -> None:
-    """Print how often each label was said in every setting; exit 1 where an untrue one comes too often."""
+    """Print how often each setting got each label; exit 1 if a false one is too frequent."""
     from eyechart.calibrate import policies as simulated
 
     with progress("settings", "settings") as move:

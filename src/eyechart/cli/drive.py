@@ -1,4 +1,4 @@
-"""Policies and models drive: ``run closed-loop``, ``online``, ``hierarchy``; ``ladder``, ``audit`` and ``film``."""
+"""Commands in which policies and models drive, and those that read drives."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,14 +25,14 @@ _Marginal = Annotated[
     bool | None,
     typer.Option(
         "--marginal/--no-marginal",
-        help="Let each model's own marginal drive too: its decisions on real pictures, drawn as often without looking. "
-        "Default: yes, after the model; a model that drove here without one goes on so.",
+        help="Add each model's marginal policy: it draws from the model's decisions on real pictures, without "
+        "looking. Default: yes, after the model; a model that drove here without one continues without.",
     ),
 ]
 _Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")]
 
 MOST_SEEDS = 100_000
-"""So many worlds of a scenario may be asked for."""
+"""The most worlds of a scenario."""
 
 
 @options.expanded
@@ -42,44 +42,46 @@ def closed_loop(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="Who drives; again for more: constant:ACTION, random, marginal:RUN or marginal:SPEC of who drives "
-            "beside, oracle, positive_control, or a model's SPEC."
+            help="The driver; repeat for more: constant:ACTION, random, marginal:RUN, marginal:SPEC of a model in "
+            "this run, oracle, positive_control, or a model's SPEC."
         ),
     ] = None,
     mode: options.Mode = None,
-    scenarios: Annotated[str | None, typer.Option(help="With commas; default: all of the simulator.")] = None,
-    seeds: Annotated[str, typer.Option(help="So many worlds a scenario; or which ones, with commas.")] = "8",
+    scenarios: Annotated[str | None, typer.Option(help="Scenarios with commas; default: all of the simulator.")] = None,
+    seeds: Annotated[str, typer.Option(help="Number of worlds per scenario, or their seeds with commas.")] = "8",
     condition: Annotated[
         list[str] | None,
         typer.Option(
-            help="real, shuffled (another world's pictures), blank, noise, frozen or mirrored; again for more. "
-            "Default: real and shuffled, or real alone where no model drives; a run that goes on keeps its own."
+            help="real, shuffled (another world's pictures), blank, noise, frozen or mirrored; repeat for more. "
+            "Default: real and shuffled, or real alone without a model; a resumed run keeps its own."
         ),
     ] = None,
     marginal: _Marginal = None,
     processes: Annotated[
-        int | None, typer.Option(min=1, help="Processes that hold worlds; default: one a processor.")
+        int | None, typer.Option(min=1, help="Processes that hold worlds; default: one per processor.")
     ] = None,
-    engine: Annotated[str, typer.Option(help="Where the worlds are: local, or ray for a cluster.")] = "local",
+    engine: Annotated[str, typer.Option(help="Where the worlds run: local, or ray for a cluster.")] = "local",
     actions: _Actions = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
-    max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
+    max_steps: Annotated[int, typer.Option(min=1, help="A longer episode is an error.")] = 1000,
     silence: Annotated[
-        str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
+        str, typer.Option(help="How a call that hangs or keeps failing counts: unfinished, or fail-safe (executed).")
     ] = "unfinished",
     making: options.Driving = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
-    """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
+    """Let policies and models drive: policies × scenarios × seeds × conditions.
 
-    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
-    elsewhere is probed first, with the first pictures of the first worlds. Exit 1: episodes are unfinished, or ended in
-    an error; 3: stopped at --max-calls or --max-cost.
-    A model drives by real pictures and by those of another world: without the latter nothing says whether its driving
-    depends on what the camera shows. That doubles its calls; --condition real leaves it out. After it drives its own
-    marginal, which asks nothing.
-    Example: eyechart run closed-loop --policy constant:SLOW --policy scripted:depth_lateral --out drives
+    You may interrupt it at any time: the same command resumes. The options from --base-url to
+    --option are for models without a --mode file. Such a model, if served elsewhere, is probed
+    first with the first pictures of the first worlds.
+    A model drives with real pictures and with those of another world. Only the comparison shows
+    whether its driving depends on the camera. This doubles the calls; --condition real leaves it
+    out. Afterwards its marginal policy drives, without calls.
+    Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run closed-loop --policy constant:SLOW --policy scripted:depth_lateral --out
+    drives
     """
     from eyechart import episodes as study
 
@@ -100,7 +102,7 @@ def closed_loop(
         return replace(made, again=making.again, engine=engine)
 
     allowed = making.allowed(out, processes=processes or processors())
-    done = f"'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive"
+    done = f"'eyechart score {out}' compares the drivers, 'eyechart report {out} --out page.html' shows every drive"
     _drive(policy or (), mode, making.how, allowed, out, planned, done, show=partial(_show, json=json))
 
 
@@ -108,35 +110,40 @@ def closed_loop(
 def hierarchy(
     out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
     policy: Annotated[
-        list[str] | None, typer.Option(help="A model's SPEC as the source of intent; again for more.")
+        list[str] | None, typer.Option(help="A model's SPEC as the source of intent; repeat for more.")
     ] = None,
     mode: options.Mode = None,
     sources: Annotated[
         str | None, typer.Option(help="Scripted sources with commas, by name or policy; or none. Default: all.")
     ] = None,
     arms: Annotated[
-        str | None, typer.Option(help="Of primary, constrained, unaware, lateral, with commas; default: all.")
+        str | None, typer.Option(help="primary, constrained, unaware or lateral, with commas; default: all.")
     ] = None,
     worlds: Annotated[str | None, typer.Option(help="Families of obstacles, with commas; default: all.")] = None,
     seeds: Annotated[
-        str | None, typer.Option(help="So many worlds a family; or which, with commas. Default: 5 and 8, the paper's.")
+        str | None,
+        typer.Option(
+            help="Number of worlds per family, or their seeds with commas. Default: 5 and 8, as in the paper."
+        ),
     ] = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
     silence: Annotated[
-        str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
+        str, typer.Option(help="How a call that hangs or keeps failing counts: fail-safe (STOP), or unfinished.")
     ] = "fail-safe",
     making: options.Driving = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
-    """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
+    """Let sources of intent plan for a rover under a model-predictive controller.
 
-    Scripted sources, and a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
-    Interrupt it at will: it resumes. Exit 1: episodes are unfinished, or ended in an error; 3: stopped at --max-calls
-    or --max-cost.
-    Example: eyechart run hierarchy --policy scripted:clear_side --sources route,random --seeds 2 --out hierarchy
+    The tables stand beside the paper's. Sources are scripted, and a model if you give one, with
+    real, mirrored and blank pictures and with those of other worlds. A model that is served
+    elsewhere is probed first. A planner without an answer within --timeout stops the rover. You may
+    interrupt it at any time: the same command resumes.
+    Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run hierarchy --policy scripted:clear_side --sources route,random --seeds 2
+    --out hierarchy
     """
     from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
@@ -163,8 +170,8 @@ def online(
     model: options.Model = None,
     mode: options.Mode = None,
     view: View = None,
-    episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of worlds, spread over the scenarios.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the order of episodes and of sampling.")] = 0,
     reflections: Annotated[
         bool,
         typer.Option("--reflections/--no-reflections", help="Ask about each reflection too: twice the calls."),
@@ -174,13 +181,14 @@ def online(
     spending: options.Spending = options.NO_LIMIT,
     dry_run: options.DryRun = False,
 ) -> None:
-    """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
+    """Let scene estimates drive through the safety policy, in vetted worlds.
 
-    Each world must pass renderer integrity and the positive control, or another takes its place; afterwards every frame
-    that an estimator saw is checked so too. 'eyechart score OUT' prints crash rates, decisions, fail-safes and the
-    clauses of admission over the frames that were met; 'eyechart gate OUT' holds the run to these. A model that is
-    served elsewhere, and that no --mode file says how to ask, is probed after the vetting. Exit 1: episodes are
-    unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Each world must pass renderer integrity and the positive control, or another takes its place.
+    Afterwards every frame that an estimator saw is checked in the same way. 'eyechart score OUT'
+    prints crash rates, decisions, fail-safes and the clauses of admission over the frames of the
+    drives. 'eyechart gate OUT' checks the run against these clauses. A model that is served
+    elsewhere and has no --mode file is probed after the vetting.
+    Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart.episodes import Setup
@@ -190,7 +198,7 @@ def online(
     setup = Setup(simulator, seed, reflected=reflections)
 
     def planned(modes: "Sequence[RequestMode]") -> study.Online:
-        with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
+        with resumable("no call was made yet; the same command starts anew"), progress("vetting", "worlds") as move:
             return study.plan(setup, modes, out, view=view, episodes=episodes, progress=move)
 
     def check(_: study.Online) -> None:
@@ -199,7 +207,9 @@ def online(
             study.check_seen(out, move)
 
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency)
-    done = f"'eyechart score {out}' prints what came of it, 'eyechart gate {out}' holds it to admission"
+    done = (
+        f"'eyechart score {out}' prints the results, 'eyechart gate {out}' checks them against the clauses of admission"
+    )
     make(Planner(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
 
 
@@ -207,24 +217,24 @@ def online(
 def ladder(
     out: options.Out = Path("ladder"),
     simulator: _Simulator = "highway",
-    policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
+    policy: Annotated[list[str] | None, typer.Option(help="One more policy or model; repeat for more.")] = None,
     mode: options.Mode = None,
     marginal: _Marginal = None,
-    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="So many seeds a scenario, from 0 on.")] = 8,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Number of seeds per scenario, from 0 on.")] = 8,
     actions: _Actions = None,
     prompt: _Prompt = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and of the random policy.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
     making: options.Driving = options.DRIVEN,
     against: options.Against = None,
     json: options.Json = False,
 ) -> None:
-    """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
+    """Drive the baselines and print Table t:baselines beside the paper's.
 
-    Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes. A
-    model among the further policies is asked, probed and paid for as in 'run closed-loop', and its own marginal drives
-    after it. Exit 1: episodes are
-    unfinished, or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Every constant action, random and the scripted controller drive in every scenario: in the
+    highway 7 × 4 × 8 episodes. Models are probed and paid for as in 'run closed-loop', and each is
+    followed by its marginal policy. You may interrupt it at any time: the same command resumes.
+    Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart ladder --out ladder --processes 2
     """
     from eyechart.episodes import with_marginals
@@ -243,7 +253,7 @@ def ladder(
             seed=seed,
             again=making.again,
         )
-        require_reference(made, against)  # before anything is asked or driven
+        require_reference(made, against)  # before any call or drive
         return made
 
     def show(made: "Episodes") -> None:
@@ -265,9 +275,10 @@ def audit(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of episodes.", metavar="RUN...")],
     json: options.Json = False,
 ) -> None:
-    """Tell deciding from varying: Table t:degeneracy, decision-level replay, and drives that are identical.
+    """Show whether drivers decide or only vary.
 
-    Exit 1 where a cache is suspected. Example: eyechart audit run-a run-b --json
+    It prints Table t:degeneracy, the replay of decisions, and identical drives. Exit 1: a cache is
+    suspected. Example: eyechart audit run-a run-b --json
     """
     from eyechart.studies.closed_loop import score
     from eyechart.studies.closed_loop.tables import audit_printed
@@ -283,23 +294,23 @@ def audit(
 
 
 def film(
-    run: Annotated[Path, typer.Argument(help="Folder of a run of episodes, or of a battery.")],
-    out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html; of a battery FILE.gif.")],
+    run: Annotated[Path, typer.Argument(help="Folder of a run of drives, or of a battery.")],
+    out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html; for a battery FILE.gif.")],
     episode: Annotated[
-        str | None, typer.Option(help="Of drives: policy, scenario, seed, condition: enough of these words.")
+        str | None,
+        typer.Option(help="For drives: policy, scenario, seed, condition; as many of these words as name one drive."),
     ] = None,
     frame: Annotated[
-        str | None, typer.Option(help="Of a battery: a frame; default: the one whose answers vary the most.")
+        str | None, typer.Option(help="For a battery: a frame; default: the one with the most varied answers.")
     ] = None,
-    frames: Annotated[Path | None, typer.Option(help="Of a battery: the bank, if it has moved.")] = None,
-    fps: Annotated[float, typer.Option(help="Of drives: decisions a second.")] = 2.0,
-    seconds: Annotated[float, typer.Option(help="Of a battery: how long a picture stays.")] = 1.4,
+    frames: Annotated[Path | None, typer.Option(help="For a battery: the bank, if it has moved.")] = None,
+    fps: Annotated[float, typer.Option(help="For drives: decisions per second.")] = 2.0,
+    seconds: Annotated[float, typer.Option(help="For a battery: seconds per picture.")] = 1.4,
 ) -> None:
-    """Write a film of one drive, or of one frame of a battery through its conditions with every answer.
+    """Write a film of one drive, or of one battery frame under its conditions with every answer.
 
-    Of a drive: camera, decision, executed action and gap. The drive is made anew and checked. Of the hierarchy it shows
-    the controller's plan over the picture.
-
+    A drive is made anew and checked; its film shows camera, decision, executed action and gap. For
+    the hierarchy the controller's plan lies over the picture.
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
@@ -313,13 +324,11 @@ def film(
     require_drives([run])
     if not is_episodes(run):
         if episode is not None:
-            raise SpecError(f"{run} is a run on a bank: --episode is of drives, --frame names a frame")
+            raise SpecError(f"{run} is a run on a bank: use --frame with a frame's id, because --episode is for drives")
         banks = () if frames is None else (frames,)
         count = write_battery_film(run, out, frame=frame, banks=banks, seconds=seconds)
     elif episode is None or frame is not None:
-        raise SpecError(
-            f"{run} is a run of drives: name one of them with --episode, as 'eyechart score {run}' lists them"
-        )
+        raise SpecError(f"{run} is a run of drives: name one with --episode, as 'eyechart score {run}' lists them")
     else:
         drives, found = find_episode(read_drives([run]), episode)
         with patience("film") as tell:
@@ -340,9 +349,9 @@ def _drive(
     alone: bool = True,
     show: "Callable[[Episodes], object]",
 ) -> None:
-    """Plan drives and make them; ``policies`` are as they were given, models among them.
+    """Plan drives and make them; ``policies`` holds policies and models as they were given.
 
-    ``alone`` says that nobody else drives in the command.
+    ``alone`` says that the command has no other drivers.
     """
     from eyechart.policies import is_policy
     from eyechart.studies.probed import Planner
@@ -360,13 +369,13 @@ def _drive(
 
 
 def require_drives(runs: Sequence[Path]) -> None:
-    """Raise SpecError that names the runs of a study where one of these folders holds several."""
+    """Raise SpecError that names the runs if one of these folders is a study of several."""
     from eyechart.studies import study_of
 
     for run in runs:
         if "" not in (parts := study_of(run).runs(run)):
             named = ", ".join(map(str, parts.values()))
-            raise SpecError(f"{run} is a study, not one run: name one of its runs: {named}")
+            raise SpecError(f"{run} is a study of several runs: name one of them: {named}")
 
 
 def _seeds(given: str) -> list[int]:
@@ -384,7 +393,7 @@ def _seeds(given: str) -> list[int]:
 
 
 def _show(planned: "Episodes", *, json: bool) -> None:
-    """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
+    """Print means over episodes for each policy and condition, as JSON or as a table."""
     from eyechart.episodes import summarise, unfinished
 
     rows = summarise(planned.driven())

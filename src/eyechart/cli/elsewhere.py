@@ -1,4 +1,4 @@
-"""``eyechart frames export`` writes what a battery asks; ``eyechart run import`` makes a run of what came back."""
+"""Answers made elsewhere: ``eyechart frames export`` and ``run import``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,27 +14,32 @@ if TYPE_CHECKING:
 
 _Controls = Annotated[
     str | None,
-    typer.Option(help="auto: those that answers call for, later; all; none. Default: auto, none with --conditions."),
+    typer.Option(
+        help="auto: only the control pictures that the answers need, later; all; none. Default: auto, none with "
+        "--conditions."
+    ),
 ]
 
 
 def export(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
-    out: Annotated[Path, typer.Option(help="Folder to write; it is there whole or not at all.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; an interrupted export leaves none.")],
     conditions: options.Conditions = None,
     prompt: options.Prompt = None,
     seed: options.Seed = 0,
     limit: options.Limit = None,
     controls: _Controls = None,
     model: Annotated[
-        str | None, typer.Option(help="The SPEC by whose name the calls' seeds are made; with --run, one of the run's.")
+        str | None, typer.Option(help="The SPEC that seeds the calls; with --run, one of the run's models.")
     ] = None,
-    run: Annotated[Path | None, typer.Option(help="A run: only its calls without an answer, controls too.")] = None,
+    run: Annotated[
+        Path | None, typer.Option(help="A run: export only its calls without an answer, control pictures included.")
+    ] = None,
 ) -> None:
-    """Write every picture that a battery shows, and a table of what to ask, to make the calls elsewhere.
+    """Write every picture of a battery and a table of its calls, to make the calls elsewhere.
 
-    What comes back is read by 'eyechart run import'. With --run, what that run still lacks is written: the calls
-    without an answer, and the control pictures that its answers call for.
+    'eyechart run import' reads the answers. With --run, it writes only what that run lacks: the
+    calls without an answer, and the control pictures that its answers need.
     Example: eyechart frames export bank --conditions real,real_repeat,blank --out asked
     """
     from eyechart.studies.battery import questions_left, questions_of, write_questions
@@ -42,7 +47,8 @@ def export(
     if run is not None:
         if (conditions, prompt, seed, limit, controls) != (None, None, 0, None, None):
             raise SpecError(
-                "--run says what is asked: leave out --conditions, --prompt, --seed, --limit and --controls"
+                "--run decides which calls are written: leave out --conditions, --prompt, --seed, --limit and "
+                "--controls"
             )
         asked = questions_left(bank, run, model)
     else:
@@ -60,7 +66,7 @@ def import_(
     frames: options.Frames,
     out: options.Out,
     model: Annotated[
-        str | None, typer.Option(help="What answered; default: the file's name, or the model of a log.")
+        str | None, typer.Option(help="The model that answered; default: the file's name, or the model in a log.")
     ] = None,
     prompt: options.Prompt = None,
     conditions: options.Conditions = None,
@@ -68,14 +74,15 @@ def import_(
     limit: options.Limit = None,
     controls: _Controls = None,
     accept_loss: options.AcceptLoss = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the answers and write nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the answers; write nothing.")] = False,
 ) -> None:
-    """Make a battery's run of answers to 'eyechart frames export' that were made elsewhere.
+    """Make a battery's run from answers to 'eyechart frames export' that came from elsewhere.
 
-    A table's columns are call and repeat as they were exported, text, and, where they are known,
-    finish_reason, error, served, prompt_tokens, completion_tokens, seconds and cost_usd. A log of Inspect AI is that
-    of the task eyechart/battery. Options are those of the export. All faults are named at once, and then nothing is
-    written. Answers that come later go into the same run by the same command. Exit 1: calls are without an answer.
+    A table has the columns call and repeat as exported, and text. It may have finish_reason, error,
+    served, prompt_tokens, completion_tokens, seconds and cost_usd. A log of Inspect AI is one of
+    the task eyechart/battery. Give the same options as to the export. If anything is wrong, all
+    faults are listed and nothing is written. The same command adds later answers to the run. Exit
+    1: calls are without an answer.
     Example: eyechart run import answers.jsonl --frames bank --model my-vlm --out run
     """
     from eyechart.studies.battery import elsewhere
@@ -91,14 +98,14 @@ def import_(
         say(f"warning: {words}")
     if dry_run:
         return
-    with resumable("answers that were imported are kept; the same command goes on"), progress("import", "rows") as move:
+    with resumable("imported answers are kept; the same command continues"), progress("import", "rows") as move:
         elsewhere.bring(read, progress=move)
     left, more = read.battery.left(), sum(read.battery.more_by_model().values())
     if left:
         say(f"{left} of {read.battery.counts()[0]} calls are without an answer")
     if left or more:
-        up_to = f", with up to {more} of control pictures that its answers may call for" if more else ""
-        say(f"'eyechart frames export {frames} --run {out} --out FOLDER' writes what the run lacks{up_to}")
+        up_to = f", with up to {more} control pictures that its answers may need" if more else ""
+        say(f"'eyechart frames export {frames} --run {out} --out FOLDER' writes the missing calls{up_to}")
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
     if left:
         raise typer.Exit(1)

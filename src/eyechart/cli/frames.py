@@ -1,4 +1,4 @@
-"""``eyechart frames``: build, import, check and show frame banks; ``eyechart plan``: what a bank can decide."""
+"""``eyechart frames`` and ``eyechart plan``: frame banks, and what a bank can decide."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from eyechart.importing.numerals import Numerals
 
 _FEW = 8
-"""So many frames that differ are named; --json has all."""
+"""Frames that differ are named up to this number; --json has all."""
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
@@ -30,24 +30,27 @@ app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_
 def build(
     simulator: Annotated[str | None, typer.Argument(help="See 'eyechart list simulators'.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the new bank.")] = None,
-    preset: Annotated[str, typer.Option(help="Which moments; see 'eyechart list simulators'.")] = "balanced",
+    preset: Annotated[
+        str, typer.Option(help="Which moments of an episode; see 'eyechart list simulators'.")
+    ] = "balanced",
     seeds: Annotated[str, typer.Option(help="Seeds of the episodes, with commas.")] = "0,1,2",
-    steps: Annotated[int, typer.Option(help="Frames an episode.")] = 12,
+    steps: Annotated[int, typer.Option(help="Frames per episode.")] = 12,
     controls_seed: Annotated[int, typer.Option(help="Seed of the distances in the control pictures.")] = 0,
     add_to: Annotated[
         Path | None,
-        typer.Option(help="An older bank that gets the control pictures that it lacks; with --out a copy of it does."),
+        typer.Option(help="An older bank: add its missing control pictures, or with --out to a copy of it."),
     ] = None,
 ) -> None:
-    """Render a frame bank: scenarios × seeds × steps, with ground truth, counterfactual and control pictures.
+    """Render a frame bank: scenarios × seeds × steps, with ground truth.
 
-    With --add-to, only what an older bank lacks: simulator, preset and seeds are the bank's own.
+    It also draws counterfactual and control pictures. With --add-to it draws only what an older
+    bank lacks, with that bank's simulator, preset and seeds.
     """
     from eyechart.simulators import open_bank_simulator
 
     if add_to is not None:
         if simulator is not None:
-            raise SpecError(f"--add-to takes the simulator of its bank: leave out '{simulator}'")
+            raise SpecError(f"--add-to uses the simulator of its bank: leave out '{simulator}'")
         _add_to(add_to, out)
         return
     if simulator is None or out is None:
@@ -60,7 +63,7 @@ def build(
 
 
 def _add_to(root: Path, out: Path | None) -> None:
-    """Add to a bank, or to a copy of it, what it lacks, and say how much that was."""
+    """Add the missing pictures to a bank or its copy, and say how many."""
     from eyechart.simulators.adding import add_missing
 
     with progress("frames", "frames") as move:
@@ -71,9 +74,9 @@ def _add_to(root: Path, out: Path | None) -> None:
 
 @dataclass(frozen=True)
 class Described:
-    """What the owner of pictures says of them; which of it a format takes, its row of `FORMATS` says."""
+    """The description of a bank's pictures; `FORMATS` says which options a format takes."""
 
-    table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet; a row a picture.")] = None
+    table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet, one row per picture.")] = None
     map_: Annotated[
         list[str] | None,
         typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario, mirror; lead_near, …."),
@@ -84,16 +87,18 @@ class Described:
     actions: Annotated[Path | None, typer.Option(help="TOML file of the action space; default: the driving one.")] = (
         None
     )
-    threshold: Annotated[float | None, typer.Option(help="A smaller gap is near.")] = None
+    threshold: Annotated[float | None, typer.Option(help="A gap below this is near.")] = None
     unit: Annotated[str | None, typer.Option(help="Unit of the gap.")] = None
-    picture: Annotated[str, typer.Option(help="What the pictures are, in words.")] = "pictures of a camera"
-    prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may say, with commas.")] = ""
+    picture: Annotated[str, typer.Option(help="A short description of the pictures.")] = "pictures of a camera"
+    prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may mention, with commas.")] = ""
     strata: Annotated[
-        str, typer.Option(help="Columns by which a claim may be asked, besides the scenario, with commas.")
+        str, typer.Option(help="Columns, besides the scenario, by which results may be split, with commas.")
     ] = ""
-    independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False
+    independent: Annotated[
+        bool, typer.Option("--independent", help="Declare that the frames are independent draws.")
+    ] = False
     format_: Annotated[
-        str, typer.Option("--format", help=f"{' or '.join(FORMATS)}; where it is not given, a folder is recognised.")
+        str, typer.Option("--format", help=f"{' or '.join(FORMATS)}; default: recognised from the folder.")
     ] = "table"
     camera: Annotated[str | None, typer.Option(help=f"Camera of {takers('camera')}.")] = None
     rig: Annotated[
@@ -102,39 +107,43 @@ class Described:
     ] = None
     horizon: Annotated[
         int | None,
-        typer.Option(min=1, help=f"Of {takers('ahead')}: a bank for policies that answer with so many steps."),
+        typer.Option(min=1, help=f"For {takers('ahead')}: make a bank for policies that answer with this many steps."),
     ] = None
     kind: Annotated[
         str | None,
         typer.Option(
-            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: told by data."
+            help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: recognised from "
+            "the data."
         ),
     ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
     convert: Annotated[
-        bool, typer.Option("--convert", help="Make upright 8-bit RGB of pictures that are not; else they are refused.")
+        bool, typer.Option("--convert", help="Convert pictures to upright 8-bit RGB; without it, others are refused.")
     ] = False
     background: Annotated[
-        str | None, typer.Option(help="With --convert: what transparent pixels show, white or #rrggbb; default: white.")
+        str | None,
+        typer.Option(help="With --convert: the colour behind transparent pixels, white or #rrggbb; default: white."),
     ] = None
     longest: Annotated[
-        int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
+        int | None, typer.Option(min=1, help="With --convert: at most this many pixels on the longer side.")
     ] = None
     keep_repeats: Annotated[
         bool,
-        typer.Option("--keep-repeats", help="Import a recording that is there twice, under two names, twice."),
+        typer.Option("--keep-repeats", help="Import a recording twice if it is there under two names."),
     ] = False
     no_lead: Annotated[
         str | None,
-        typer.Option(help="Numbers or words of the gap that mean nothing ahead, as -1,inf,999; empty: none does."),
+        typer.Option(help="Numbers or words that mean 'nothing ahead' in the gap, as -1,inf,999; empty: none."),
     ] = None
     numbers: Annotated[
         str, typer.Option(help="How numbers are written: 1234.5 or 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
     ] = ""
-    strip: Annotated[str, typer.Option(help="What the pictures' paths of another machine begin with.")] = ""
+    strip: Annotated[
+        str, typer.Option(help="The first part of the pictures' paths, if they come from another machine.")
+    ] = ""
 
     def choices(self) -> "Choices":
-        """Return what every format takes, with what was given in ways that cannot be."""
+        """Return the options that every format takes, with the faults found in them."""
         from eyechart.errors import finite_number
         from eyechart.importing.bank import Choices
         from eyechart.importing.columns import read_rig
@@ -144,7 +153,7 @@ class Described:
         wrong, space, near = Faults(), DRIVING, self.threshold
         axis = _axis(self.mirror, wrong)
         if self.rig is not None and self.mirror != "none":
-            wrong.add("--rig says the mirror axis of each camera: leave out --mirror")
+            wrong.add("--rig gives the mirror axis of each camera: leave out --mirror")
         with wrong.noted():
             space = DRIVING if self.actions is None else read_space(self.actions)
         with wrong.noted():
@@ -170,13 +179,13 @@ class Described:
         )
 
     def format_of(self, folder: Path, *, named: bool) -> Format:
-        """Return a folder's format, or the one that was ``named``; raises SpecError where it does not take the rest."""
+        """Return the ``named`` or the folder's format; raises SpecError for options it lacks."""
         ahead = (self.horizon, self.kind) != (None, None)
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
         return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
 
     def own(self) -> dict[str, object]:
-        """Return what some formats alone take."""
+        """Return the options that only some formats take."""
         return {"table": self.table, "camera": self.camera, "ahead": _ahead(self.horizon, self.kind)}
 
 
@@ -203,7 +212,10 @@ def import_(
     out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
     described: Described = _UNDESCRIBED,
 ) -> None:
-    """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
+    """Make a bank of your own pictures.
+
+    It lists all faults at once, and says which tests need columns that are missing.
+    """
     from eyechart.importing.costs import costs, taken
 
     named = str(ctx.get_parameter_source("format_")).endswith("COMMANDLINE")
@@ -218,14 +230,15 @@ def import_(
 @app.command(epilog="Example: eyechart frames check bank")
 def check(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
-    other: Annotated[Path | None, typer.Argument(help="Folder of another bank, to compare shared frames.")] = None,
+    other: Annotated[Path | None, typer.Argument(help="Folder of another bank, to compare the frames of both.")] = None,
     json: Json = False,
 ) -> None:
-    """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs.
+    """Recompute a bank's fingerprint and picture hashes, and name what differs.
 
-    With OTHER, also whether the frames of one name in both banks are the same moments: ground truth to 3 decimals, not
-    pixels, which other versions of libraries draw otherwise. Of a bank for policies, also which channels have nothing
-    to be exchanged, such as a camera whose pictures are all alike, and what looks wrong in its log.
+    With OTHER it also compares frames of one name: they must be the same moments. It compares
+    ground truth to 3 decimals, not pixels, because other library versions draw differently. For a
+    bank of policies it lists the channels that cannot be exchanged, such as a camera with equal
+    pictures, and what looks wrong in the log. Exit 0: as recorded; 1: something differs.
     """
     from eyechart.conditions import by_reason
     from eyechart.frames import check as check_bank
@@ -244,7 +257,7 @@ def check(
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
         lacking += [f"not asked of a policy: {names}: {why}" for names, why in by_reason(unshown).items()]
         lacking += noted
-        fine = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
+        fine = [f"{each} matches its manifest" for each in filter(None, (bank, other))]
         say(*([f"eyechart: {one}" for one in problems] or [*fine, *lacking]))
         say(*(() if both is None else _shared_words(both)))
     if problems or unlike:
@@ -252,7 +265,7 @@ def check(
 
 
 def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
-    """Return which controls of a bank could not be drawn, which channels no policy is asked about, and its notes."""
+    """Return the controls that a bank lacks, the channels that cannot be tested, and its notes."""
     from eyechart.conditions import undrawn_controls
     from eyechart.conditions.policies import unshown_channels
     from eyechart.frames import open_bank
@@ -263,11 +276,11 @@ def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
 
 
 def _shared_words(both: "Shared") -> list[str]:
-    """Return in words how many frames two banks share, and how far apart their ground truth is."""
+    """Return in words how many frames two banks share, and how far their ground truth differs."""
     (one, other), count, names = both.sizes, len(both.frames), list(both.unlike)
     if not count:
-        return [f"no frame of the {one} and the {other} has one name in both banks"]
-    words = [f"{count} frames stand in both banks, of {one} and of {other}: {count - len(names)} are the same moments"]
+        return [f"the {one} and the {other} frames have no name in common"]
+    words = [f"{count} frames are in both banks ({one} and {other} frames): {count - len(names)} are the same moments"]
     words += [f"{name}: at most {by:.3f} apart" for name, by in both.furthest.items()]
     words += [f"{frame} differs in {', '.join(both.unlike[frame])}" for frame in names[:_FEW]]
     return [*words, *([f"and {len(names) - _FEW} more frames differ"] if len(names) > _FEW else [])]
@@ -279,17 +292,20 @@ def _shared_words(both: "Shared") -> list[str]:
 )
 def show(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
-    frame: Annotated[str | None, typer.Argument(help="Id of a frame, to write its picture alone.")] = None,
+    frame: Annotated[str | None, typer.Argument(help="Id of a frame, to write only its picture.")] = None,
     *,
     out: Annotated[Path, typer.Option(help="PNG file to write.")],
-    view: Annotated[bool, typer.Option("--view", help="The frame in the calibrated view that estimators see.")] = False,
-    mirrored: Annotated[bool, typer.Option("--mirrored", help="The frame's reflection.")] = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the frame in the calibrated view that estimators see.")
+    ] = False,
+    mirrored: Annotated[bool, typer.Option("--mirrored", help="Show the frame's reflection.")] = False,
     counterfactual: Annotated[str | None, typer.Option(help="lead_near, lead_far, recoloured, or a control.")] = None,
-    limit: Annotated[int | None, typer.Option(help="At most so many frames, from every episode in turn.")] = None,
+    limit: Annotated[int | None, typer.Option(help="At most this many frames, spread over the episodes.")] = None,
 ) -> None:
-    """Write a contact sheet, one row an episode, each frame with its gap and demand; or the pictures of one FRAME.
+    """Write a contact sheet with one row per episode, or the pictures of one FRAME.
 
-    Several cameras stand side by side; a frame for policies has its instruction, state and motion above it.
+    Each picture has its gap and demand. Several cameras stand side by side. A frame for policies
+    has its instruction, state and motion above it.
     """
     from dataclasses import replace
 
@@ -302,7 +318,7 @@ def show(
         write_frame(opened, opened.frame(frame), out, counterfactual=counterfactual, view=view, mirrored=mirrored)
     elif view or mirrored:
         raise SpecError(
-            "--view and --mirrored are of one frame: give its id, as 'eyechart frames show BANK FRAME --out FILE.png'"
+            "--view and --mirrored are for one frame: give its id, as 'eyechart frames show BANK FRAME --out FILE.png'"
         )
     else:
         opened = replace(opened, frames=spread(opened.frames, limit))
@@ -316,13 +332,13 @@ def plan(
     model: Model = None,
     noise: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="The noise floor to plan for: how often a repeat is answered otherwise."),
+        typer.Option(min=0.0, max=1.0, help="The noise floor to plan for: the share of repeats with another answer."),
     ] = 0.11,
     json: Json = False,
 ) -> None:
-    """Say what a bank can and cannot decide, how often, and what asking costs, before a call is made.
+    """Print what a bank can decide, with which power, and what the calls cost, before any call.
 
-    Of a bank that says what a motion is, what it can decide about a policy.
+    For a bank that defines a motion, it prints what the bank can decide about a policy.
     Example: eyechart plan bank --model scripted:depth
     """
     from eyechart.cli.terminal import print_each
@@ -348,7 +364,7 @@ def plan(
 
 
 def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
-    """Return how a table's numbers are written; a way that is none is a fault."""
+    """Return how a table's numbers are written; an unknown way is a fault."""
     from eyechart.importing.numerals import Numerals
 
     marks = None if no_lead is None else tuple(mark.strip() for mark in no_lead.split(",") if mark.strip())
@@ -358,26 +374,26 @@ def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
 
 
 def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":
-    """Return how pictures are made plain, None where nobody ``asked``."""
+    """Return how pictures are converted; None without --convert."""
     from eyechart.importing import Convert
 
     if not asked and (background, longest) != (None, None):
-        raise SpecError("--background and --longest say how --convert makes pictures: give --convert too")
+        raise SpecError("--background and --longest need --convert: give --convert too")
     return Convert(background or "white", longest) if asked else None
 
 
 def _ahead(horizon: int | None, kind: str | None) -> "Ahead | None":
-    """Return what makes a bank for policies of a data set, None where no horizon was given."""
+    """Return what makes a data set's bank for policies; None without a horizon."""
     from eyechart.importing import Ahead
     from eyechart.spaces.motion import read_kind
 
     if horizon is None and kind is not None:
-        raise SpecError("--kind says what the actions of --horizon are: give --horizon too")
+        raise SpecError("--kind describes the actions of --horizon: give --horizon too")
     return None if horizon is None else Ahead(horizon, read_kind(kind))
 
 
 def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
-    """Return the mirror axis that was given; a word that is none is a fault, and no axis."""
+    """Return the mirror axis; an unknown word is a fault and counts as none."""
     from eyechart.frames import read_axis
 
     try:

@@ -1,4 +1,4 @@
-"""``eyechart guardian`` chooses a committee, freezes and scores it on unseen frames; ``eyechart serve`` offers it."""
+"""``eyechart guardian`` and ``serve``: choose a committee, freeze, score and serve it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,26 +18,27 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="guardian",
-    help="Choose a committee of models that watches for hazards, freeze it, score it, and take it to a stack.",
+    help="Choose a committee of models that watches for hazards, freeze it, score it, and export it for a stack.",
     no_args_is_help=True,
 )
 
 _Votes = Annotated[
     list[Path],
     typer.Argument(
-        help="Folder of a run of scene estimates, or a table; of several on the same frames, more.", metavar="VOTES..."
+        help="Folder of a run of scene estimates, or a table of votes; give several if they are on the same frames.",
+        metavar="VOTES...",
     ),
 ]
 _Guardian = Annotated[Path, typer.Argument(help="File of a guardian, as 'fit' writes it.", metavar="GUARDIAN")]
-_Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes are then its own.")]
-_Size = Annotated[int, typer.Option(help="Models of the committee, 1 to 4.")]
-_Models = Annotated[list[str] | None, typer.Option("--model", help="Choose among these only; repeat it.")]
+_Frames = Annotated[Path | None, typer.Option(help="The bank; its truth and episodes are then used.")]
+_Size = Annotated[int, typer.Option(help="Number of models in the committee, 1 to 4.")]
+_Models = Annotated[list[str] | None, typer.Option("--model", help="Choose only among these models; repeat it.")]
 _Unseen = Annotated[bool, typer.Option("--unseen", help="Leave out the frames that chose the guardian.")]
 
 
 @dataclass(frozen=True)
 class HowTold:
-    """How votes came about, and what is to be known of their frames."""
+    """Options that say how votes were made and how their frames are labelled."""
 
     hazard: Annotated[
         str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")
@@ -64,14 +65,14 @@ class HowTold:
         if votes.is_dir():
             if self.about is not None or self.columns:
                 raise VoteError(
-                    f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
+                    f"{votes} is a run and already records how its votes were made: leave out --about and --map"
                 )
             _require_run(votes)
             table = votes_of_run(votes, hazard=self.hazard, reread=self.reread)
             if bank is not None and bank.manifest.fingerprint != table.about.bank:
                 raise VoteError(
-                    f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the bank "
-                    "differs; give its own to --frames, or leave that out"
+                    f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the "
+                    "bank differs; give that run's bank to --frames, or leave that out"
                 )
             return table
         named = {}
@@ -85,25 +86,25 @@ class HowTold:
 
 @dataclass(frozen=True)
 class Costing:
-    """What a wrong answer and none at all cost, in any unit."""
+    """Costs of a wrong answer and of an abstention, in any unit."""
 
     cost_miss: Annotated[float | None, typer.Option(help="Cost of a miss; with --cost-false-alarm.")] = None
     cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; with --cost-miss.")] = None
     cost_abstain: Annotated[
-        float | None, typer.Option(help="Cost of no answer: the operating point is then chosen too.")
+        float | None, typer.Option(help="Cost of an abstention; the operating point is then chosen too.")
     ] = None
     hazard_rate: Annotated[
-        float | None, typer.Option(help="How often frames are hazardous in use; default: as in VOTES.")
+        float | None, typer.Option(help="Share of hazardous frames in use; default: as in VOTES.")
     ] = None
 
     def made(self) -> "Costs | None":
-        """Return the costs, None where none is given; raises GuardianError where some are missing."""
+        """Return the costs, or None; raises GuardianError if some are missing."""
         from eyechart.stats.committee import Costs
 
         if (self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate) == (None,) * 4:
             return None
         if self.cost_miss is None or self.cost_false_alarm is None:
-            raise GuardianError("costs are given with both --cost-miss and --cost-false-alarm")
+            raise GuardianError("give both --cost-miss and --cost-false-alarm")
         try:
             return Costs(self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate)
         except ValueError as error:
@@ -129,9 +130,10 @@ def fit(
 ) -> None:
     """Choose committee and threshold on calibration frames alone, and freeze them.
 
-    These are the rows whose column split is calibration, or the frames of --calibration, or else all rows. Ties go to
-    committees in which every model votes hazard somewhere, then to the first in lexicographic order, then to the lowest
-    threshold. Example: eyechart guardian fit votes.csv --out guardian.json
+    These are the rows whose column split is calibration, or the frames of --calibration, or else
+    all rows. In a tie, a committee in which every model votes hazard somewhere wins. Then the first
+    in alphabetical order wins, then the lowest threshold. Example: eyechart guardian fit votes.csv
+    --out guardian.json
     """
     from eyechart.destination import require_free, whole
     from eyechart.guardian.members import members_of
@@ -161,21 +163,24 @@ def score(
     guardian: _Guardian,
     votes: _Votes,
     unseen: _Unseen = False,
-    bound: Annotated[Path | None, typer.Option(help="Votes on episodes that serve for nothing else.")] = None,
-    bound_episodes: Annotated[str | None, typer.Option(help="Such episodes of VOTES, with commas.")] = None,
-    confidence: Annotated[float, typer.Option(help="Of each bound.")] = 0.95,
-    risk: Annotated[float, typer.Option(help="What conformal risk control is asked for.")] = 0.05,
+    bound: Annotated[Path | None, typer.Option(help="Votes on episodes that are used only for the bound.")] = None,
+    bound_episodes: Annotated[
+        str | None, typer.Option(help="Episodes of VOTES that are used only for the bound, with commas.")
+    ] = None,
+    confidence: Annotated[float, typer.Option(help="Confidence of each bound.")] = 0.95,
+    risk: Annotated[float, typer.Option(help="Risk level for conformal risk control.")] = 0.05,
     html: Annotated[
-        Path | None, typer.Option(help="Write a page: votes, curve, and with --frames what it missed.")
+        Path | None, typer.Option(help="Write a page with votes, curve and, with --frames, the missed hazards.")
     ] = None,
     frames: _Frames = None,
     how: HowTold = AS_TOLD,
     json: Json = False,
 ) -> None:
-    """Score a guardian on frames that it never saw, and bound how often it misses.
+    """Score a guardian on frames that it never saw, and bound its miss rate.
 
-    Refuses a frame that chose it, and votes of another bank, prompt, view or version of a model. Rows whose column
-    split is bound give the bound. Example: eyechart guardian score guardian.json votes.csv --unseen --json
+    It refuses frames that chose the guardian, and votes from another bank, prompt, view or model
+    version. Rows whose column split is bound give the bound. Example: eyechart guardian score
+    guardian.json votes.csv --unseen --json
     """
     from dataclasses import replace
 
@@ -225,9 +230,10 @@ def nested(
     costing: Costing = NO_COSTS,
     json: Json = False,
 ) -> None:
-    """Judge every episode by a guardian that was chosen on all the others, selection inside every fold.
+    """Judge every episode by a guardian chosen on all other episodes.
 
-    Rows whose column split is bound are left out. Example: eyechart guardian nested votes.csv --size 2
+    Rows whose column split is bound are left out. Example: eyechart guardian nested votes.csv
+    --size 2
     """
     from eyechart.guardian.page import nested_lines, nested_table
     from eyechart.studies import guardian as study
@@ -236,7 +242,7 @@ def nested(
     if table.split is not None and "bound" in table.split:
         left_out = len(table.part("bound").frames)
         table = table.part("calibration", "score")
-        say(f"left out: {left_out} frames whose column split is bound, which serve for nothing else")
+        say(f"left out: {left_out} frames whose column split is bound; they are used only for the bound")
     found = study.nested(table, size=size, models=tuple(models or ()), costs=costing.made())
     print_json(found.as_dict()) if json else print_each([nested_table(found), *nested_lines(found)])
 
@@ -251,10 +257,11 @@ def modular(
     how: HowTold = AS_TOLD,
     json: Json = False,
 ) -> None:
-    """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
+    """Replay a guardian that brakes, while a deterministic picture reader handles the rest.
 
-    Prints agreement with the renderer policy, the most that a perfect guardian reaches, and whether the reflection of
-    every frame gets the reflected action.
+    That reader decides on collisions and sides. It prints the agreement with the renderer policy,
+    the most that a perfect guardian reaches, and whether each frame's reflection gets the reflected
+    action.
     Example: eyechart guardian modular guardian.json votes.csv --frames bank --unseen
     """
     from eyechart.frames import open_bank
@@ -282,7 +289,7 @@ def export(
     out: Annotated[Path, typer.Option(help="File to write.")],
     json: Json = False,
 ) -> None:
-    """Write what a stack needs of a guardian, and nothing else: no frame that it saw, no score.
+    """Write only what a stack needs of a guardian, without its frames and scores.
 
     Example: eyechart guardian export guardian.json --out stack.json
     """
@@ -302,30 +309,37 @@ def export(
 def serve(
     guardian: Annotated[Path, typer.Argument(help="File of a guardian, exported or not.", metavar="GUARDIAN")],
     host: Annotated[str, typer.Option(help="Address to listen on; there is no password.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8600,
+    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 8600,
     deadline: Annotated[float, typer.Option(help="Seconds from a request's head to its answer.")] = 2.0,
-    concurrency: Annotated[int, typer.Option(help="Pictures asked about at a time.", min=1, max=64)] = 8,
+    concurrency: Annotated[int, typer.Option(help="Concurrent pictures.", min=1, max=64)] = 8,
     queue: Annotated[int, typer.Option(help="Pictures that may wait; more are refused with 503.", min=0)] = 32,
-    max_bytes: Annotated[int, typer.Option(help="Bytes of a picture.", min=1)] = 4_000_000,
+    max_bytes: Annotated[int, typer.Option(help="Most bytes of a picture.", min=1)] = 4_000_000,
     max_pixels: Annotated[
-        int, typer.Option(help="Pixels of a picture, width × height in its header; none is decoded above it.", min=1)
+        int,
+        typer.Option(
+            help="Most pixels of a picture, width × height in its header; a larger one is not decoded.", min=1
+        ),
     ] = 2_100_000,
     allow_host: Annotated[
         list[str] | None,
-        typer.Option(help="A name under which it may be asked, beside this machine's own on loopback; repeat it."),
+        typer.Option(help="A further host name for requests, beside this machine's own on loopback; repeat it."),
     ] = None,
     no_warm_up: Annotated[
-        bool, typer.Option("--no-warm-up", help="Do not first ask each model about a blank picture, for at most 60 s.")
+        bool,
+        typer.Option(
+            "--no-warm-up", help="Do not first ask each model about a blank picture, which takes at most 60 s."
+        ),
     ] = False,
     mode: Annotated[
         list[Path] | None,
-        typer.Option(help="FILE.toml: another address, key or header for a model; it names its model."),
+        typer.Option(help="FILE.toml: another address, key or header for the model that it names."),
     ] = None,
 ) -> None:
-    """Serve a guardian: POST a picture to /assess; /health, /metrics (Prometheus), /openapi.json.
+    """Serve a guardian: POST a picture to /assess.
 
-    Example: eyechart serve guardian.json, then curl --data-binary @frame.png -H 'Content-Type: image/png'
-    http://127.0.0.1:8600/assess
+    It also serves /health, /metrics (Prometheus) and /openapi.json.
+    Example: eyechart serve guardian.json, then curl --data-binary @frame.png -H 'Content-Type:
+    image/png' http://127.0.0.1:8600/assess
     """
     import asyncio
 
@@ -357,7 +371,7 @@ def serve(
 
 
 def _require_run(folder: Path) -> None:
-    """Raise VoteError where a folder is no run, and say what is missing where it is a bank."""
+    """Raise VoteError if a folder is no run; for a bank, say what to do."""
     from eyechart.frames import open_bank
     from eyechart.manifest import is_run
 
@@ -366,10 +380,10 @@ def _require_run(folder: Path) -> None:
     try:
         open_bank(folder)
     except BankError:
-        return  # what reads the run says what is wrong with it
+        return  # the reader of the run reports the error
     asked = "admission", "structured"
     ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in asked)
-    raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give the run's folder")
+    raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give that run's folder")
 
 
 def _ids_of(path: Path) -> list[str]:
@@ -379,17 +393,18 @@ def _ids_of(path: Path) -> list[str]:
 
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, object], list[str]]":
-    """Return what of a table a guardian is scored on, and how many frames were left out by the reason, also in words.
+    """Return the frames of a table that a guardian may be scored on.
 
-    With ``unseen`` those that chose the guardian are left out; without it nothing is, nor is anything said of it.
+    Also return how many frames were left out for each reason, as numbers and in words. Without
+    ``unseen`` nothing is left out.
     """
     if not unseen:
         return table, {}, []
     kept, left = frozen.unseen(table), frozen.left_out(table)
     if table.frames and not kept.frames:
         raise GuardianError(
-            f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: give votes "
-            "on other frames, as 'eyechart run structured' asks for"
+            f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: "
+            "give votes on other frames, as 'eyechart run structured' makes them"
         )
     why = ", ".join(f"{count} {words}" for words, count in left.items())
     words = f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
@@ -399,7 +414,7 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
 def _parted(
     table: "VoteTable", bound_episodes: str | None, other: "VoteTable | None"
 ) -> "tuple[VoteTable, VoteTable | None]":
-    """Return what of a table is scored, and what bounds: another table, some of its episodes, or rows of that split."""
+    """Return the votes to score, and those for the bound: a table, some episodes, or a split."""
     if other is not None:
         return _part(table, "score"), _part(other, "bound")
     if bound_episodes is not None:
@@ -410,7 +425,7 @@ def _parted(
 
 
 def _part(table: "VoteTable", name: str) -> "VoteTable":
-    """Return the rows that a table's column ``split`` gives to a part, or all where it has no such column."""
+    """Return the rows of a part by the column ``split``, or all rows without that column."""
     return table if table.split is None else table.part(name)
 
 

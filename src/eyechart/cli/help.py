@@ -1,4 +1,4 @@
-"""How the command line explains itself: commands by what they are for, and nothing cut that somebody would copy."""
+"""The help of the command line: commands by purpose, and examples that can be copied whole."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,11 +9,11 @@ from typer.core import TyperCommand, TyperGroup
 from eyechart.cli.terminal import resumable
 
 EXAMPLE = re.compile(r"(.*?) ?(?:(Example[^:]*): (eyechart .*?)\.?(?:(?<=\.) ([A-Z].*))?)?")
-"""A paragraph: what it says, the name of its example, the example, and what is said after it."""
+"""A paragraph: its text, its example's name, the example, and the text after it."""
 
 _NOTHING = "nothing more is done"
 _SENTENCE = 200
-"""Of a command its first sentence stands in a list, up to so many characters."""
+"""A list shows a command's first sentence, up to this many characters."""
 
 GROUPS = {
     "Begin": ("look", "demo", "doctor", "probe", "list"),
@@ -24,28 +24,28 @@ GROUPS = {
     "Guard": ("guardian", "serve"),
     "Publish": ("bundle", "paper", "validate"),
 }
-"""The commands by what they are for, in the order in which they are listed."""
+"""The commands by purpose, in the order of the list."""
 
 
 class Command(TyperCommand):
-    """A command; its examples stand on lines of their own, so that they can be copied."""
+    """A command; each example has its own line, so that it can be copied."""
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - they differ between versions of typer
-        """Write what it does."""
+        """Write the command's description."""
         del ctx
         _write(self.help, formatter)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Write what stands below its options."""
+        """Write the text below the options."""
         del ctx
         _write(self.epilog, formatter)
 
 
 class Group(TyperGroup):
-    """A group of commands, each said in its first sentence, whole."""
+    """A group of commands; the list shows each one's whole first sentence."""
 
     listed: ClassVar[Mapping[str, Sequence[str]]] = {}
-    """The names of the commands under their headings, where there are several."""
+    """The names of the commands under their headings, if there are several headings."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """List the commands."""
@@ -57,12 +57,12 @@ class Group(TyperGroup):
 
 
 class Commands(Group):
-    """All commands; an interrupt that none of them meets is said in a line, and exits 130."""
+    """All commands; an interrupt outside a command prints one line and exits 130."""
 
     listed: ClassVar = GROUPS
 
     def make_context(self, *given: Any, **more: Any) -> Any:  # noqa: ANN401
-        """Read what was asked."""
+        """Parse the command line."""
         with resumable(_NOTHING):
             return super().make_context(*given, **more)
 
@@ -73,7 +73,7 @@ class Commands(Group):
 
 
 def paragraphs(said: str | None) -> Iterator[tuple[str, str]]:
-    """Yield what a command says of itself, a paragraph at a time; an example has its name, and other words none."""
+    """Yield a help text's paragraphs as (name, text); only an example has a name."""
     for part in (said or "").split("\n\n"):
         found = EXAMPLE.fullmatch(" ".join(part.split()))
         assert found is not None

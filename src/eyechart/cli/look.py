@@ -1,4 +1,4 @@
-"""``eyechart look``: one command and one line of answer, whatever is brought."""
+"""``eyechart look``: one command that gives one answer about any model or policy."""
 
 import sys
 from functools import partial
@@ -21,42 +21,44 @@ def look(
         str, typer.Argument(help="A model's or a policy's SPEC, or a callable's MODULE:FUNCTION.", metavar="SPEC")
     ],
     frames: Annotated[
-        Path | None, typer.Option(help="A bank; default: one of ours, drawn into the look's folder.")
+        Path | None, typer.Option(help="A bank; default: one of eyechart's, drawn into the look's folder.")
     ] = None,
     photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
-    table: Annotated[Path | None, typer.Option(help="Table of the photographs, a row each.")] = None,
+    table: Annotated[Path | None, typer.Option(help="Table of the photographs, one row each.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset v3.")] = None,
-    threshold: Annotated[float | None, typer.Option(help="Below it a distance is near, so that one brakes.")] = None,
+    threshold: Annotated[float | None, typer.Option(help="A distance below this is near, so that one brakes.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the distance.")] = None,
     map_: Annotated[
-        list[str] | None, typer.Option("--map", help="PLACE=COLUMN, as 'frames import' takes it; again for more.")
+        list[str] | None, typer.Option("--map", help="PLACE=COLUMN, as 'frames import' takes it; repeat for more.")
     ] = None,
-    base_url: Annotated[str | None, typer.Option(help="Address of the server of the model.")] = None,
-    mode: Annotated[Path | None, typer.Option(help="FILE.toml that says how the model is asked.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="Address of the model's server.")] = None,
+    mode: Annotated[Path | None, typer.Option(help="FILE.toml that says how to ask the model.")] = None,
     prompt: Annotated[str | None, typer.Option(help="A prompt's name or FILE.toml.")] = None,
     seed: Seed = 0,
-    budget: Annotated[int | None, typer.Option(min=1, help="At most so many calls, all told.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of all that is made; default: looks/NAME.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before calls that cost.")] = False,
+    budget: Annotated[int | None, typer.Option(min=1, help="At most this many calls in total.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for all files; default: looks/NAME.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent to calls that may cost.")] = False,
     json: Json = False,
     accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
 ) -> None:
-    """Find out whether a model, a callable or a policy looks, and say it on one screen.
+    """Find out whether a model, a callable or a policy looks, and show it on one screen.
 
-    Frames come from a bank, from photographs, from a data set, or are ours. A served model is shown drawn pictures
-    first; then it is asked until its verdict is settled, on as few frames as reach every answer. What it takes is said
-    before, and asked where it costs. The same command goes on where it stopped, and asks nothing twice. Exit 0: Yes;
-    1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look scripted:depth
+    Frames come from a bank, from photographs or from a data set; otherwise eyechart draws them. A
+    served model is first tested on drawn pictures. Then it is asked until its verdict is settled,
+    on as few frames as can give every answer. The number of calls is printed first; if they may
+    cost, you are asked for consent. The same command resumes and repeats no call.
+    Exit 0: Yes; 1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look
+    scripted:depth
     """
     from eyechart.looking import Pictures, Wanted, Watch, folder_name, spec_of
     from eyechart.looking import look as looked
 
     if accept not in (None, "part"):
-        raise SpecError(f"--accept takes part, not '{accept}'")
+        raise SpecError(f"--accept takes only 'part', not '{accept}'")
     pictures = Pictures(frames, photos, table, dataset, read_places(map_ or []), threshold, unit)
     asked = _asked(spec_of(spec), mode, base_url)
     place = out or from_here(Path("looks") / folder_name(asked.spec))
-    from_here(Path(f"{as_typed(str(place))}-2"))  # what other words are tried in is said as it would be typed
+    from_here(Path(f"{as_typed(str(place))}-2"))  # records the folder of a second try as typed, too
     wanted = Wanted(
         asked,
         pictures,
@@ -78,24 +80,24 @@ def look(
 
 
 def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
-    """Return how a model is asked; raises SpecError where a file says it of another, or both say where it is."""
+    """Return a model's request mode; raises SpecError for another model's, or two addresses."""
     given = {} if base_url is None else {"base_url": base_url}
     if mode is None:
         return mode_of(spec, given)
     (asked,) = read_modes(None, [mode], given).modes
     if asked.spec != spec:
-        raise SpecError(f"the mode {mode} is one of '{asked.spec}', and '{spec}' is looked at")
+        raise SpecError(f"the mode {mode} is for '{asked.spec}', not for '{spec}': give that model's mode")
     return asked
 
 
 def _agree(bill: "Bill", *, yes: bool) -> None:
-    """Say what is to be paid, and ask where it costs; raises SpecError where nobody is there who could answer."""
+    """Print the bill, and get consent if it may cost; raises SpecError without consent."""
     say(f"{bill.mode.spec}: {bill.words}")
     if bill.is_free or yes:
         return
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise SpecError(
-            f"this may cost: {bill.words}; give --yes to agree, or --budget CALLS for less (nothing was asked yet)"
+            f"this may cost: {bill.words}; give --yes to agree, or --budget CALLS for less (no call was made yet)"
         )
-    if not typer.confirm("Ask them?", err=True):
-        raise SpecError("nothing was asked: --budget CALLS takes less")
+    if not typer.confirm("Make these calls?", err=True):
+        raise SpecError("no call was made: --budget CALLS takes fewer")

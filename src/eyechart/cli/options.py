@@ -1,4 +1,4 @@
-"""Options that several commands take are written once, and what they say of how models are asked."""
+"""Options that several commands share, and the request modes that they give."""
 
 import inspect
 import json
@@ -19,89 +19,87 @@ if TYPE_CHECKING:
     from eyechart.studies.probed import Asked
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
+PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices, used before the built-in table.")]
 Mode = Annotated[
     list[Path] | None,
     typer.Option(help="A model's request mode, which names its model: FILE.toml, or a name of 'eyechart list modes'."),
 ]
-Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
+Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; repeat for more models.")]
 Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
 Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
 Prompt = Annotated[
     str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
 ]
-Conditions = Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")]
+Conditions = Annotated[str | None, typer.Option(help="Conditions with commas; default: all that the bank has.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
-Shard = Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")]
-Limit = Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")]
-Concurrency = Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")]
-Episodes = Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")]
+Shard = Annotated[str | None, typer.Option(help="i/n: make only this part of the calls; join with 'merge'.")]
+Limit = Annotated[int | None, typer.Option(help="Use only this many frames, spread over the episodes.")]
+Concurrency = Annotated[int, typer.Option(min=1, help="Concurrent calls per model.")]
+Episodes = Annotated[int, typer.Option(min=1, help="Concurrent episodes per model.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
-DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")]
-Again = Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")]
+DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; make no drive and no call.")]
+Again = Annotated[bool, typer.Option("--again", help="Drive again what ended in an error.")]
 AskAgain = Annotated[
-    bool, typer.Option("--again", help="Ask once more what ended in a failure on the way: no refusal, no reply.")
+    bool, typer.Option("--again", help="Retry calls that failed in transport (not refusals, not answers).")
 ]
 Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
 ]
 Reread = Annotated[
-    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+    bool, typer.Option("--reread", help="Read again the replies that another version of the reader read.")
 ]
 Steps = Annotated[
     list[str] | None,
-    typer.Option("--step", metavar="SPEC=N", help="Of policies: how far one had come in training; again for more."),
+    typer.Option("--step", metavar="SPEC=N", help="For policies: the training step of a checkpoint; repeat for more."),
 ]
 Against = Annotated[
-    str | None, typer.Option(help="Of drives: the policy that the others are held against; default: the best constant.")
+    str | None, typer.Option(help="For drives: the policy to compare the others with; default: the best constant.")
 ]
 
 
 AcceptLoss = Annotated[
-    bool, typer.Option("--accept-loss", help="Go on although calls that were made are missing from the ledger.")
+    bool, typer.Option("--accept-loss", help="Continue even if the ledger lost some finished calls.")
 ]
 
 
 def accept(out: Path) -> None:
-    """Accept what the ledgers of a run lost, and say of each what that is."""
+    """Accept the losses of a run's ledgers, and print each."""
     from eyechart.cli.terminal import say
     from eyechart.studies.probed import accept_losses
 
     for ledger, lost in accept_losses(out):
-        say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
+        say(f"{lost.words} that were written to {ledger} are lost: the run continues without them")
 
 
 @dataclass(frozen=True)
 class Spending:
-    """What a run may take, and whether it is begun without a probe."""
+    """What a run may spend, and whether it starts without a probe."""
 
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests, all told.")] = None
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars, all told.")] = None
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at this many requests in total.")] = None
+    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at this many US dollars in total.")] = None
     prices: PriceFile = None
-    no_probe: Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")] = (
-        False
-    )
+    no_probe: Annotated[bool, typer.Option("--no-probe", help="Do not probe first; ask as the options say.")] = False
     accept_loss: AcceptLoss = False
     moved: Annotated[
-        bool, typer.Option("--moved", help="Go on with a run whose server, key or headers are others now; recorded.")
+        bool, typer.Option("--moved", help="Continue a run although its server, key or headers changed (recorded).")
     ] = False
     watch: Annotated[
-        bool, typer.Option("--watch", help="Serve a page on this machine that shows the run while it goes on.")
+        bool, typer.Option("--watch", help="Serve a page on this machine that shows the run as it goes.")
     ] = False
     sequential: Annotated[
         bool | None,
         typer.Option(
             "--sequential/--together",
-            help="Ask models one after another, each closed before the next is opened, or all at once. Default: those "
-            "of one machine (hf:, ollama:) one after another.",
+            help="Ask models one after another, with only one open at a time, or all at once. Default: local models "
+            "(hf:, ollama:) one after another.",
             show_default=False,
         ),
     ] = None
 
     def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
-        """Return what a command allows its run, with the file's table of prices before that of the package.
+        """Return what a command allows its run; the user's prices come before the built-in ones.
 
-        What its ledgers lost is accepted first, where the command says so.
+        If the command says so, it first accepts what the ledgers lost.
         """
         from eyechart.models.prices import read_prices
         from eyechart.planned import Allowed
@@ -116,27 +114,29 @@ NO_LIMIT = Spending()
 
 
 _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}
-"""What a request mode calls an option that it calls otherwise."""
+"""The request mode's name of an option, where the two differ."""
 
 
 @dataclass(frozen=True)
 class Addressing:
-    """How models without a mode file are reached and asked; studies that vary a reply's form take no more than this."""
+    """The options that reach models without a mode file, also in studies of reply forms."""
 
     base_url: Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")] = None
-    key_env: Annotated[str | None, typer.Option(help="Environment variable that holds the key.")] = None
+    key_env: Annotated[str | None, typer.Option(help="Environment variable with the key.")] = None
     token_field: Annotated[
-        str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")
+        str | None, typer.Option(help="The field that the model takes: max_tokens or max_completion_tokens.")
     ] = None
     temperature: Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")] = None
     system: Annotated[
-        str | None, typer.Option(help="system, or user: who says the system words, where a server refuses that role.")
+        str | None, typer.Option(help="The role of the system words: system, or user if the server refuses that role.")
     ] = None
     answer: Annotated[
-        str | None, typer.Option(help="text, or reasoning: its end is the answer where the text is empty.")
+        str | None,
+        typer.Option(help="text, or reasoning: where the text is empty, the end of the reasoning is the answer."),
     ] = None
     stream: Annotated[
-        str | None, typer.Option(help="none; usage: the reply in pieces, with its tokens; plain: without them.")
+        str | None,
+        typer.Option(help="none; usage: stream the reply and its token counts; plain: stream without counts."),
     ] = None
     timeout: Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")] = None
     header: Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")] = None
@@ -146,7 +146,7 @@ class Addressing:
     ] = None
 
     def given(self) -> dict[str, object]:
-        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
+        """Return the request-mode fields that options set; raises SpecError for a wrong pair."""
         given = {
             **vars(self),
             "temperature": None if self.temperature is None else _number(self.temperature),
@@ -159,7 +159,7 @@ class Addressing:
 
 @dataclass(frozen=True)
 class Options(Addressing):
-    """How models without a mode file are asked."""
+    """How to ask models without a mode file."""
 
     max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
     json_mode: Annotated[str | None, typer.Option(help="none, json_object or json_schema.")] = None
@@ -171,7 +171,7 @@ AS_USUAL = Options()
 
 @dataclass(frozen=True)
 class Making:
-    """How the models of a run are asked, how much at once, and what that may take."""
+    """How a run asks its models, how many calls run at once, and what it may spend."""
 
     concurrency: Concurrency = 8
     how: Options = AS_USUAL
@@ -180,7 +180,7 @@ class Making:
     dry_run: DryRun = False
 
     def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "Asked":
-        """Return the modes of the models of a command, as `read_modes` does."""
+        """Return the request modes of a command's models, as `read_modes` does."""
         return read_modes(specs, files, self.how.given())
 
     def allowed(self, out: Path, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
@@ -191,14 +191,14 @@ class Making:
 
 @dataclass(frozen=True)
 class MakingForms(Making):
-    """The same of a study that varies the form of a reply."""
+    """`Making` for a study that varies the form of replies."""
 
     how: Addressing = ADDRESSED  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
 class Driving(Making):
-    """The same of drives."""
+    """`Making` for drives."""
 
     concurrency: Episodes = 8
     again: Again = False
@@ -209,14 +209,14 @@ MADE, FORMS_MADE, DRIVEN = Making(), MakingForms(), Driving()
 
 
 def names(given: str | None) -> list[str] | None:
-    """Return the names of a list with commas, None where none is given."""
+    """Return the names in a list with commas; None if there is no list."""
     return None if given is None else [one.strip() for one in given.split(",")]
 
 
 def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "Asked":
-    """Return the modes of the models of a command: those of the files, and those of the options for all other SPECs.
+    """Return the request modes of a command: from its files, and from options for all other SPECs.
 
-    Raises SpecError where two files are of one model, or options are given that no model is left for.
+    Raises SpecError if two files are for one model, or options would apply to no model.
     """
     from eyechart.cli.terminal import say
     from eyechart.models import find_mode
@@ -228,21 +228,24 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
         mode = find_mode(file)
         if mode.about.get("tested") == "no" and mode.measured is None:
             say(
-                f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file} --out FILE.toml' does it"
+                f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file} --out FILE.toml' "
+                "tries it"
             )
         if mode.spec in by_file:
-            raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
+            raise SpecError(f"{file}: another --mode is for '{mode.spec}' too: give one of them")
         by_file[mode.spec] = mode
     names = list(dict.fromkeys([*(specs or ()), *by_file]))
     rest = [spec for spec in names if spec not in by_file]
     if given and not rest:
-        raise SpecError(f"{', '.join(given)} would change no model: those with a --mode file are asked as it says")
+        raise SpecError(
+            f"{', '.join(given)} would change no model: those with a --mode file are asked as the file says"
+        )
     asked = {spec: mode_of(spec, given) for spec in rest}
     return Asked([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
 
 
 def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
-    """Return the mode of a SPEC with the fields that options set; raises SpecError naming what cannot be."""
+    """Return a SPEC's request mode with the options; raises SpecError that names a wrong one."""
     from eyechart.modes import RequestMode, without_secrets
 
     return RequestMode.from_dict({"spec": spec, **given}, f"the options of {without_secrets(spec)}")
@@ -251,7 +254,7 @@ def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command with an option for every field of the dataclasses among its parameters.
 
-    Typer reads options from a command's signature alone, where commands cannot share them.
+    Typer reads options only from a command's signature, where commands cannot share them.
     """
     own = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
@@ -271,15 +274,16 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
 
 
 _GUESTS = frozenset({"mode", "model", "policy", "simulator", "spec"})
-"""Parameters that may have a command import or open what somebody else wrote."""
+"""Parameters that may make a command import or open another person's code."""
 _NAMES = frozenset({"mode"})
-"""Parameters that may be a name as well as a path; they are read before anything is imported."""
+"""Parameters that take a name or a path; they are read before any import."""
 
 
 def from_one_folder(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command all of whose paths lead where they led when it began; a callable may change the folder.
+    """Return a command whose paths stay fixed when a callable changes the working folder.
 
-    A file of a prompt is a path too, where its option also takes a name. A command that asks nobody stays as it is.
+    A prompt's file is a path too, although its option also takes a name. A command that calls no
+    model stays as it is.
     """
     from eyechart.cli.terminal import from_here
 
@@ -312,7 +316,7 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
 
 
 def _built(group: Any, given: dict[str, Any]) -> Any:  # noqa: ANN401 - a class of options, and one of them
-    """Return a group of the options that were ``given``, which are taken from them, with the groups in it."""
+    """Return a group of options, with the groups in it; removes them from ``given``."""
     hints = get_type_hints(group)
     parts = {one.name: _built(hints[one.name], given) for one in fields(group) if is_dataclass(hints[one.name])}
     return group(**parts, **{one.name: given.pop(one.name) for one in fields(group) if one.name not in parts})
@@ -332,13 +336,13 @@ def _pairs(
     for text in given or ():
         name, found, value = text.partition(sign)
         if not found or not name.strip():
-            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")  # it may be a secret
+            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")
         pairs[name.strip()] = read(value.strip())
     return pairs or None
 
 
 def _json(text: str) -> object:
-    """Return the JSON value that a text is, or the text where it is none."""
+    """Return a text's JSON value, or the text if it is no JSON."""
     try:
         return json.loads(text)
     except ValueError:
@@ -351,7 +355,7 @@ def _scalar(text: str) -> "Scalar":
 
 
 def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
-    """Return the step of each SPEC; raises SpecError where one is no ``SPEC=N``, or a run is none of policies."""
+    """Return the step of each SPEC; raises SpecError for another form or kind of run."""
     found = {}
     for one in given or []:
         spec, sign, step = one.rpartition("=")
@@ -359,16 +363,16 @@ def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict
             raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
         found[spec] = int(step)
     if found and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
-        raise SpecError(f"--step is of checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
+        raise SpecError(f"--step is for checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
     return found
 
 
 def read_places(words: Sequence[str]) -> dict[str, str]:
-    """Return the column of each place of ``PLACE=COLUMN``; raises SpecError for what is none, or a place twice."""
+    """Return the column of each place in ``PLACE=COLUMN``; raises SpecError for a bad pair."""
     places: dict[str, str] = {}
     for word in words:
         place, equals, column = word.partition("=")
         if not equals or place in places:
-            raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
+            raise SpecError(f"--map takes PLACE=COLUMN once per place, for example gap=lidar_m; got '{word}'")
         places[place] = column
     return places

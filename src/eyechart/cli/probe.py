@@ -1,4 +1,4 @@
-"""``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked, and so does a run."""
+"""``eyechart doctor`` tests whether a model sees; ``eyechart probe`` finds its request mode."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _Spec = Annotated[
     str, typer.Argument(help="A model's SPEC, or its request mode: FILE.toml, or a name of 'eyechart list modes'.")
 ]
-_Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
-_MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
+_Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: a new one, which is printed.")]
+_MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at this many US dollars.")]
 
 
 @expanded
@@ -32,16 +32,18 @@ def doctor(
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     frames: Annotated[
-        Path | None, typer.Option(help="A bank with motions: SPEC is a policy, and is asked about a few of its frames.")
+        Path | None, typer.Option(help="A bank with motions: SPEC is a policy, tested on a few of the bank's frames.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Find out in at most 28 calls, without a bank, whether a model sees pictures at all, and if not, why.
+    """Find out in at most 28 calls whether a model sees pictures, and if not, why.
 
-    Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. With
-    --frames, of a policy: whether its answers are motions, which of its channels reach it, whether it answers from a
-    queue, and whether its numbers are of the log's size. Exit 0: it sees, or nothing is amiss; 1: it is blind, or what
-    answers does not look, or something is amiss; 2: cannot say, or bad input.
+    It needs no bank. It also tests whether the model repeats its answers, whether a JSON schema is
+    enforced, and whether the token budget is enough. With --frames it tests a policy: whether its
+    answers are motions, which channels reach it, whether it answers from a queue, and whether its
+    numbers have the log's size.
+    Exit 0: it sees, or nothing is wrong; 1: it is blind, it does not look, or something is wrong;
+    2: inconclusive, or bad input.
     Example: eyechart doctor openai:MODEL --base-url http://127.0.0.1:8000/v1
     """
     if frames is not None:
@@ -64,9 +66,9 @@ def doctor(
                 doctor_table(found),
                 headline(found),
                 *(f"likely cause: {cause}" for cause in found.causes),
-                *(f"note: {note}; 'eyechart probe' pins that" for note in found.notes),
+                *(f"note: {note}; 'eyechart probe' writes that into a mode" for note in found.notes),
                 *([] if found.sight.cut is None else [f"stopped: {found.sight.cut}"]),
-                f"asked: {found.spent.words}; the same pictures again: --seed {found.seed}",
+                f"calls: {found.spent.words}; the same pictures again: --seed {found.seed}",
             ]
         )
     raise typer.Exit(found.exit_code)
@@ -77,21 +79,23 @@ def probe(
     spec: _Spec,
     out: Annotated[Path, typer.Option(help="FILE.toml to write the request mode to.")],
     frames: Annotated[
-        Path | None, typer.Option(help="A bank whose frames and prompt are asked; default: sketches.")
+        Path | None, typer.Option(help="A bank whose frames and prompt to use; default: sketches.")
     ] = None,
-    prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml, without --frames too.")] = "baseline",
+    prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml; works without --frames too.")] = "baseline",
     seed: _Seed = None,
     how: Options = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     json: Json = False,
 ) -> None:
-    """Find how a model is best asked, in at most 76 calls, and write it as a request mode for --mode.
+    """Find how to ask a model, in at most 76 calls, and write it as a request mode for --mode.
 
-    Finds the token budget at which replies complete, which token field the endpoint takes, whether a schema binds,
-    whether temperature and seed matter, whether unknown fields are ignored, what a picture and a call take, and
-    whether the picture is seen. What an option gives stays as it is given. Exit 0: the mode is written; 1: it is, and
-    the model is blind; 2: no mode can be pinned, or bad input; 3: stopped at --max-cost.
+    It finds the token budget at which replies are complete, and the token field that the endpoint
+    takes. It tests whether a JSON schema is enforced, whether temperature and seed matter, whether
+    unknown fields are ignored, and whether the model sees the picture. It measures what a picture
+    and a call take. It does not change what an option gives.
+    Exit 0: the mode is written; 1: it is written, but the model is blind; 2: no mode was found, or
+    bad input; 3: stopped at --max-cost.
     Example: eyechart probe openai:MODEL --base-url http://127.0.0.1:8000/v1 --out mode.toml
     """
     from eyechart.destination import require_free, whole
@@ -115,7 +119,7 @@ def probe(
 
 
 def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
-    """Say what is amiss with a policy; exit 0, 1 or 2."""
+    """Print what is wrong with a policy; exit 0, 1 or 2."""
     from eyechart.frames import open_bank
     from eyechart.probe.policies import MOST_CALLS, examine_policy
 
@@ -131,7 +135,7 @@ def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
 
 
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
-    """Return the mode of a SPEC with the options, or that of a file, which takes none."""
+    """Return a SPEC's request mode with the options, or that of a file, which takes none."""
     from eyechart.models import known_modes
 
     if spec.endswith(".toml") or spec in known_modes():
@@ -140,7 +144,7 @@ def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
 
 
 def _draw(given: int | None) -> int:
-    """Return the seed that was given, or one that nobody has asked with before: no cache knows its pictures."""
+    """Return the given seed, or a new one: no cache knows its pictures."""
     import secrets
 
     return secrets.randbelow(10**6) if given is None else given
@@ -158,7 +162,7 @@ def _sample(frames: Path | None, prompt: str, mode: "RequestMode") -> "Sample":
 
 
 def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:
-    """Say how many calls are made at most, and what they cost if each takes the tokens that are assumed."""
+    """Print the most calls and their cost, from the assumed tokens per call."""
     from eyechart.costs import assumed, estimate
 
     known, basis = assumed(mode)
@@ -175,7 +179,7 @@ def probed(
     seed: int | None = None,
     **how: "Unpack[Asking]",
 ) -> "Found":
-    """Probe one model; what was spent on one that cannot be pinned is said, and a limit exits 3.
+    """Probe one model; print what a failed probe spent, and exit 3 at a limit.
 
     ``kept`` says what an interrupt leaves.
     """
@@ -189,13 +193,13 @@ def probed(
     except ProbeError as error:
         say(f"probe: {mode.spec}: {error.spent.words}")
         if error.limit:
-            say(f"stopped: {error}; what was found is not kept")
+            say(f"stopped: {error}; the findings are not kept")
             raise typer.Exit(3) from None
         raise
 
 
 def words_of(found: "Found") -> list[str]:
-    """Return in words what a probe found and what it took."""
+    """Return a probe's findings and its calls in words."""
     outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
     return [
         f"{found.mode.spec}: {outcome[found.sight.outcome]}: {found.sight.because}",

@@ -1,4 +1,4 @@
-"""``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
+"""``eyechart run`` makes calls about a bank's frames and only appends; ``merge`` joins shards."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,17 +29,17 @@ P = TypeVar("P", bound="Planned")
 
 
 class Kinds(Group):
-    """The kinds of run; a study of frames without a command of its own has the one of them all."""
+    """The kinds of run; studies without an own command share one."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - they differ between versions of typer
-        """Return the names of all."""
+        """Return all names."""
         from eyechart.studies import STUDIES
 
         own = super().list_commands(ctx)
         return [*own, *(name for name in STUDIES if name.replace("_", "-") not in own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
-        """Return a kind's command, None where there is no such kind."""
+        """Return a kind's command; None if there is no such kind."""
         found = super().get_command(ctx, cmd_name)
         if found is not None or cmd_name not in self.list_commands(ctx):
             return found
@@ -51,15 +51,16 @@ class Kinds(Group):
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True, cls=Kinds)
 
 View = Annotated[
-    str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
+    str | None, typer.Option(help="calibrated or none; default: calibrated if the pictures have such a view.")
 ]
 
 
 @app.command(
-    epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, for each "
-    "model, a false early verdict has a chance of at most .05 however often one looks (.01 for each of not_scorable, "
-    "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
-    "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
+    epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, the "
+    "chance of a false early verdict is at most .05 per model, however often one looks. It is .01 for each of "
+    "not_scorable, depth by intervention, presence_only, refusal_effect and image_invariant. The chance that "
+    "only the early part is not_scorable is .02. An observed relation with the gap never stops a run. Try it "
+    "with --dry-run first."
 )
 @options.expanded
 def battery(
@@ -75,24 +76,24 @@ def battery(
     controls: Annotated[
         str | None,
         typer.Option(
-            help="auto: of each model the control pictures that its answers call for; all; none. Default: auto, none "
-            "with --conditions, and as begun for a run that is there."
+            help="auto: the control pictures that each model's answers need; all; none. Default: auto, none with "
+            "--conditions; a resumed run keeps its own."
         ),
     ] = None,
     stop_early: Annotated[
-        bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
+        bool, typer.Option("--stop-early", help="Stop asking a model when its verdict is settled; see below.")
     ] = False,
     fresh_controls: Annotated[
         bool,
-        typer.Option("--fresh-controls", help="Draw the distances of the bank's controls anew, for this run alone."),
+        typer.Option("--fresh-controls", help="Draw the distances of the control pictures anew, only for this run."),
     ] = False,
     making: options.Making = options.MADE,
 ) -> None:
-    """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
+    """Run the input-ablation battery; the same command resumes after an interrupt.
 
-    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
-    elsewhere is probed first (as 'eyechart probe' does), and what is found is kept in the run. Exit 1: calls are
-    unfinished; 3: stopped at --max-calls or --max-cost.
+    The options from --base-url to --option are for models without a --mode file. Such a model, if
+    served elsewhere, is probed first (as 'eyechart probe' does), and the run keeps the findings.
+    Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
@@ -112,28 +113,29 @@ def battery(
 @options.expanded
 def prompts(
     frames: options.Frames,
-    out: Annotated[Path, typer.Option(help="Folder of the study, one run a cell; the same one resumes it.")],
+    out: Annotated[Path, typer.Option(help="Folder of the study, with a run per cell; the same one resumes it.")],
     model: options.Model = None,
     mode: options.Mode = None,
     prompt: Annotated[
-        list[str] | None, typer.Option(help="A prompt's name or FILE.toml; again for more. Default: the six built-in.")
+        list[str] | None, typer.Option(help="A prompt's name or FILE.toml; repeat for more. Default: the six built-in.")
     ] = None,
-    budget: Annotated[list[int] | None, typer.Option(min=1, help="Tokens of a reply; again to compare.")] = None,
+    budget: Annotated[list[int] | None, typer.Option(min=1, help="Tokens of a reply; repeat to compare.")] = None,
     json_mode: Annotated[
-        list[str] | None, typer.Option(help="none, json_object or json_schema; again to compare them.")
+        list[str] | None, typer.Option(help="none, json_object or json_schema; repeat to compare.")
     ] = None,
     conditions: Annotated[
-        str, typer.Option(help="With commas; real_repeat too gives s and IDI_adj; 'all': a battery.")
+        str, typer.Option(help="Conditions with commas; real_repeat adds s and IDI_adj; 'all': a battery.")
     ] = "real,blank",
-    limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
+    limit: Annotated[int, typer.Option(min=1, help="Frames per cell, the same in each.")] = 100,
     seed: options.Seed = 0,
     making: options.MakingForms = options.FORMS_MADE,
 ) -> None:
-    """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
+    """Run the prompt study: diversity beside scene dependence (Table t:prompts).
 
-    A model that is served elsewhere, and that no --mode file says how to ask, is probed first with all of the prompts.
-    Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
-    Example: eyechart run prompts --model scripted:depth --frames bank --out prompts --prompt baseline --prompt minimal
+    A model that is served elsewhere and has no --mode file is probed first, with all prompts. Exit
+    1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run prompts --model scripted:depth --frames bank --out prompts --prompt
+    baseline --prompt minimal
     """
     from itertools import product
 
@@ -144,7 +146,7 @@ def prompts(
 
     for one in json_mode or ():
         if one not in STRUCTURED:
-            raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}{perhaps(one, STRUCTURED)}")
+            raise SpecError(f"--json-mode '{one}' is not one of {', '.join(STRUCTURED)}{perhaps(one, STRUCTURED)}")
 
     def planned(modes: "Sequence[RequestMode]") -> "PromptStudy":
         return study.plan(
@@ -159,7 +161,8 @@ def prompts(
         )
 
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
-    # a cell with a budget of its own says nothing of the others'; the form of an answer is a factor of this study
+    # A cell with its own budget says nothing about the others. The form of replies is a factor
+    # here, so the probe may not fix it.
     planner = Planner(planned, study.cells_in(out), whole=not budget)
     make(planner, making.asked(model, mode), making.allowed(out), done, fixed={"structured": "none"})
 
@@ -171,14 +174,15 @@ def admission(
     model: options.Model = None,
     mode: options.Mode = None,
     view: View = None,
-    seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the choice of pairs and the order of calls.")] = 0,
     making: options.Making = options.MADE,
 ) -> None:
-    """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
+    """Ask for scene estimates of 16 balanced frame/mirror pairs, to check admission.
 
-    'eyechart score OUT' prints each clause with its value, interval and n. A model that is served elsewhere, and that
-    no --mode file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or
-    --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
+    'eyechart score OUT' prints each clause of admission with its value, interval and n. A model
+    that is served elsewhere and has no --mode file is probed first. Exit 1: calls are unfinished;
+    3: stopped at --max-calls or --max-cost. Example: eyechart run admission --model
+    scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
     from eyechart.studies.probed import Planner
@@ -194,15 +198,17 @@ def structured(
     model: options.Model = None,
     mode: options.Mode = None,
     view: View = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the order of calls and of sampling.")] = 0,
     limit: options.Limit = None,
     making: options.Making = options.MADE,
 ) -> None:
-    """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
+    """Ask for scene estimates of every frame and its reflection (Table t:controller-local).
 
-    The paper has 288 pairs: 'frames build highway --steps 24'. A model that is served elsewhere, and that no --mode
-    file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
-    Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
+    The paper has 288 pairs: 'frames build highway --steps 24'. A model that is served elsewhere and
+    has no --mode file is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or
+    --max-cost.
+    Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out
+    scenes
     """
     from eyechart.studies import structured as study
     from eyechart.studies.probed import Planner
@@ -223,9 +229,9 @@ def _study(
     limit: options.Limit = None,
     making: options.Making = options.MADE,
 ) -> None:
-    """Ask models what this study asks about every frame of a bank.
+    """Ask models this study's question about every frame of a bank.
 
-    A model that is served elsewhere, and that no --mode file says how to ask, is probed first. Exit 1: calls are
+    A model that is served elsewhere and has no --mode file is probed first. Exit 1: calls are
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.studies import open_study
@@ -233,34 +239,40 @@ def _study(
 
     study = open_study(str(ctx.info_name))
     planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints what came of it")
+    make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
 def policy(
     frames: options.Frames,
     out: options.Out,
-    policy: Annotated[list[str] | None, typer.Option(help="A policy's SPEC; give it again for more policies.")] = None,
-    conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank can show.")] = None,
+    policy: Annotated[list[str] | None, typer.Option(help="A policy's SPEC; repeat for more policies.")] = None,
+    conditions: Annotated[
+        str | None, typer.Option(help="Conditions with commas; default: all that the bank can show.")
+    ] = None,
     answers: Annotated[
-        int, typer.Option(help="How often a policy that draws its answers is asked for each; no other is asked twice.")
+        int, typer.Option(help="Answers per question from a policy that samples its answers; others are asked once.")
     ] = 4,
     shapley: Annotated[
-        bool, typer.Option("--shapley", help="Ask every subset of the channels, for Shapley shares; says the cost.")
+        bool,
+        typer.Option(
+            "--shapley", help="Ask about every subset of the channels, for Shapley shares; prints the number of calls."
+        ),
     ] = False,
     seed: options.Seed = 0,
     limit: options.Limit = None,
     shard: options.Shard = None,
-    concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a policy.")] = 1,
+    concurrency: Annotated[int, typer.Option(min=1, help="Concurrent calls per policy.")] = 1,
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many calls, all told.")] = None,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at this many calls in total.")] = None,
     again: options.AskAgain = False,
     accept_loss: options.AcceptLoss = False,
     dry_run: options.DryRun = False,
 ) -> None:
-    """Ask policies about every frame of a bank, with each of their channels exchanged for another episode's.
+    """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
-    A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and returns an array
-    (horizon, dimensions). Exit 1: calls are unfinished, or of a policy none holds a motion; 3: stopped at --max-calls.
+    A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and
+    returns an array (horizon, dimensions). Exit 1: calls are unfinished, or a policy never gave a
+    motion; 3: stopped at --max-calls.
     Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """
     from eyechart.run import read_shard
@@ -290,10 +302,10 @@ def make(
     fixed: Mapping[str, object] | None = None,
     show: "Callable[[P], object]" = lambda _: None,
 ) -> None:
-    """Plan a run of any study, probe its models first, say what is planned, make it, and say how it ended.
+    """Plan a run of any study, probe its models, make its calls and print how it ended.
 
-    A probe changes no field that is ``fixed`` or that an option gave. ``show`` prints what came of the run before its
-    end is said, ``done`` is said last.
+    A probe changes no field that is ``fixed`` or set by an option. ``show`` prints results before
+    the end; ``done`` is the last line.
     """
     planned, failed = _probed(study, asked, allowed, fixed or {})
     say(*planned.lines(allowed))
@@ -317,7 +329,7 @@ def _end(end: "Ending") -> None:
 def _probed(
     study: "Planner[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
 ) -> "tuple[P, dict[str, str]]":
-    """Plan a study with its models probed; return why models were left out too. Exits 1 where none is left."""
+    """Plan a study with its models probed, and why some were left out; exit 1 without any."""
     from eyechart.planned import unasked
     from eyechart.probe import ProbeError
     from eyechart.probe.pinning import MOST_CALLS
@@ -326,8 +338,8 @@ def _probed(
     def ask(
         mode: "RequestMode", sample: "Sample", most: float | None, spend: "Callable[[Spent], None]"
     ) -> "Found | ProbeError":
-        say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe leaves that out")
-        kept = "what the probe took is counted; the same command probes anew"
+        say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe skips that")
+        kept = "the probe's calls are counted; the same command probes again"
         bounds: Asking = {"prices": allowed.prices, "max_cost": most, "spend": spend}
         try:
             found = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
@@ -347,7 +359,7 @@ def _probed(
 
 @contextmanager
 def _bar(what: str, unit: str, also: Callable[[int, int], None]) -> "Iterator[Callable[[int, int], None]]":
-    """Show a bar, and yield what moves it and the page of the run."""
+    """Show a bar; yield the function that moves it and the run's page."""
     with progress(what, unit) as move:
 
         def both(done: int, total: int) -> None:
@@ -359,24 +371,24 @@ def _bar(what: str, unit: str, also: Callable[[int, int], None]) -> "Iterator[Ca
 
 @contextmanager
 def _live_page(planned: "Planned", allowed: "Allowed") -> "Iterator[Callable[[int, int], None]]":
-    """Serve a page that shows a run while the block lasts, where that is asked for; yield what moves its count."""
+    """With --watch, serve a page that shows the run during the block; yield what moves its bar."""
     if not allowed.watch:
         yield lambda *_: None
         return
     from eyechart.serve.live import Live, watched
 
     live = Live(planned.out, allowed.prices, unit=planned.unit)
-    words = "the page of this run is not served, and the run goes on"
+    words = "the page of this run is not served, and the run continues"
     with watched(
         live,
-        lambda url: say(f"watch: {url} shows this run while it goes on"),
+        lambda url: say(f"watch: {url} shows this run as it goes"),
         lambda why: say(f"watch: {words}: {why}"),
     ):
         yield live.move
 
 
 def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run: bool) -> Path:
-    """Return the bank of a run that has controls of its own: it stands in the run's folder, and is made there once."""
+    """Return the bank of a run with its own controls; it is made once in the run's folder."""
     from secrets import randbelow
 
     from eyechart.frames import open_bank
@@ -385,8 +397,8 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
 
     if shard is not None:
         raise SpecError(
-            "--fresh-controls needs one run, for shards share their pictures: leave out --shard, or build one bank for "
-            "all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
+            "--fresh-controls needs one run, because shards share their pictures: leave out --shard, or build "
+            "one bank for all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
         )
     own = out / BANK
     if not is_free(out):
@@ -395,7 +407,7 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
             not (own / bank.frames[0].file).is_file()
             or open_bank(own).manifest.fingerprint != bank.manifest.fingerprint
         ):
-            begun = "a run that was begun without --fresh-controls, or on another bank" if is_run(out) else "no run"
+            begun = "a run that was started without --fresh-controls, or on another bank" if is_run(out) else "no run"
             raise LedgerError(f"{out} holds {begun}; choose another --out")
         return own
     if dry_run:
@@ -404,7 +416,7 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     with progress("controls", "frames") as move:
         seed = redraw(frames, own, randbelow(MOST_SEED), move).manifest.controls.seed
     (own / OWN).touch()
-    say(f"controls: drawn anew into {own} by seed {seed}")
+    say(f"controls: drawn anew into {own} with seed {seed}")
     return own
 
 
@@ -420,7 +432,7 @@ def merge(
     whole = study.begun(out)
     left, more = whole.left(), sum(whole.more_by_model().values())
     if left or more:
-        up_to = f", and up to {more} of controls" if more else ""
+        up_to = f", and up to {more} of control pictures" if more else ""
         asked = whole.manifest
         who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
         command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"

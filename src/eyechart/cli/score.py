@@ -1,4 +1,4 @@
-"""``eyechart score``, ``verdict``, ``costs``, ``gate``, ``compare`` and ``transfer`` read runs and change nothing."""
+"""Commands that read runs and change nothing."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,15 +18,16 @@ _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
 
 def score(
     run: _Run,
-    every: Annotated[bool, typer.Option("--all", help="Print every statistic, by groups.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Print every statistic, in groups.")] = False,
     json: Json = False,
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
 ) -> None:
-    """Print the statistics of a run with interval, n and p: what decided or would have, with --all every one.
+    """Print the statistics of a run with interval, n and p.
 
-    How each was found is in --json. Example: eyechart score run --all
+    By default these are the ones that decided the verdict, or were closest to it. --json says how
+    each was found. Example: eyechart score run --all
     """
     from eyechart.studies import Reading, Study, study_of
 
@@ -37,11 +38,11 @@ def score(
         return
     print_each(study.printed(scored) if every else study.brief(scored), 160 if every else None, names=study.models(run))
     if not every and type(study).brief is not Study.brief:
-        say(f"every statistic: 'eyechart score {run} --all'; how each was found: --json")
+        say(f"every statistic: 'eyechart score {run} --all'; the method of each: --json")
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
-    """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
+    """Print every model's verdict and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import Reading, study_of
 
     study = study_of(run, "verdict")
@@ -55,15 +56,18 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 def costs(
     run: _Run,
     prices: PriceFile = None,
-    every: Annotated[bool, typer.Option("--all", help="A line for every condition too.")] = False,
-    unread: Annotated[bool, typer.Option("--unread", help="List the replies that hold no decision, counted.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Add a line for every condition.")] = False,
+    unread: Annotated[
+        bool, typer.Option("--unread", help="List the replies without a decision, and count them.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
+    """Print the calls of a run by model: attempts, outcomes, tokens, dollars, seconds, joules.
 
-    Then what decisions cost and take: dollars per 1000, tokens a call, truncated calls, joules.
-    Of a prompt study, by cell; of the hierarchy, by its runs. --unread lists in place of this the replies in which no
-    decision is read; of policies, what their answers lack, and their errors. Example: eyechart costs run --all --json
+    Then print the costs of decisions: dollars per 1000, tokens per call, truncated calls, joules. A
+    prompt study is split by cell, a hierarchy by run. --unread lists instead the replies without a
+    decision; for policies, the faults of their answers and their errors. Example: eyechart costs
+    run --all --json
     """
     from eyechart.models.prices import read_prices
     from eyechart.records import plain
@@ -82,8 +86,8 @@ def costs(
     priced = read_prices(prices)
     took = study.took(run, priced)
     each = study.deployment([run], Reading(prices=priced))
-    lines = [] if took.accounts else ["no model was asked: its policies and worlds take no calls"]
-    lines += [f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items()]
+    lines = [] if took.accounts else ["no model was asked: policies and worlds take no calls"]
+    lines += [f"the probe of {spec} before the run also took: {one.words}" for spec, one in took.probes.items()]
     for spec, found in took.guards.items():
         lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
     tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
@@ -95,30 +99,32 @@ def gate(
     require: Annotated[
         str | None,
         typer.Option(
-            help="depth (default), depth_lateral, swaps, turns_clear, any other label, or looks; of scene estimates: "
-            "admission (default) or its clauses; of policies: an axis and a label, as camera:camera_content "
+            help="depth (default), depth_lateral, swaps, turns_clear, any other label, or looks. Scene estimates: "
+            "admission (default) or its clauses. Policies: an axis and a label, as camera:camera_content "
             "(default) or instruction:instruction_followed. Several with commas."
         ),
     ] = None,
     order: Annotated[
-        float | None, typer.Option(help="Share below which comparisons the wrong way round are bounded, as 0.05.")
+        float | None, typer.Option(help="Bound on the share of comparisons in the wrong order, as 0.05.")
     ] = None,
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
     allow_fingerprints: Annotated[
-        bool, typer.Option("--allow-fingerprints", help="Hold a run in which one model named several fingerprints.")
+        bool, typer.Option("--allow-fingerprints", help="Accept a run in which one model named several fingerprints.")
     ] = False,
     made_elsewhere: Annotated[
-        bool, typer.Option("--made-elsewhere", help="Hold a run of answers that eyechart did not ask for itself.")
+        bool, typer.Option("--made-elsewhere", help="Accept a run whose answers eyechart did not ask for itself.")
     ] = False,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
     independent: Independent = False,
     reread: Reread = False,
 ) -> None:
-    """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
+    """Check a run against your requirements.
 
-    An empty or unfinished run never passes, nor one that several models or providers answered, nor, without
-    --made-elsewhere, one of imported answers. Of an admission or a structured run every clause of admission is a check.
+    Exit 0: all hold; 1: one fails; 2: inconclusive, or bad input. An empty or unfinished run never
+    passes, nor a run with answers from several models or providers. A run of imported answers
+    passes only with --made-elsewhere. In an admission or structured run, every clause of admission
+    is a check.
     Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
     from eyechart.destination import require_free, whole
@@ -157,20 +163,22 @@ def gate(
 def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a run.")],
     second: Annotated[
-        Path | None, typer.Argument(help="Folder of its replication; of policies, which one run may hold, not needed.")
+        Path | None, typer.Argument(help="Folder of its replication; for policies one run is enough.")
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
-    resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
+    resamples: Annotated[
+        int, typer.Option(min=999, help="Number of exchanges between the runs, and of resamples of episodes.")
+    ] = 2000,
     step: Steps = None,
     json: Json = False,
 ) -> None:
-    """Compare two runs on the same frames, per verdict and per statistic, with a test of difference.
+    """Compare two runs on the same frames: verdicts, and statistics with a test of difference.
 
-    Runs on two banks are scored anew on the frames that are the same moments in both.
-
-    Policies are compared each with the one before it: as they were asked, or by the step of a training, which --step
-    gives, or they declare. 'eyechart report' draws it.
-    Exit 0: every verdict and statistic came out again; 1: something differs; 2: the runs cannot be compared.
+    Runs on two banks are scored anew on the frames that show the same moments. Each policy is
+    compared with the one before it, in their order or by training step. Policies declare that step,
+    or --step gives it. 'eyechart report' draws the course.
+    Exit 0: every verdict and statistic was replicated; 1: something differs; 2: the runs cannot be
+    compared.
     Example: eyechart compare monday tuesday
     """
     from dataclasses import replace
@@ -182,7 +190,7 @@ def compare(
     runs = [run for run in (first, second) if run is not None]
     study, *others = (study_of(run, "compare") for run in runs)
     if any(type(other) is not type(study) for other in others):
-        raise SpecError(f"{first} and {second} are no runs of one kind")
+        raise SpecError(f"{first} and {second} are not runs of one kind")
     reading = Reading(steps=read_steps(step, [study]))
     scores = [study.score(run, reading) for run in runs]
     names = dict.fromkeys(name for run in runs for name in study.models(run))
@@ -192,7 +200,7 @@ def compare(
             raise typer.Exit(1)
         return
     if second is None:
-        raise SpecError(f"{first} is compared with another run: give the folder of its replication")
+        raise SpecError(f"{first} needs another run to compare with: give the folder of its replication")
     if scores[0].manifest.fingerprint != scores[1].manifest.fingerprint:
         reading = replace(reading, frames=frames_in_common(*scores))
         scores = [study.score(run, reading) for run in runs]
@@ -206,14 +214,14 @@ def transfer(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs.")],
     scores: Annotated[Path, typer.Option(help="CSV file with the columns model and score.")],
     measure: Annotated[
-        str, typer.Option(help="The statistic that stands for grounding, as 'eyechart score' names it.")
+        str, typer.Option(help="The statistic that measures grounding, as 'eyechart score' names it.")
     ] = "mutual_information.decision",
     json: Json = False,
 ) -> None:
-    """Correlate scores from elsewhere with grounding, over the models of runs of any kinds, drives included.
+    """Correlate external scores with grounding, over the models of runs of any kind.
 
-    A model on two banks, in two simulators, or under two prompts of a prompt study, is two cells. Of drives the
-    statistics are those of the audit, of policies shares of their motion, as T.swapped@cameras.
+    A model on two banks, in two simulators, or under two prompts is two cells. For drives the
+    statistics are those of the audit; for policies, shares of their motion, as T.swapped@cameras.
     Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
     from eyechart.report.table import number, p_value
@@ -244,7 +252,7 @@ def transfer(
 
 
 def _how_found(one: "Statistic") -> str:
-    """Return in words how the p of a correlation was found, behind a space; nothing where there is none."""
+    """Return in words how a correlation's p was found; empty for any other statistic."""
     from eyechart.report.table import p_value
     from eyechart.stats.correlation import Correlation
 

@@ -1,4 +1,4 @@
-"""What the commands share: a console, a progress bar, and JSON on standard output."""
+"""The console of the commands: printing, progress bars, interrupts and JSON."""
 
 import json
 import os
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 _kept: list[TextIO] = []
-"""Standard output as it was before it was kept for eyechart."""
+"""The kept standard output of the command."""
 
 
 @contextmanager
 def output_kept() -> Iterator[None]:
-    """Keep standard output for what this module prints; what anybody else prints there goes to standard error.
+    """Keep standard output for this module; lead all other output to standard error.
 
-    A callable of a user, its module and its ``reset`` print where they like, from any thread, and from below Python: a
-    library in C or another process writes to the descriptor 1. JSON stays JSON. One that closes the descriptor 1 or 2
-    closes none of this module's.
+    A user's callable may print from any thread. A library in C or another process writes to
+    descriptor 1 directly. With this, JSON stays valid. Code that closes descriptor 1 or 2 does not
+    close this module's.
     """
     with _own_descriptor() as stream, _own_errors():
         _kept.append(stream)
@@ -39,9 +39,9 @@ def output_kept() -> Iterator[None]:
 
 @contextmanager
 def _own_descriptor() -> Iterator[TextIO]:
-    """Yield standard output by a descriptor of its own, while its usual one leads to standard error.
+    """Yield standard output on a new descriptor, while descriptor 1 leads to standard error.
 
-    Where the streams are not those of the process, as in a test, it is left as it is.
+    Streams that are not those of the process, as in a test, stay as they are.
     """
     usual = sys.stdout
     if (_number_of(usual), _number_of(sys.stderr)) != (1, 2):
@@ -56,18 +56,18 @@ def _own_descriptor() -> Iterator[TextIO]:
         try:
             yield own
         finally:
-            own.flush()  # whatever the command ends with: what is not written is said
+            own.flush()  # an error in writing must surface, however the command ends
     except BrokenPipeError:
-        raise BrokenPipeError from None  # without a number, by which click would end the command in its own way
+        raise BrokenPipeError from None  # click would act on its errno
     finally:
         os.dup2(number, 1)
-        with suppress(OSError):  # nobody reads on, which was said already
+        with suppress(OSError):  # the reader may be gone; that was reported
             own.close()
 
 
 @contextmanager
 def _own_errors() -> Iterator[None]:
-    """Keep standard error on a descriptor of its own, where it is that of the process."""
+    """Keep standard error on a descriptor of its own, if it is that of the process."""
     usual = sys.stderr
     if _number_of(usual) != 2:
         yield
@@ -80,7 +80,7 @@ def _own_errors() -> Iterator[None]:
         yield
     finally:
         sys.stderr = usual
-        with suppress(OSError, ValueError):  # somebody may have closed it
+        with suppress(OSError, ValueError):  # called code may have closed it
             own.flush()
             os.dup2(number, 2)
             own.close()
@@ -89,27 +89,27 @@ def _own_errors() -> Iterator[None]:
 def _number_of(stream: TextIO) -> int | None:
     try:
         return stream.fileno()
-    except (OSError, ValueError, AttributeError):  # of a stream in memory, or a closed one
+    except (OSError, ValueError, AttributeError):  # a stream in memory, or a closed one
         return None
 
 
 _typed: dict[str, str] = {}
-"""How the paths of this command were typed, by where they lead."""
+"""Paths as the user typed them, by their absolute path."""
 
 
 def from_here(path: Path) -> Path:
-    """Return where a path leads from the folder of the command, whatever folder a callable changes to later.
+    """Return a path as absolute, before a callable can change the folder.
 
-    What is printed has it as it was typed.
+    Printed text shows it as the user typed it.
     """
     place = path.absolute()
-    if not path.is_absolute() and place.name:  # the root of all has none, and stands in every path
+    if not path.is_absolute() and place.name:  # the root has no name and is in every path
         _typed[str(place)] = str(path)
     return place
 
 
 def as_typed(text: str) -> str:
-    """Return a text with paths as they were typed, so that the commands in it are what their reader would type."""
+    """Return a text with paths as typed, so that the user can copy its commands."""
     for place in sorted(_typed, key=len, reverse=True):
         if place in text:
             typed = _typed[place]
@@ -119,35 +119,35 @@ def as_typed(text: str) -> str:
 
 
 def _output() -> TextIO:
-    """Return standard output, kept or not."""
+    """Return standard output: the kept one, if there is one."""
     return _kept[-1] if _kept else sys.stdout
 
 
 def print_json(values: object) -> None:
-    """Print plain values as JSON on standard output; NaN and infinity cannot pass, and nothing steers a terminal."""
+    """Print plain values as JSON: no NaN, and terminal control characters escaped."""
     text = as_typed(json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False))
     if not text.replace("\n", "").isprintable():
         text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     try:
         text.encode(_output().encoding or "utf-8")
     except UnicodeEncodeError:
-        text = as_typed(json.dumps(values, indent=1, allow_nan=False))  # in escapes, which every stream can take
+        text = as_typed(json.dumps(values, indent=1, allow_nan=False))  # escapes fit every encoding
     _output().write(text + "\n")
 
 
 def print_line(text: str) -> None:
-    """Print a line on standard output as it is, however long."""
+    """Print a line on standard output without wrapping it."""
     _output().write(_harmless(text) + "\n")
 
 
 def say(*lines: str) -> None:
-    """Print lines for people on standard error, where they do not disturb ``--json``."""
+    """Print lines for people on standard error, apart from ``--json``."""
     for line in lines:
         sys.stderr.write(_harmless(line) + "\n")
 
 
 def _harmless(text: str) -> str:
-    """Return lines without what steers a terminal or turns its direction; names in them may be anybody's."""
+    """Return a text without characters that control a terminal; names may hold them."""
     return _plain(as_typed(text))
 
 
@@ -164,9 +164,9 @@ def processors() -> int:
 
 @contextmanager
 def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on standard error with rate and time left, and yield the function that moves it.
+    """Show a bar on standard error with rate and time left; yield the function that moves it.
 
-    Where standard error is no terminal a line is printed every few seconds instead.
+    Without a terminal it prints a line every few seconds.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -195,7 +195,7 @@ def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]:
-    """Yield a function that is told what is under way; what takes longer than ``every_s`` is said on standard error."""
+    """Yield a function that takes the current step; a step longer than ``every_s`` is printed."""
     import threading
 
     under_way: list[str] = []
@@ -218,11 +218,11 @@ def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]
 
 
 _came: list[int] = []
-"""The numbers of the signals that told this process to end, beside SIGINT."""
+"""The numbers of the signals that ended this process, apart from SIGINT."""
 
 
 def end_as_interrupted() -> None:
-    """Have SIGTERM and SIGHUP end a command as Ctrl-C does, by the same way; what is ignored (``nohup``) stays so."""
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does; an ignored signal stays ignored."""
     import signal
 
     def heard(number: int, _: object) -> None:
@@ -238,21 +238,22 @@ def end_as_interrupted() -> None:
 
 
 def was_told_to_end() -> bool:
-    """Return whether SIGTERM or SIGHUP came: what fails after that fails because of it."""
+    """Return whether SIGTERM or SIGHUP came; later failures follow from it."""
     return bool(_came)
 
 
 def how_it_ends() -> tuple[int, str]:
-    """Return the exit code of a command that a signal ends, 128 and its number, and what happened in a word."""
+    """Return the exit code of a command that a signal ends, and a word for the signal."""
     number = _came[0] if _came else 2
     return 128 + number, {1: "hung up", 15: "terminated"}.get(number, "interrupted")
 
 
 @contextmanager
 def resumable(kept: str = "finished calls are kept; the same command resumes") -> Iterator[None]:
-    """Let a signal to end the command with one line that says what is kept, and its exit code; a second does at once.
+    """On an interrupt, print one line that says what is kept, and exit.
 
-    Of Ctrl-C it is 130, of SIGTERM 143, of SIGHUP 129.
+    A second interrupt ends at once. The exit code is 130 for Ctrl-C, 143 for SIGTERM and 129 for
+    SIGHUP.
     """
     import signal
 
@@ -263,7 +264,7 @@ def resumable(kept: str = "finished calls are kept; the same command resumes") -
     except KeyboardInterrupt:
         status, happened = how_it_ends()
         signal.signal(signal.SIGINT, lambda *_: os._exit(status))
-        with suppress(OSError):  # of a terminal that is gone
+        with suppress(OSError):  # the terminal may be gone
             say(f"{happened}: {kept}")
         raise typer.Exit(status) from None
 
@@ -273,7 +274,7 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
 
     begun: tuple[int, float] | None = None
     now: float | None = None
-    before: int | None = None  # another part of the work begins where the count falls
+    before: int | None = None  # the count falls when the next part of the work begins
 
     def move(done: int, total: int) -> None:
         nonlocal begun, now, before
@@ -292,7 +293,7 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
 
 
 def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()) -> None:
-    """Print tables and lines on standard output; long ``names`` in them are shortened, each to a form of its own."""
+    """Print tables and lines on standard output; long ``names`` are shortened, each uniquely."""
     from rich.text import Text
 
     from eyechart.report.names import shortener
@@ -304,19 +305,19 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *
             console.print(one.renamed(lambda text: _harmless(short(text))), markup=False)
         elif isinstance(one, Text):
             shown = one.copy()
-            shown.plain = _plain(short(one.plain))  # a sign for a sign, so that its styles stay where they are
+            shown.plain = _plain(short(one.plain))  # keeps the length, so that styles stay in place
             console.print(shown, markup=False)
         else:
             console.print(_harmless(short(one)), markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":
-    """Return a console on standard output, as wide as the terminal, or 120 columns where there is none."""
+    """Return a console on standard output, as wide as the terminal, or 120 columns."""
     from rich.console import Console
 
     class Piped(Console):
         def on_broken_pipe(self) -> None:
-            """Leave the broken pipe to ``main``: nobody reads on, which is no answer to any question."""
+            """Leave a broken pipe to ``main``, which exits as a shell expects."""
             raise BrokenPipeError
 
     console = Piped(file=_output(), highlight=False, emoji=False)

@@ -1,4 +1,4 @@
-"""An input condition decides what is shown of a frame of a bank or a world; the rest of the query stays the same."""
+"""Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +15,14 @@ from eyechart.stats.partners import NOBODY
 
 MID_GREY = 128
 OVER = "@"
-"""Stands between a condition and the camera or channel over which it is shown: ``blank@wrist``, ``swapped@state``."""
+"""Separates a condition from its camera or channel: ``blank@wrist``, ``swapped@state``."""
 AGAIN, ABSENT = "real_again", "lead_absent"
-"""The true picture in the stage of the picture without the lead, of frames that have the latter."""
+"""The true picture in the stage of the picture without the lead, for frames with both."""
 EXCHANGED = "exchanged"
-"""The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
+"""Drawn pictures that are shown of one camera alone too.
+
+The state stays, so an effect is no change of pose.
+"""
 _MODELS, _POLICIES = frozenset({"model"}), frozenset({"policy"})
 
 
@@ -27,13 +30,17 @@ _MODELS, _POLICIES = frozenset({"model"}), frozenset({"policy"})
 class Condition:
     """One row of Table t:conditions: what it shows, and the question that it answers.
 
-    ``make(frame, source, seed)`` returns the stimulus; it raises BankError where the source cannot supply it. ``seed``
-    is the frame's own, so the order of calls has no say. ``needs`` are what a source must have: an ``axis`` of
-    reflection, a ``partner`` in the scenario, a ``stranger`` of another, a ``counterfactual`` picture of the same
-    moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``. A ``control`` is asked
-    to take a claim away, never to make one. ``drawn`` is the counterfactual that it is made of, where that has another
-    name. ``over`` says what may stand behind its name: a ``camera``, nothing (""), or a ``channel``, which must, and is
-    then what ``make`` is called with first. ``asked`` are who may be asked so: a ``model``, a ``policy``, or both.
+    ``make(frame, source, seed)`` returns the stimulus, and raises BankError if the source cannot
+    supply it. ``seed`` is the frame's own, so the order of calls has no effect.
+
+    ``needs`` names what a source must have. It is an ``axis`` of reflection, a ``partner`` in the
+    scenario, a ``stranger`` of another scenario, or a ``counterfactual`` picture with one change.
+    It may also be a ``text`` in the prompt, or a ``drive``. A ``control`` can remove a claim, never
+    make one. ``drawn`` is the counterfactual that it is made of, if that has another name.
+
+    ``over`` says what may follow its name: a ``camera``, nothing (""), or a ``channel``. A channel
+    must follow, and is the first argument of ``make``. ``asked`` names the subjects: a ``model``, a
+    ``policy``, or both.
     """
 
     name: str
@@ -47,7 +54,7 @@ class Condition:
 
 
 def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
-    """Return other pictures with what else is said of a frame."""
+    """Return other pictures with a frame's fields and state."""
     return Stimulus(images, frame.fields, frame.state)
 
 
@@ -57,7 +64,7 @@ def _real(frame: Frame, source: Source, _: int) -> Stimulus:
 
 def _again(frame: Frame, source: Source, _: int) -> Stimulus:
     if ABSENT not in frame.counterfactuals:
-        raise BankError(f"frame '{frame.id}' has no picture {ABSENT}, with which {AGAIN} is asked")
+        raise BankError(f"frame '{frame.id}' has no picture {ABSENT}, which {AGAIN} needs")
     return _shown(frame, source.images(frame))
 
 
@@ -78,7 +85,7 @@ def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
 
 
 def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return what shows the picture of a frame's partner under this condition."""
+    """Return the maker of the picture of a frame's partner under this condition."""
     return lambda frame, source, seed: _shown(frame, source.images(partner(frame, source, seed, name)))
 
 
@@ -94,15 +101,16 @@ def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
 
 
 def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return what makes a counterfactual of this name."""
+    """Return the maker of the counterfactual of this name."""
     return lambda frame, source, _: _shown(frame, source.images(frame, name))
 
 
 def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return what nudges the true pictures, or those of a counterfactual; what a frame has by this name is shown as is.
+    """Return the maker of nudged pictures, true or counterfactual.
 
-    One value of one pixel is changed by one level: other files, the same pictures. The pixel is one of the first row,
-    the sky or the verge of a road: a reader of exact colours loses nothing there.
+    One value of one pixel changes by one level: other files, the same pictures. The pixel is in the
+    first row, the sky or the verge of a road, where a reader of exact colours loses nothing. A
+    picture of this name in the frame is shown as it is.
     """
 
     def make(frame: Frame, source: Source, seed: int) -> Stimulus:
@@ -121,7 +129,7 @@ def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], 
 
 
 def is_nudged(picture: bytes, of: bytes) -> bool:
-    """Return whether a picture is another with one value of one pixel changed by one level."""
+    """Return whether a picture differs from another by one level of one pixel value."""
     one, other = (decode(each, "a picture").astype(np.int16) for each in (picture, of))
     return one.shape == other.shape and int(np.abs(one - other).sum()) == 1
 
@@ -131,14 +139,14 @@ def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
 
 
 def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return what makes a counterfactual, of which another episode's instruction is told."""
+    """Return the maker of a counterfactual with another episode's instruction."""
     return lambda frame, source, _: replace(
         _shown(frame, source.images(frame, name)), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
     )
 
 
 def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
-    """Return what shows a frame with one channel of its partner, or, if kept, with all of the partner's but one."""
+    """Return the maker of a frame with one channel of its partner, or all but one (``kept``)."""
 
     def make(channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
         own, other = frame, partner_of(frame, source, base, channel)
@@ -157,7 +165,7 @@ def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
 
 
 def require_picture(camera: str, frame: Frame, images: Mapping[str, bytes]) -> None:
-    """Raise BankError where a frame has no picture of a camera."""
+    """Raise BankError if a frame has no picture of a camera."""
     if camera not in images:
         raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
 
@@ -168,7 +176,7 @@ _BOTH = _MODELS | _POLICIES
 
 
 def _moment(name: str, image: str, asks: str, also: frozenset[str] = frozenset(), **how: Any) -> Condition:  # noqa: ANN401
-    """Return a condition that shows the same moment with one thing changed."""
+    """Return a condition that shows the same moment with one change."""
     return Condition(name, f"same moment, {image}", asks, _drawn(name), _DRAWN | also, **how)
 
 
@@ -210,13 +218,13 @@ TABLE: dict[str, Condition] = {
         _moment(EXCHANGED, "the objects' colours exchanged", "does it know which is which?", asked=_POLICIES),
         _moment("recoloured", "ego recoloured", "does paint decide?", asked=_BOTH),
         _moment("decoys", "further objects", "do others distract it?", over="", asked=_POLICIES),
-        _moment("lane_own", "lead near, neighbour far", "does it matter who is near?", _CONTROL),
-        _moment("lane_beside", "neighbour near, lead far", "does it matter who is near?", _CONTROL),
+        _moment("lane_own", "lead near, neighbour far", "does it matter which one is near?", _CONTROL),
+        _moment("lane_beside", "neighbour near, lead far", "does it matter which one is near?", _CONTROL),
         _moment("lead_mid_near", "lead at 9.1 to 20 m", "does its braking fall with distance?", _CONTROL),
         _moment("lead_mid_far", "lead at 20 to 49 m", "does its braking fall with distance?", _CONTROL),
         _moment("lead_absent", "no lead vehicle", "does any lead decide, however far?", _CONTROL),
         Condition(
-            "real_again", "true frame, with lead_absent", "does it answer otherwise by then?", _again, _CONTROL, ABSENT
+            "real_again", "true frame, with lead_absent", "has its answer changed by then?", _again, _CONTROL, ABSENT
         ),
         Condition(
             "nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL, asked=_BOTH
@@ -225,7 +233,7 @@ TABLE: dict[str, Condition] = {
             Condition(
                 f"{name}_nudged" if again else name,
                 f"same moment, {image}{', one value off by one' if again else ''}",
-                "does it repeat what it said?" if again else asks,
+                "does it repeat its answer?" if again else asks,
                 _nudged(f"{name}_nudged", name) if again else _drawn(name),
                 _DRAWN | _CONTROL,
                 name,
@@ -233,9 +241,9 @@ TABLE: dict[str, Condition] = {
             for name, image, asks, both in (
                 ("lead_near", "lead vehicle near", "does distance decide?", (True,)),
                 ("lead_drawn", "lead anywhere", "does its braking fall with distance?", (False, True)),
-                ("exchange_own", "lead anywhere, neighbour far", "does it matter who is near?", (False, True)),
-                ("exchange_beside", "neighbour anywhere, lead far", "does it matter who is near?", (False,)),
-                ("exchange_apart", "lead and neighbour far", "how does it answer with nobody near?", (False,)),
+                ("exchange_own", "lead anywhere, neighbour far", "does it matter which one is near?", (False, True)),
+                ("exchange_beside", "neighbour anywhere, lead far", "does it matter which one is near?", (False,)),
+                ("exchange_apart", "lead and neighbour far", "what does it answer with no vehicle near?", (False,)),
             )
             for again in both
         ),
@@ -255,7 +263,7 @@ TABLE: dict[str, Condition] = {
                 (
                     "near",
                     "that of its own episode, as far off in its state as the matched one or farther",
-                    "is it no more than the pose?",
+                    "is the effect more than the pose?",
                 ),
                 ("kept", "its own, all others another episode's", "is the channel enough?"),
                 (ALONE, "that of the moment whose pictures are swapped", "what is its Shapley share?"),
@@ -264,19 +272,19 @@ TABLE: dict[str, Condition] = {
         Condition(
             "frozen",
             "first picture of the drive",
-            "is the picture of now used?",
+            "is the current picture used?",
             _drawn("frozen"),
             frozenset({"drive"}),
         ),
     )
 }
-"""All conditions: of banks, of worlds that are driven, and of the channels of a policy."""
+"""All conditions: of banks, of worlds that are driven, and of a policy's channels."""
 
 CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= _MODELS}
-"""Those of models."""
+"""The conditions of models."""
 
 PARTNERS: tuple[str, ...] = tuple(name for name, one in TABLE.items() if one.over == "channel")
-"""Those that show another frame's channel: any, one of a similar state, of the own episode; all but one."""
+"""Conditions that show a partner's channel: any partner, one at a similar state or nearby."""
 
 BATTERY: tuple[str, ...] = (
     "real",
@@ -288,41 +296,42 @@ BATTERY: tuple[str, ...] = (
     "text_only",
     "mirrored",
 )
-"""The eight conditions of Table t:conditions; the paper's statistics are of these, whatever else is asked."""
+"""The eight conditions of Table t:conditions, which the paper's statistics use."""
 
 CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "control" in one.needs)
-"""What takes away a claim that rests on something else than the distance of the lead; asked by name."""
+"""Controls, which remove a claim that rests on something other than the lead's distance."""
 
 NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
-"""Controls that show a counterfactual again, one value off by one: made of its picture, or given with a bank."""
+"""Controls that repeat a counterfactual with one value off by one; made here or kept in a bank."""
 
 RANGED: tuple[str, ...] = (*NUDGES, "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart")
-"""Controls with distances over all that a world can show, and what is asked with them."""
+"""Controls with distances over a world's whole range, and their companions."""
 
 OLDER: tuple[str, ...] = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far")
-"""Controls with a few distances: what is asked of a bank that has none over all of them."""
+"""Controls with a few distances, for a bank without those over the whole range."""
 
 FURTHER: tuple[str, ...] = tuple(name for name in CONTROLS if name not in {*RANGED, *OLDER, ABSENT, AGAIN, "nudged"})
-"""Any other control: it is asked along with `RANGED`, of a bank that has it, and no bank needs it."""
+"""Optional controls, asked with `RANGED` if the bank has them."""
 
 COUNTERFACTUALS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
 )
-"""Pictures of the same moment with one thing changed, where the simulator can draw them."""
+"""Pictures of the same moment with one change, if the simulator can draw them."""
 
 OF_BANKS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "drive" not in one.needs)
-"""What a bank may supply; a battery asks for all that it does but the controls."""
+"""The conditions that a bank may supply; a battery uses all of them but the controls."""
 
 OF_WORLDS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if one.needs <= {"axis", "partner", "drive"}
 )
-"""What a world that is driven supplies: of each moment its pictures, other worlds' and the first of the drive."""
+"""The conditions of a driven world: pictures of the moment, of other worlds, or of the start."""
 
 
 def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
-    """Return the frame whose picture ``shuffled`` or ``cross_scenario`` shows; never the frame itself.
+    """Return the frame whose picture ``shuffled`` or ``cross_scenario`` shows.
 
-    Raises BankError, naming frame and scenario, where the source holds no such frame.
+    It is never the frame itself. Raises BankError that names frame and scenario if the source has
+    no such frame.
     """
     mine = source.scenarios[frame.scenario]
     if condition == "shuffled":
@@ -335,15 +344,16 @@ def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
     if condition == "shuffled":
         return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
     elsewhere = [frames for scenario, frames in source.scenarios.items() if scenario != frame.scenario]
-    while place >= len(elsewhere[0]):  # no list of all their frames: a bank may hold many thousands
+    while place >= len(elsewhere[0]):  # a list of their frames would be long
         place -= len(elsewhere.pop(0))
     return elsewhere[0][place]
 
 
 def flip(pixels: RGB, axis: str) -> RGB:
-    """Return the picture, shape (h, w, 3), flipped across the lane axis: rows for vertical, columns for horizontal.
+    """Return the picture, shape (h, w, 3), flipped across the lane axis.
 
-    Raises SpecError for any other axis.
+    It flips rows for ``vertical`` and columns for ``horizontal``. Raises SpecError for any other
+    axis.
     """
     if axis not in {"vertical", "horizontal"}:
         raise SpecError(f"a picture is flipped across the axis vertical or horizontal, not '{axis}'")
@@ -351,9 +361,9 @@ def flip(pixels: RGB, axis: str) -> RGB:
 
 
 def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulus:
-    """Return what a condition shows of a frame.
+    """Return a condition's stimulus for a frame.
 
-    The stimulus is seeded from (condition, frame, run seed), so every model sees the same one.
+    Its seed is made from (condition, frame, run seed), so every model sees the same one.
     """
     who = min(_row(condition).asked)
     return find_condition(condition, who).make(frame, source, seed_of(condition, frame, run_seed))
@@ -366,7 +376,7 @@ def seed_of(condition: str, frame: Frame, run_seed: int) -> int:
 
 
 def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
-    """Return the files of the bank of which a condition's pictures of a frame are made, none where it shows none."""
+    """Return the bank's files behind a condition's pictures of a frame; none if it shows none."""
     base, over, camera = name.partition(OVER)
     row, files = _row(name), frame.pictures
     if row.over == "channel":
@@ -382,23 +392,23 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
 
 
 def speaker(frame: Frame, source: Source, seed: int) -> Frame:
-    """Return the frame of which the prompt speaks under text_swapped.
+    """Return the frame whose text a prompt states under text_swapped.
 
-    It says something else in the fields of the prompt, and is of the same scenario where there is such a frame. Raises
-    BankError where no frame of the bank says anything else.
+    It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
+    all frames of the bank have the same text.
     """
     told = [frame.fields[field] for field in source.said]
     others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
     near = [other for other in others if other.scenario == frame.scenario] or others
     if not near:
-        raise BankError(f"frame '{frame.id}' cannot be told another frame's text: all frames say the same {told}")
+        raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
     return near[int(np.random.default_rng(seed).integers(len(near)))]
 
 
 def find_condition(name: str, who: str = "model") -> Condition:
-    """Return the condition of this name, also over one camera or channel; raises SpecError that lists the known ones.
+    """Return the condition of this name, also over one camera or channel.
 
-    ``who`` is asked so: a ``model``, or a ``policy``.
+    ``who`` is the subject: a ``model`` or a ``policy``. Raises SpecError that lists the known ones.
     """
     base, over, what = name.partition(OVER)
     row = TABLE.get(base)
@@ -410,24 +420,24 @@ def find_condition(name: str, who: str = "model") -> Condition:
 
 
 def asked_of(who: str) -> list[Condition]:
-    """Return the conditions that a ``model`` or a ``policy`` may be asked."""
+    """Return the conditions of a ``model`` or a ``policy``."""
     return [one for one in TABLE.values() if who in one.asked]
 
 
 def _may_be_over(row: Condition, over: str, what: str) -> bool:
-    """Return whether what stands behind a condition's name may stand there."""
+    """Return whether a camera or channel may follow a condition's name."""
     if row.over == "channel":
         return what in {CAMERAS, STATE, INSTRUCTION} or what.startswith(CAMERA)
     return not over or bool(row.over)
 
 
 def _row(name: str) -> Condition:
-    """Return the row of a condition, whoever is asked so; raises SpecError where there is none."""
+    """Return the row of a condition for any subject; raises SpecError if there is none."""
     return TABLE.get(name.partition(OVER)[0]) or find_condition(name)
 
 
 def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
-    """Return why conditions are left out by the names of all that one reason leaves out, with commas."""
+    """Return the reasons why conditions are left out, by comma-separated names."""
     names: dict[str, list[str]] = {}
     for name, why in left_out.items():
         names.setdefault(why, []).append(name)
@@ -435,16 +445,16 @@ def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
 
 
 def require_shown(name: str, cameras: Sequence[Camera]) -> None:
-    """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
+    """Raise SpecError if a condition is not one of drives, or these cameras cannot show it."""
     base = name.partition(OVER)[0]
     require_known(f"condition '{base}' of a closed loop", base, OF_WORLDS)
     if "axis" in CONDITIONS[base].needs and any(one.mirror_axis == "none" for one in cameras):
-        raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, and this one has none")
+        raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, but this one has none")
     require_camera(name, cameras)
 
 
 def require_camera(name: str, cameras: Sequence[Camera]) -> None:
-    """Raise SpecError where a condition is of one camera that is none of these."""
+    """Raise SpecError if a condition is over a camera that is none of these."""
     _, over, camera = name.partition(OVER)
     if over and camera not in (names := [one.name for one in cameras]):
         raise SpecError(
@@ -453,7 +463,7 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
 
 
 def _over(whole: Condition, camera: str) -> Condition:
-    """Return a condition over a channel, or over one camera: the others show the true pictures."""
+    """Return a condition over a channel or one camera; the others show the true pictures."""
     name = f"{whole.name}{OVER}{camera}"
     if whole.over == "channel":
         return replace(whole, name=name, image=f"{camera}: {whole.image}", make=partial(whole.make, camera))
@@ -471,7 +481,7 @@ def _over(whole: Condition, camera: str) -> Condition:
 
 
 def require_partners(names: Sequence[str], source: Source) -> None:
-    """Raise BankError before any call is made if a frame lacks the partner or the other text that a condition needs."""
+    """Raise BankError before any call if a frame lacks a condition's partner or other text."""
     for name in names:
         needs = find_condition(name).needs
         if needs & {"partner", "stranger"}:
@@ -482,10 +492,11 @@ def require_partners(names: Sequence[str], source: Source) -> None:
 
 
 def available(name: str, frame: Frame, source: Source | None = None) -> bool:
-    """Return whether a frame can be shown under a condition; one over a channel is asked of the ``source`` too.
+    """Return whether a frame can be shown under a condition.
 
-    A counterfactual picture that was not drawn and a missing mirror axis are absences that scoring reports.
-    A bank too small for ``shuffled`` or ``cross_scenario`` is an error, raised when its picture is made.
+    A condition over a channel needs the ``source`` too. A counterfactual picture that was not drawn
+    and a missing mirror axis are absences, which scoring reports. A bank too small for ``shuffled``
+    or ``cross_scenario`` is an error when its picture is made.
     """
     base, _, what = name.partition(OVER)
     row = _row(name)
@@ -497,16 +508,16 @@ def available(name: str, frame: Frame, source: Source | None = None) -> bool:
 
 
 SAMPLED, SHARE = (ABSENT, AGAIN), 0.05
-"""Controls that are asked of some frames alone, where answers call for them: so much of a run's other calls."""
+"""Controls that are asked of a sample of frames: at most this share of a run's other calls."""
 FEWEST = 25
-"""Frames that such a control is asked of at least, where there are so many: fewer could never bound an effect."""
+"""Least frames in such a sample, if there are that many; fewer could never bound an effect."""
 
 
 def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[str]:
-    """Return of which frames a control in `SAMPLED` is asked: of those ``shown`` under it, in a run of so many calls.
+    """Return the sample of frames for a control in `SAMPLED`, out of those ``shown`` under it.
 
-    They are the first in the order that comes from the seed and their ids, see `shuffled_order`. `AGAIN` comes after
-    `ABSENT`, whose calls are among the others.
+    ``calls`` is the run's number of calls. The sample is the first part of `shuffled_order`. For
+    `AGAIN`, the calls of `ABSENT` count as calls of the run.
     """
     most = min(len(shown), max(FEWEST, int(SHARE * calls + 1e-9)))
     if name == AGAIN:
@@ -515,18 +526,18 @@ def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[
 
 
 def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
-    """Return ids of frames in an order in which each one's place comes from the seed and the id alone."""
+    """Return frame ids in an order in which each place depends on the seed and the id alone."""
     return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
 
 
 def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
-    """Return the controls that the stages of a run may ask, of those ``supplied``: over all distances, or the older."""
+    """Return the controls for a run's stages: those over all distances, or the older ones."""
     left_out = OLDER if set(RANGED) <= set(supplied) else RANGED
     return tuple(name for name in CONTROLS if name in supplied and name not in left_out)
 
 
 def undrawn_controls(source: Source) -> dict[str, int]:
-    """Return, for each control that only some of the frames have, how many lack it; a nudge is made of another."""
+    """Return how many frames lack each control that only some frames have; nudges do not count."""
     drawn = (name for name in CONTROLS if name not in {*NUDGES, AGAIN})
     have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

@@ -1,4 +1,4 @@
-"""Which conditions a bank can show a policy, and why it cannot show the others."""
+"""The conditions that a bank can show a policy, and why it cannot show the others."""
 
 from collections.abc import Sequence
 
@@ -21,16 +21,17 @@ from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
 
 LEAST_MATCHED = 0.25
-"""Of fewer frames with a partner at a similar state nothing is asked of those that have one."""
+"""The least share of frames with a partner at a similar state; below it no frame is asked."""
 _DRAWN = tuple(one.name for one in asked_of("policy") if "counterfactual" in one.needs)
 _PLAIN = {"real", "real_repeat", "nudged", "blank", "noise", "mirrored"}
 _FURTHER = tuple(one.name for one in asked_of("policy") if one.name not in {*_PLAIN, *_DRAWN, *PARTNERS})
 
 
 def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the conditions that a policy is asked on a bank, and why it is not asked the others.
+    """Return the conditions of a policy on a bank, and why others are left out.
 
-    Without ``reading`` no picture is opened, which a run has no copy of: ``mirrored`` is not among them.
+    Without ``reading`` no picture is opened, for a run without a copy of them; ``mirrored`` is then
+    left out.
     """
     every, left_out = ["real", "real_repeat", "nudged"], {}
     for channel in channels_of(bank):
@@ -49,9 +50,9 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
 
 
 def further_conditions(bank: FrameBank) -> tuple[str, ...]:
-    """Return the conditions that a bank can show and that are asked only where they are named.
+    """Return the conditions that a bank can show but that are asked only by name.
 
-    Noise in place of one camera's pictures, and that camera's alone kept; of several cameras.
+    With several cameras they are noise in one camera, and one camera alone kept.
     """
     names = [one.removeprefix(CAMERA) for one in channels_of(bank) if one.startswith(CAMERA)]
     wanted = [one for name in names for one in (f"noise{OVER}{name}", f"kept{OVER}{CAMERA}{name}")]
@@ -59,7 +60,7 @@ def further_conditions(bank: FrameBank) -> tuple[str, ...]:
 
 
 def listed_conditions() -> dict[str, str]:
-    """Return all conditions in words, first those of policies that stand over a channel or a camera, or are drawn."""
+    """Return all conditions in words, first those of policies over a channel or a camera."""
     every = {f"{name}{OVER}CHANNEL": TABLE[name] for name in PARTNERS} | {name: TABLE[name] for name in _DRAWN}
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
@@ -68,17 +69,18 @@ def listed_conditions() -> dict[str, str]:
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:
-    """Return the channels of a bank that cannot be exchanged, with why: of a camera, that its pictures are alike."""
+    """Return the channels of a bank that cannot be exchanged, with the reason."""
     left_out = conditions_of(bank)[1]
     names = {channel: f"swapped{OVER}{channel}" for channel in channels_of(bank)}
     return {channel: left_out[name] for channel, name in names.items() if name in left_out}
 
 
 def subset_conditions(bank: FrameBank) -> dict[Subset, str]:
-    """Return under which condition each subset of the channels is the partner's: cameras, state and instruction.
+    """Return the condition under which each subset of channels comes from the partner.
 
-    None of them is ``real``; all of them is the partner's own moment, which is no condition, and is left out. The
-    partner is the same for all. Empty where the bank has no channel but its cameras.
+    The channels are cameras, state and instruction. The empty subset is ``real``. The full set
+    would be the partner's own moment and is left out. All subsets use the same partner. Empty if
+    the bank has cameras only.
     """
     whole = [name for name in channels_of(bank) if not name.startswith(CAMERA)]
     if len(whole) < 2:
@@ -97,7 +99,7 @@ def _subset_condition(some: Subset, whole: Sequence[str]) -> str:
 
 
 def _lacking(name: str, bank: FrameBank) -> str:
-    """Return why a bank cannot show a condition, nothing where it can."""
+    """Return why a bank cannot show a condition; empty if it can."""
     base, _, channel = name.partition(OVER)
     if base in PARTNERS:
         return _unpartnered(base, channel, bank)
@@ -106,14 +108,14 @@ def _lacking(name: str, bank: FrameBank) -> str:
     if name == "mirrored" and (bank.manifest.motion is None or not bank.manifest.motion.mirrored):
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
-        return f"the pictures of {pair}, which exchange places, have other sizes"
+        return f"the pictures of {pair}, which exchange places, differ in size"
     lacking = sum(not available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"
     return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
 
 
 def _unlike_pair(bank: FrameBank) -> str:
-    """Return two cameras that exchange places under reflection and whose pictures have other sizes, in words."""
+    """Return in words two cameras that a reflection exchanges and whose pictures differ in size."""
     first = bank.frames[0]
     pairs = [(one.name, one.mirrors) for one in first.cameras if one.mirrors]
     shapes = bank.shapes(first) if pairs else {}
@@ -121,7 +123,7 @@ def _unlike_pair(bank: FrameBank) -> str:
 
 
 def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
-    """Return why not every frame has a partner, or of a similar state hardly one; nothing where they have."""
+    """Return why frames lack partners, or partners at a similar state; empty if they have them."""
     if base in BY_STATE and channel in {STATE, INSTRUCTION}:
         return "only pictures are matched by the state"
     if base in BY_STATE and not bank.manifest.state:
@@ -139,5 +141,5 @@ def _its_name(channel: str) -> str:
 
 
 def _alone(base: str, channel: str, bank: FrameBank) -> int:
-    """Return how many frames have no partner."""
+    """Return the number of frames without a partner."""
     return int((partners(bank.frames, *whose(base, channel), bank.manifest.images) == NOBODY).sum())

@@ -1,8 +1,9 @@
-"""The ledger is the durable, append-only record of calls: an SQLite file that any SQLite browser opens.
+"""The ledger: the durable, append-only record of calls, in an SQLite file.
 
-An attempt is a row in ``attempts``, written before it is sent, and a row in ``replies``, written when it is
-over; an attempt without a reply was sent with its outcome unknown. Rows are never changed or removed. Of several
-final replies of a call the last one counts. A counter beside the file tells when rows that were written are missing.
+An attempt is a row in ``attempts``, written before it is sent. A row in ``replies`` is written when
+it is over. An attempt without a reply was sent with an unknown outcome. Rows are never changed or
+removed. If a call has several final replies, the last one counts. A counter beside the file shows
+when written rows are missing.
 """
 
 from eyechart.ledger.ledger import Ledger

@@ -1,7 +1,8 @@
-"""A counter beside a ledger says how many rows were written to it, so that rows that are lost are missed.
+"""The counter beside a ledger: the number of rows written, so that a loss is noticed.
 
-It stands in a file of its own, outside SQLite's. It is written after each commit and before a request leaves: it never
-says more than was committed, and never less than was sent (docs/decisions/ledger.md).
+It has a file of its own, outside SQLite's. It is written after each commit and before a request
+leaves. So it never exceeds what was committed, and is never below what was sent
+(docs/decisions/ledger.md).
 """
 
 import json
@@ -18,31 +19,31 @@ from eyechart.errors import LedgerError, counted, plain_file
 SUFFIX = ".counter"
 _LENGTH = 160
 _LOOKS = 3
-"""A line that is read while it is written may be half of one; then it is read again."""
+"""A line that is read during a write may be incomplete; it is then read again."""
 _MOST = 2**53
 _HEAD, _JOURNAL, _FORMAT = 100, 18, 60
-"""Of a database: bytes of its head, where its kind of journal stands, and where its format."""
+"""In a database file: bytes of the head, and offsets of the journal's kind and of the format."""
 _LOG = b"\2\2"
 _COUNTED_SINCE = 3
 
 
 class Written(NamedTuple):
-    """How many requests, and how many replies, were written."""
+    """The numbers of requests and replies that were written."""
 
     requests: int
     replies: int
 
     def plus(self, more: "Written") -> "Written":
-        """Return both together."""
+        """Return the sums."""
         return Written(self.requests + more.requests, self.replies + more.replies)
 
     def without(self, held: "Written") -> "Written":
-        """Return how many of these are missing from those that are held."""
+        """Return how many of these are missing from ``held``."""
         return Written(*(max(0, mine - its) for mine, its in zip(self, held, strict=True)))
 
     @property
     def words(self) -> str:
-        """Return it in words."""
+        """Return the numbers in words."""
         parts = (counted(n, one) for n, one in zip(self, ("request", "reply"), strict=True) if n)
         return " and ".join(parts) or "nothing"
 
@@ -51,16 +52,16 @@ NOTHING = Written(0, 0)
 
 
 class Count(NamedTuple):
-    """What a counter says: what a ledger should hold, and what it held and lost, which somebody accepted."""
+    """A counter's content: the rows a ledger should hold, and its accepted loss."""
 
     expected: Written = NOTHING
     lost: Written = NOTHING
 
 
 def read_counter(ledger: Path) -> Count:
-    """Return what the counter of a ledger says; nothing where it has none, as one of an older eyechart, or a copy.
+    """Return what a ledger's counter says; zeros if it has none, as an older one or a copy.
 
-    Raises LedgerError where the counter is damaged.
+    Raises LedgerError if the counter is damaged.
     """
     path = _beside(ledger)
     for look in range(_LOOKS):
@@ -73,26 +74,26 @@ def read_counter(ledger: Path) -> Count:
             return found
         time.sleep(0.01 * look)
     raise LedgerError(
-        f"{path} is damaged: it does not say how many calls were written; restore it, or delete it, and nobody can say "
-        "whether calls are missing"
+        f"{path} is damaged: it does not say how many calls were written; restore it, or delete it and give up "
+        "the check for missing calls"
     )
 
 
 class Counter:
-    """The counter of a ledger that is written to."""
+    """The counter of a ledger that is open to append."""
 
     def __init__(self, file: BinaryIO, lost: Written) -> None:
         self._file, self._lost = file, lost
 
     def write(self, held: Written) -> None:
-        """Say how many rows the ledger holds, in one write; raises OSError where that cannot be written."""
+        """Record how many rows the ledger holds, in one write; raises OSError if that fails."""
         self._file.seek(0)
         self._file.write(_line(Count(held, self._lost)))
 
 
 @contextmanager
 def counting(ledger: Path, held: Written) -> Iterator[Counter]:
-    """Yield the counter of a ledger, once it says how many rows the ledger holds; it is made where it is missing."""
+    """Yield a ledger's counter, set to the rows that the ledger holds; make it if it is missing."""
     lost = read_counter(ledger).lost
     if not _beside(ledger).exists():
         write_counter(ledger, Count(held))
@@ -103,7 +104,7 @@ def counting(ledger: Path, held: Written) -> Iterator[Counter]:
 
 
 def write_counter(ledger: Path, count: Count) -> None:
-    """Put a counter beside a ledger, whole or not at all, in the place of one that is there."""
+    """Write a counter beside a ledger, atomically, also over an old one."""
     path = _beside(ledger)
     partial = path.with_name(f".{path.name}.new")
     with partial.open("wb") as file:
@@ -118,9 +119,9 @@ def _beside(ledger: Path) -> Path:
 
 
 def is_alone(ledger: Path) -> bool:
-    """Return whether a ledger that was appended to with a counter stands without one: a copy of the file alone.
+    """Return whether a ledger lacks its counter: it is a copy of the file alone.
 
-    A copy that eyechart makes, as in a bundle, is of another kind of file (its journal is no log), and has no counter.
+    eyechart's own copies, as in a bundle, have another kind of journal and need no counter.
     """
     if _beside(ledger).exists():
         return False

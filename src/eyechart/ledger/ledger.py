@@ -1,4 +1,4 @@
-"""The ledger itself: opened to append, or to be read, and never changed."""
+"""The ledger: opened to append or to read."""
 
 import os
 import sqlite3
@@ -59,28 +59,32 @@ _EVERY_CHECKED = (
     f"{REPLY_OF} FROM replies r JOIN attempts a ON a.id = r.attempt JOIN calls c ON c.id = a.call ORDER BY r.attempt"
 )
 _BESIDE = "run.json"
-"""What the run has written beside its ledger, and before it."""
+"""A file that the run writes beside its ledger, before it."""
 _ASKED = OF_KEY + 3
-"""So many columns of what a checksum is of stand before those of the reply."""
+"""Number of columns in a checksum before those of the reply."""
 _TAKEN: set[str] = set()
-"""Digests of files that were found to be sound, or are taken as they are; the same bytes are not looked into twice."""
+"""Digests of files that are sound or accepted as they are; they are not checked again."""
 _REQUEST, _REPLY = Written(1, 0), Written(0, 1)
 
 
 class Ledger:
-    """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
+    """One run's ledger; a write is committed when its method returns.
 
-    Writes inside ``together`` are committed at its end.
+    A killed process therefore loses no write. Writes inside ``together`` are committed at its end.
+    Use it as a context manager.
 
-    Without ``create`` it is opened to be read only: a copy of the file as it stands, so that nothing is written beside
-    it, whatever its format and whoever writes to it. With ``create`` a ledger of format 2 becomes one of format 3, with
-    a copy of the old one beside it. Use as a context manager. Raises LedgerError where the file is missing (unless
-    ``create``), holds nothing, is no plain ledger, or is damaged; before anything is appended. Who names damaged
-    replies, by ``damaged``, opens it with ``sound`` false: only damage to the file as a database is then an error.
+    Without ``create`` it only reads a copy of the file, whatever the format and while another
+    process writes. With ``create`` a ledger of format 2 is migrated to format 3, and a copy of the
+    old one stays beside it. ``sound`` false opens one with damaged replies, which ``damaged`` then
+    names; only damage to the database is an error. ``absent`` takes a missing file as an empty
+    ledger, for a run without calls.
 
-    ``missing`` is what was written to it and is not there, by the counter beside it: a lost log, an older copy in its
-    place. Who reads is warned, but for who is ``accepting`` it; nothing is appended before somebody did. Where it may
-    be ``absent``, as in a run that asked nobody yet, no file is an empty ledger.
+    ``missing`` counts the rows that were written but are not there, by the counter: the log was
+    lost, or an older copy replaced the file. A reader gets a warning unless it is ``accepting`` the
+    loss. Nothing is appended before the loss is accepted.
+
+    Raises LedgerError if the file is missing (without ``create``), is empty, is no plain ledger, or
+    is damaged; always before anything is appended.
     """
 
     def __init__(
@@ -89,7 +93,7 @@ class Ledger:
         if not (create or absent or path.is_file()):
             why_none = f"is {path.parent} a run? 'eyechart run' makes one"
             if path.with_name(_BESIDE).is_file():
-                why_none = "its run asked nobody yet, or it is lost; the command that began the run makes its calls"
+                why_none = "its run made no call yet, or it is lost; the command that began the run makes its calls"
             raise LedgerError(f"{path} does not exist: {why_none}")
         self.path = path
         self._pending = self._held = NOTHING
@@ -98,7 +102,7 @@ class Ledger:
             with ExitStack() as opening:
                 self._sql = self._append(opening) if create else self._read(opening, sound=sound)
                 self._opened = opening.pop_all()
-        except (sqlite3.Error, UnicodeError) as error:  # the second, of a word of SQLite's that quotes the file
+        except (sqlite3.Error, UnicodeError) as error:  # UnicodeError: from a message of SQLite
             if is_full(error):
                 raise LedgerError(f"{path} cannot be opened: {why(error)}; make room and try again") from error
             raise LedgerError(f"{path} is no ledger: {printable(str(error))}") from error
@@ -106,24 +110,24 @@ class Ledger:
             raise LedgerError(f"{path} cannot be read: {why(error)}") from error
         try:
             self._warn(accepting=accepting)
-        except MissingCallsWarning:  # where warnings are errors, nothing stays open
+        except MissingCallsWarning:  # where warnings are errors, close everything
             self._opened.close()
             raise
 
     def _warn(self, *, accepting: bool) -> None:
-        """Warn where calls are missing, or nobody can say whether they are."""
+        """Warn if calls are missing, or if that is unknown."""
         if any(self.missing) and not accepting:
             warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=4)
         elif self._alone:
             warnings.warn(
-                f"{self.path} stands without its counter, and nobody can say whether calls are missing: where it was "
-                f"copied, copy {self.path.name}.counter and {self.path.name}-wal with it",
+                f"{self.path} is without its counter, so missing calls cannot be noticed: if you copied it, "
+                f"copy {self.path.name}.counter and {self.path.name}-wal too",
                 MissingCallsWarning,
                 stacklevel=4,
             )
 
     def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
-        """Open a copy, and see that it is whole; what was found to be sound once is not looked into again."""
+        """Open a copy and check it; a digest that is known to be sound is not checked again."""
         if not self.path.is_file():
             sql = opening.enter_context(closing(sqlite3.connect(":memory:", isolation_level=None)))
             sql.executescript(SCHEMAS[VERSION])
@@ -142,14 +146,14 @@ class Ledger:
         return sql
 
     def _append(self, opening: ExitStack) -> sqlite3.Connection:
-        """Open the file itself, which is made where it is missing, once a copy of it was found to be sound."""
+        """Open the file itself, after a check of a copy; make it if it is missing."""
         if self.path.exists():
             with ExitStack() as looking:
                 self._read(looking, sound=True)
         else:
             self.missing = read_counter(self.path).expected
         if any(self.missing):
-            raise LedgerError(f"{self._missing_words()}, or go on without them with --accept-loss")
+            raise LedgerError(f"{self._missing_words()}, or continue without them with --accept-loss")
         if not self.path.exists():
             self._make()
         sql = connect(self.path, "mode=rw")
@@ -163,9 +167,9 @@ class Ledger:
         return sql
 
     def _make(self) -> None:
-        """Make an empty ledger, which is there with its schema or not at all."""
+        """Make an empty ledger atomically, with its schema."""
         partial = self.path.with_name(f".{self.path.name}.new")
-        for one in (partial, partial.with_name(f"{partial.name}-wal")):  # of a run that was killed while it made it
+        for one in (partial, partial.with_name(f"{partial.name}-wal")):  # left by a run killed here
             one.unlink(missing_ok=True)
         with closing(connect(partial, "mode=rwc")) as sql:
             sql.execute("PRAGMA journal_mode = WAL")
@@ -174,11 +178,11 @@ class Ledger:
         self._format = VERSION
 
     def _migrate(self, sql: sqlite3.Connection) -> None:
-        """Bring the ledger to today's format in one transaction, once a copy of the old one stands beside it."""
+        """Migrate the ledger to today's format in one transaction, after a backup."""
         if self._format not in APPENDED:
             raise LedgerError(
-                f"{self.path} is a ledger of format {self._format}, which is read and not appended to any more: run "
-                "anew with another --out"
+                f"{self.path} is a ledger of format {self._format}, which can be read but not appended to: "
+                "start a new run with another --out"
             )
         kept = self.path.with_name(f"{self.path.name}.format{self._format}.bak")
         partial = kept.with_name(f".{kept.name}")
@@ -200,41 +204,41 @@ class Ledger:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Commit what is written inside as one: all of it, or none where one write fails."""
+        """Commit all writes of the block together, or none if one fails."""
         self._sql.execute("BEGIN IMMEDIATE")
         try:
             yield
             self._sql.execute("COMMIT")
         except BaseException:
-            if self._sql.in_transaction:  # SQLite itself may have rolled it back: a full disk
+            if self._sql.in_transaction:  # SQLite rolls back itself, for example on a full disk
                 self._sql.execute("ROLLBACK")
-            with suppress(sqlite3.Error):  # it may have been committed: an interrupt that came after it
+            with suppress(sqlite3.Error):  # an interrupt may come after the commit
                 self._held, self._pending = _counted(self._sql), NOTHING
             raise
         self._count(NOTHING)
 
     def _count(self, rows: Written) -> None:
-        """Count rows that were written; the counter says so once they are committed."""
+        """Count written rows; the counter is updated once they are committed."""
         self._pending = self._pending.plus(rows)
         if not self._sql.in_transaction:
             self._held, self._pending = self._held.plus(self._pending), NOTHING
             self._counter.write(self._held)
 
     def held(self) -> Written:
-        """Return how many requests and replies it holds."""
+        """Return the numbers of requests and replies in the ledger."""
         return _counted(self._sql)
 
     def _missing_words(self) -> str:
         return (
-            f"{self.missing.words} that were written to {self.path} are missing: its log {self.path.name}-wal was "
-            "lost, or an older copy stands in its place; restore it"
+            f"{self.missing.words} that were written to {self.path} are missing: its log {self.path.name}-wal "
+            "was lost, or an older copy replaced the file; restore it"
         )
 
     def begin(self, key: CallKey, request_sha256: str, *, again: bool = False) -> Attempt:
         """Record that an attempt at a call is about to be sent.
 
-        Raises LedgerError where the call is finished already, for it must not be paid for twice; unless it is asked
-        ``again``: then its last final reply counts, and the earlier ones stay.
+        Raises LedgerError if the call is finished: it must not be paid for twice. With ``again`` it
+        is allowed; the call's last final reply then counts, and earlier ones stay.
         """
         sql = self._sql
         added = sql.execute(_ADD_CALL, key)
@@ -253,9 +257,10 @@ class Ledger:
         return Attempt(int(added.lastrowid or 0), call, number, reason, key, request_sha256, sent_at)
 
     def close(self, attempt: Attempt, reply: Reply, *, silence: bool = False) -> None:
-        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished.
+        """Record an attempt's reply.
 
-        With ``silence`` such an error finishes it too: the model said nothing, and is not asked again.
+        An error that may pass or can be fixed leaves the call unfinished. With ``silence`` such an
+        error finishes the call: it counts as no answer, and is not retried.
         """
         row = row_of(reply, final=silence or reply.error not in UNFINISHED)
         digest = checksum((*attempt.key, attempt.reason, attempt.request_sha256, attempt.sent_at, *row))
@@ -268,7 +273,7 @@ class Ledger:
         return {CallKey(*row) for row in rows}
 
     def unknown(self) -> set[CallKey]:
-        """Return the keys of unfinished calls with an attempt that was sent and whose outcome is unknown."""
+        """Return the keys of unfinished calls with an attempt of unknown outcome."""
         rows = self._sql.execute(
             f"SELECT {KEY} FROM calls WHERE id IN "
             "(SELECT call FROM attempts WHERE id NOT IN (SELECT attempt FROM replies)) "
@@ -277,16 +282,16 @@ class Ledger:
         return {CallKey(*row) for row in rows}
 
     def models(self) -> list[str]:
-        """Return the models that calls were begun of, by name."""
+        """Return the models with calls, sorted by name."""
         return [name for (name,) in self._sql.execute("SELECT DISTINCT model FROM calls ORDER BY model")]
 
     def began(self) -> str:
-        """Return when the first attempt was sent, in UTC; empty where none was."""
+        """Return when the first attempt was sent, in UTC; empty if there is none."""
         (first,) = self._sql.execute("SELECT min(sent_at) FROM attempts").fetchone()
         return first or ""
 
     def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
-        """Yield each call of a model that has a reply: its last final one, or its last failure while it has none."""
+        """Yield each call of a model with its last final reply, or else its last failure."""
         rows = self._sql.execute(
             f"SELECT {KEY_OF_CALL}, {REPORTED} FROM calls c JOIN replies r ON r.attempt = coalesce("
             "(SELECT max(attempt) FROM replies f WHERE f.call = c.id AND f.final = 1), "
@@ -297,7 +302,7 @@ class Ledger:
             yield CallKey(*row[:OF_KEY]), Reply(*row[OF_KEY:])
 
     def attempts(self, model: str) -> Iterator[Sent]:
-        """Yield every attempt at a model's calls in the order of sending, with what came back."""
+        """Yield every attempt at a model's calls in the order of sending, with its reply."""
         rows = self._sql.execute(
             f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, a.sent_at, r.final, {REPORTED} "
             "FROM attempts a JOIN calls c ON c.id = a.call "
@@ -310,32 +315,32 @@ class Ledger:
             yield Sent(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came), sent_at)
 
     def take(self) -> None:
-        """Take the file as it is whenever it is read from now on: somebody has said what in it is damaged."""
+        """Accept this file's content, although damaged, for every later read."""
         if self._digest is not None:
             _TAKEN.add(self._digest)
 
     def damaged(self) -> list[str]:
-        """Return in words the rows that are not what was written; a reply without a checksum cannot say."""
+        """Return in words the rows that differ from what was written, as checksums show."""
         return list(damaged(self._sql))
 
     def unchecked(self) -> int:
-        """Return how many replies have no checksum: they are older than format 3."""
+        """Return the number of replies without a checksum, which are older than format 3."""
         (count,) = self._sql.execute("SELECT count(*) FROM replies WHERE row_sha256 IS NULL").fetchone()
         return int(count)
 
     def copy_to(self, path: Path) -> None:
-        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        """Write a copy of the ledger, even while a run appends; equal rows give equal bytes."""
         older = OLDER.get(self._format, "")
-        for view in ("replies", "attempts") if older else ():  # which SQLite takes for the tables that it copies
+        for view in ("replies", "attempts") if older else ():  # SQLite would copy them as tables
             self._sql.execute(f"DROP VIEW IF EXISTS temp.{view}")
         self._sql.execute("VACUUM INTO ?", (str(path),))
         self._sql.executescript(older)
 
     def absorb(self, other: "Ledger") -> int:
-        """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
+        """Copy every call of another ledger into this one; return the number of new calls.
 
-        A reply that is older than checksums gets one. Raises LedgerError, and copies nothing, where a call was
-        finished in both.
+        Attempts and replies are included; a reply without a checksum gets one. Raises LedgerError,
+        and copies nothing, if a call is finished in both.
         """
         if twice := self.finished() & other.finished():
             raise LedgerError(

@@ -1,4 +1,4 @@
-"""A loss that somebody accepts: the counter of a ledger says so from then on, and a run goes on without it."""
+"""Accept a ledger's loss: its counter records it, and the run continues."""
 
 from pathlib import Path
 
@@ -9,10 +9,11 @@ from eyechart.ledger.schema import is_bare
 
 
 def accept_loss(path: Path) -> Written:
-    """Accept that rows that were written to a ledger are missing from it; return how many.
+    """Accept that written rows of a ledger are missing; return how many.
 
-    A ledger that holds no table, or is not there, has lost all of them: what is left of it is kept under another name,
-    and a run makes a new one. Nobody else may write to it meanwhile. Raises LedgerError where it is damaged.
+    A ledger that is absent or holds no table has lost all rows; its remains get another name, and a
+    run makes a new one. No other process may write to it meanwhile. Raises LedgerError if it is
+    damaged.
     """
     count, held, empty = read_counter(path), NOTHING, not path.exists() or is_bare(path)
     if not empty:
@@ -27,11 +28,11 @@ def accept_loss(path: Path) -> Written:
 
 
 def _set_aside(path: Path) -> None:
-    """Give what is left of a ledger, and its log, which SQLite would take for a new one's, other names."""
+    """Rename the remains of a ledger, and its log, which SQLite would take for a new ledger's."""
     for one in (path, path.with_name(f"{path.name}-wal")):
         if one.exists():
             kept = one.with_name(f"{one.name}.lost.bak")
             if kept.exists() and kept.stat().st_size:
-                raise LedgerError(f"{kept} is in the way of what is left of a ledger: give it another name")
+                raise LedgerError(f"{kept} exists, but the remains of the ledger need this name: rename it")
             one.replace(kept)
     path.with_name(f"{path.name}-shm").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What a ledger keeps of a call, as rows: how a Reply is written down, its checksum, and how it is read back."""
+"""A call's rows in a ledger: how a Reply is written, its checksum, and how it is read."""
 
 import datetime as dt
 import hashlib
@@ -15,26 +15,26 @@ from eyechart.calls import MOST, CallKey, Reply
 from eyechart.errors import encodable
 
 UNKNOWN = "unknown"
-"""The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
+"""The reason of an attempt after one that was sent but lost its outcome when the run was killed."""
 AGAIN = "again"
-"""The reason of an attempt that asks a finished call once more, because it had ended in a failure of the road."""
+"""The reason of an attempt that repeats a finished call because it failed in transport."""
 KEY = ", ".join(CallKey._fields)
 KEY_OF_CALL = ", ".join(f"c.{name}" for name in CallKey._fields)
 KEY_IS = " AND ".join(f"{name} = ?" for name in CallKey._fields)
 OF_KEY = len(CallKey._fields)
 REPLY = tuple(field.name for field in fields(Reply))
 REPLY_OF = ", ".join(f"r.{name}" for name in REPLY)
-"""The fields of a reply as they stand in its row."""
+"""The fields of a reply as columns of its row."""
 _BOUNDED = {name: f"CASE WHEN r.{name} BETWEEN 0 AND {most!r} THEN r.{name} END" for name, most in MOST.items()}
 REPORTED = ", ".join(_BOUNDED.get(name, f"r.{name}") for name in REPLY)
-"""The same as they are read: a number that nobody can have measured, which an older ledger may hold, is none."""
+"""The same columns for reading; impossible numbers of an older ledger become None."""
 _values = attrgetter(*REPLY)
 
 
 class Attempt(NamedTuple):
-    """An attempt that was written and not yet closed: row ids of the attempt and of its call, and what was asked.
+    """An open attempt: its row ids, its call and its request.
 
-    ``reason`` says why it is made where it is not the first: the error of the attempt before it, or ``UNKNOWN``.
+    ``reason`` says why a repeated attempt is made: the error of the previous one, or ``UNKNOWN``.
     """
 
     id: int
@@ -47,9 +47,9 @@ class Attempt(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown".
+    """An attempt as read back: its call, number, reason and reply; None is "unknown".
 
-    ``final`` says that what came finished the call.
+    ``final`` says that the reply finished the call.
     """
 
     key: CallKey
@@ -62,7 +62,7 @@ class Sent(NamedTuple):
 
 
 def row_of(reply: Reply, *, final: bool) -> tuple[object, ...]:
-    """Return what is kept of a reply: whether it is final, the time, and its fields as SQLite gives them back."""
+    """Return a reply's row: whether it is final, the time, and its fields for SQLite."""
     values = zip(_PUT, _values(reply), strict=True)
     came = [one if one is None or (type(one) is str and one.isascii()) else put(one) for put, one in values]
     return (int(final), now(), *came)
@@ -71,7 +71,8 @@ def row_of(reply: Reply, *, final: bool) -> tuple[object, ...]:
 def checksum(values: tuple[object, ...]) -> str:
     """Return the SHA-256 of a reply's row as a msgpack array.
 
-    ``values`` are its call's key, why and what and when was asked, and all of the row but row ids.
+    ``values`` are the call's key, the attempt's reason, request and time, and the row without row
+    ids.
     """
     return hashlib.sha256(_pack(values)).hexdigest()
 
@@ -88,12 +89,12 @@ def _moment(second: int) -> str:
 
 
 def _real(number: float) -> float | None:
-    """Return a number as SQLite gives it back: no sign of zero, and None for what is none."""
+    """Return a number as SQLite returns it: no signed zero, and None for NaN."""
     return None if number != number else float(number) + 0.0  # noqa: PLR0124 - only NaN differs from itself
 
 
 _PUT: tuple[Callable[[Any], object], ...] = tuple(
     _real if one.type == float | None else int if one.type == int | None else encodable for one in fields(Reply)
 )
-"""What makes of each field of a Reply the value that SQLite keeps, and gives back as it is."""
-_pack = msgpack.Encoder(enc_hook=str).encode  # a text of a kind of its own is kept as text
+"""The conversion of each Reply field to a value that SQLite stores and returns unchanged."""
+_pack = msgpack.Encoder(enc_hook=str).encode  # a subclass of str is stored as text

@@ -1,4 +1,4 @@
-"""The schema of a ledger, format by format, and whether a file has it."""
+"""The schema of each ledger format, and the check that a file has it."""
 
 import sqlite3
 from collections import Counter
@@ -48,7 +48,7 @@ DROP INDEX one_final_reply_a_call;
 CREATE INDEX final_replies ON replies (call) WHERE final = 1;
 PRAGMA user_version = 3;
 """
-"""From format 2, which 0.1.0 writes, to 3; a new ledger takes the same way, so that both have one schema."""
+"""Migration from format 2, which 0.1.0 writes, to 3; a new ledger uses it too, for one schema."""
 _APPEND_ONLY = "".join(
     f"CREATE TRIGGER IF NOT EXISTS {table}_{verb} BEFORE {verb} ON {table} "
     "BEGIN SELECT RAISE(ABORT, 'the ledger is append-only'); END;\n"
@@ -63,11 +63,11 @@ SCHEMAS: Mapping[int, str] = MappingProxyType(
         3: f"{_FORMAT_2} {MIGRATION}",
     }
 )
-"""What makes an empty ledger of each format; the number of the format apart."""
+"""The statements that make an empty ledger of each format, without the format's number."""
 APPENDED = (2, 3)
-"""The formats that a run appends to, older ones once they are of today's."""
+"""The formats that a run can append to; an older one is migrated first."""
 SINCE_FORMAT_3 = ("system_fingerprint", "payload_bytes", "payload_sha256")
-"""The fields of a Reply that an older ledger does not hold."""
+"""The Reply fields that an older ledger does not hold."""
 _ADDED_BY_3 = ", ".join(f"NULL AS {name}" for name in (*SINCE_FORMAT_3, "row_sha256"))
 _ADDED_BY_2 = (
     "'' AS reasoning, NULL AS reasoning_tokens, NULL AS first_byte_s, NULL AS status, NULL AS retry_after_s, "
@@ -80,17 +80,17 @@ OLDER: Mapping[int, str] = MappingProxyType(
         "CREATE TEMP VIEW attempts AS SELECT *, NULL AS reason FROM main.attempts;",
     }
 )
-"""How an older format is read: by views that stand before its tables and hold None for what it does not know."""
+"""Views that shadow an older format's tables, with NULL for columns that it lacks."""
 _OBJECTS = "SELECT type, name, tbl_name, sql FROM main.sqlite_master"
 _SHOWN = 3
 
 
 def format_of(sql: sqlite3.Connection, path: Path) -> int:
-    """Return the format of a ledger that is open.
+    """Return the format of an open ledger.
 
-    Raises LedgerError where the file holds nothing, is another program's database or of a format that is not read, or
-    where its schema is not, object by object, that of its format: a view or a virtual table in a table's place, a
-    trigger too many, or one that keeps rows from being changed too few.
+    Raises LedgerError if the file is empty, belongs to another program, or has an unknown format.
+    It also compares the schema object by object with that of its format. A view or a virtual table
+    instead of a table is an error, and so is an extra or missing trigger.
     """
     (said,) = sql.execute("PRAGMA user_version").fetchone()
     (program,) = sql.execute("PRAGMA application_id").fetchone()
@@ -99,29 +99,29 @@ def format_of(sql: sqlite3.Connection, path: Path) -> int:
     if not found and (said, program) == (0, 0):
         size = path.stat().st_size
         raise LedgerError(
-            f"{path} holds no table ({size} bytes): restore it from a copy, or let 'run' go on without what it held, "
-            "with --accept-loss"
+            f"{path} holds no table ({size} bytes): restore it from a copy, or continue the run without its "
+            "rows with --accept-loss"
         )
     if program:
         raise LedgerError(f"{path} is no ledger: it says that it is a database of program {program}")
     if said not in SCHEMAS:
         raise LedgerError(
-            f"{path} is a ledger of format {said}; this eyechart reads formats 1 to {VERSION}: "
-            "use the eyechart that wrote it, or run anew with another --out"
+            f"{path} is a ledger of format {said}; this eyechart reads formats 1 to {VERSION}: use the eyechart "
+            "that wrote it, or start a new run with another --out"
         )
     strange = sorted({str(name) for _, name, _, _ in found ^ _objects(said)} | _twice(name for _, name, _, _ in rows))
     if strange:
         named = printable(", ".join(strange[:_SHOWN]))
         more = f" and {len(strange) - _SHOWN} more" if len(strange) > _SHOWN else ""
         raise LedgerError(
-            f"{path} is no plain ledger: {named}{more} of its schema differ from those of format {said}; restore it "
-            "from a copy"
+            f"{path} is no plain ledger: {named}{more} of its schema differ from those of format {said}; "
+            "restore it from a copy"
         )
     return int(said)
 
 
 def is_bare(path: Path) -> bool:
-    """Return whether a file, with its log, holds no table and is no other program's: a ledger that lost all of it."""
+    """Return whether a file and its log hold no table and belong to no other program."""
     with ExitStack() as opened:
         sql, _ = open_copy(path, opened)
         opened.callback(sql.close)

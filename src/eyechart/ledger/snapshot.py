@@ -1,4 +1,4 @@
-"""A ledger is read from a copy, so that nothing is written beside it, whatever its format and whoever writes to it."""
+"""Read a ledger from a copy, so that no file is written beside it."""
 
 import hashlib
 import shutil
@@ -11,15 +11,15 @@ from eyechart.errors import plain_file
 from eyechart.scratch import scratch
 
 _COPIES = 20
-"""Copies of a ledger that is written meanwhile, until one is whole; then it is read where it is, beside its writer."""
+"""Copies to try of a ledger under writing; after that it is read in place."""
 
 
 def open_copy(path: Path, opened: ExitStack) -> tuple[sqlite3.Connection, str | None]:
-    """Open a copy of a ledger, taken with what its log holds that is not in it yet; return it with its digest.
+    """Open a copy of a ledger and its log; return it with its digest.
 
-    A copy is whole where the log was not begun anew meanwhile, as all that its writer moved into the file still stands
-    in it; without a log, where the file did not change. Where no copy is, the ledger itself is opened, and there is no
-    digest.
+    A copy is whole if the log was not restarted meanwhile: all that moved into the file is then
+    still in the log. Without a log, the file must not have changed. If no copy is whole, the ledger
+    itself is opened, and the digest is None.
     """
     copy = opened.enter_context(scratch("ledger")) / "ledger.sqlite"
     log, its_log = (one.with_name(f"{one.name}-wal") for one in (path, copy))
@@ -37,18 +37,18 @@ def open_copy(path: Path, opened: ExitStack) -> tuple[sqlite3.Connection, str | 
 
 
 def connect(path: Path, mode: str) -> sqlite3.Connection:
-    """Open a database in the mode of its URI; each statement is a transaction of its own.
+    """Open a database in a URI mode; each statement is a transaction of its own.
 
-    Of a text that is no Unicode, which only damage makes, the bytes come as escapes.
+    Text that is not Unicode, which only damage makes, is read with escapes.
     """
     sql = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", isolation_level=None, uri=True)
-    sql.text_factory = methodcaller("decode", "utf-8", "backslashreplace")  # of every text that is read
+    sql.text_factory = methodcaller("decode", "utf-8", "backslashreplace")  # for every text
     sql.execute("PRAGMA trusted_schema = OFF")
     return sql
 
 
 def _head(log: Path) -> bytes | None:
-    """Return the head of a write-ahead log, which changes whenever it is begun anew; None where there is none."""
+    """Return the head of a write-ahead log, which changes on a restart; None without a log."""
     try:
         with log.open("rb") as file:
             return file.read(32)

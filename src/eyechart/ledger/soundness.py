@@ -1,4 +1,4 @@
-"""Whether what stands in a ledger is what was written: checksums of its replies, and how its rows hang together."""
+"""Check that a ledger holds what was written: checksums of replies, and links of rows."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -14,26 +14,24 @@ _EVERY_ROW = (
     "LEFT JOIN attempts a ON a.id = r.attempt LEFT JOIN calls c ON c.id = a.call ORDER BY r.attempt"
 )
 _BEFORE = 3
-"""So many columns come before those of which the checksum is."""
+"""Number of columns before those in the checksum."""
 _OF_FORMAT_3 = [REPLY.index(name) - len(REPLY) for name in SINCE_FORMAT_3]
-"""Where a row has what no older format keeps."""
+"""Positions in a row of the columns that no older format has."""
 _WITHOUT_CALL = "SELECT id FROM attempts WHERE call NOT IN (SELECT id FROM calls)"
 _MISCOUNTED = "SELECT min(id) FROM attempts GROUP BY call HAVING min(number) != 1 OR max(number) != count(*)"
 
 
 def require_sound(sql: sqlite3.Connection, path: Path) -> None:
-    """Raise LedgerError where a file is damaged: as a database, or in rows that are not what was written."""
+    """Raise LedgerError if a file is damaged as a database or in its rows."""
     require_whole(sql, path)
     found = list(damaged(sql))
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        raise LedgerError(
-            f"{path} is damaged: not what its checksum says is {printable(found[0])}{more}; restore it from a copy"
-        )
+        raise LedgerError(f"{path} is damaged in {printable(found[0])}{more}; restore it from a copy")
 
 
 def require_whole(sql: sqlite3.Connection, path: Path) -> None:
-    """Raise LedgerError where a file is damaged as a database."""
+    """Raise LedgerError if a file is damaged as a database."""
     try:
         (said,) = sql.execute("PRAGMA main.integrity_check(1)").fetchone()
     except sqlite3.Error as error:
@@ -43,11 +41,11 @@ def require_whole(sql: sqlite3.Connection, path: Path) -> None:
 
 
 def damaged(sql: sqlite3.Connection) -> Iterator[str]:
-    """Yield in words which rows are not what was written.
+    """Yield in words the rows that differ from what was written.
 
-    A reply is held against its checksum. One that has none is of a format before 3: it came before every reply that has
-    one, and says nothing that only format 3 keeps. Of every row it is asked whether it belongs to a call, and whether
-    the attempts at a call are counted from 1.
+    A reply is compared with its checksum. A reply without one must be older than format 3: it comes
+    before every reply with one, and has no column that only format 3 has. Every row must belong to
+    a call, and the attempts at a call must count from 1.
     """
     since = False
     for row in sql.execute(_EVERY_ROW):
@@ -63,4 +61,4 @@ def damaged(sql: sqlite3.Connection) -> Iterator[str]:
         else:
             yield f"{model}'s reply about {frame} under {condition}"
     for (attempt,) in sql.execute(f"{_WITHOUT_CALL} UNION {_MISCOUNTED}"):
-        yield f"attempt {attempt}, which is not the next of its call's"
+        yield f"attempt {attempt}, which breaks the count of its call"

@@ -1,8 +1,8 @@
-"""A look: from whatever is brought, a model, a callable or a policy, to one answer, in the steps of the long way.
+"""A look: one answer about any model, callable or policy, made from the usual steps.
 
-The pictures become a bank, a served model is shown drawn ones first and its mode is pinned, the run asks it with early
-stopping, and the verdict and the page come of that. All of it lies in one folder, and is what the commands of these
-steps make; the same look again goes on where it stopped.
+The pictures become a bank. A served model first sees drawn pictures, and its request mode is found.
+The run then asks it with early stopping, and the verdict and the page follow. All files are in one
+folder, as the single commands would make them; the same look resumes there.
 """
 
 from dataclasses import replace
@@ -36,13 +36,13 @@ __all__ = [
 
 
 SUMMARY = "summary.md"
-"""The answer as tables in Markdown, in the look's folder."""
+"""The answer as Markdown tables, in the look's folder."""
 
 
 def spec_of(given: str) -> str:
-    """Return the SPEC of what was given: ``python:`` comes before the ``MODULE:FUNCTION`` of a module that is there.
+    """Return the SPEC of a given text; an existing module's ``MODULE:FUNCTION`` gets ``python:``.
 
-    Raises SpecError that says what was looked for where that may be meant, and no such module is there.
+    Raises SpecError that names the missing module if the text looks like one.
     """
     first, colon, rest = given.partition(":")
     if not colon or not rest or first in ADAPTERS or first in POLICIES:
@@ -52,14 +52,14 @@ def spec_of(given: str) -> str:
     known = top.isidentifier() and (here or find_spec(top) is not None)
     if not known and rest.isidentifier() and all(map(str.isidentifier, first.split("."))):
         raise SpecError(
-            f"unknown model '{given}';{meant(first, [*ADAPTERS, *POLICIES])} neither an adapter (see 'eyechart list "
-            f"models') nor a module is called '{first}': no {top}.py lies in {Path.cwd()}, and none is installed"
+            f"unknown model '{given}';{meant(first, [*ADAPTERS, *POLICIES])} '{first}' is neither an adapter "
+            f"(see 'eyechart list models') nor a module: no {top}.py lies in {Path.cwd()}, and none is installed"
         )
     return f"python:{given}" if known else given
 
 
 def is_policy(spec: str, pictures: Pictures) -> bool:
-    """Return whether a SPEC names a policy: a callable is one where the pictures come with motions."""
+    """Return whether a SPEC names a policy; a callable is one if the pictures have motions."""
     adapter = spec.partition(":")[0]
     if adapter not in POLICIES or adapter not in ADAPTERS:
         return adapter in POLICIES
@@ -71,14 +71,14 @@ def is_policy(spec: str, pictures: Pictures) -> bool:
 def look(wanted: Wanted, watch: Watch) -> Look:
     """Look at a model or a policy, and return the answer.
 
-    Raises SpecError for what cannot be asked or was not agreed to, and what the steps raise: BankError, SourceError,
-    LedgerError.
+    Raises SpecError if it cannot be asked or the cost was not agreed to. The steps raise BankError,
+    SourceError and LedgerError.
     """
     acts = is_policy(wanted.spec, wanted.pictures)
     if acts:
         wanted = replace(wanted, held=wanted.held or open_policy(wanted.spec))
     elif wanted.held is None:
-        open_model(wanted.spec, wanted.mode)  # what is wrong with it is said before a bank is made
+        open_model(wanted.spec, wanted.mode)  # reports what is wrong with it before a bank is made
     brought = wanted.pictures.are_brought and not (wanted.out / BANK).exists()
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)

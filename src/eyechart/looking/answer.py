@@ -1,4 +1,4 @@
-"""The answer of a look: one screen of 80 columns, or the same as plain values."""
+"""The answer of a look: one screen of 80 columns, or plain values."""
 
 import shlex
 import textwrap
@@ -14,7 +14,7 @@ EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 @dataclass(frozen=True, slots=True)
 class Pictured:
-    """One picture in words, and what came of it: how often each answer was given, or how much a motion changed."""
+    """One picture in words, with the counts of its answers, or the change of a motion."""
 
     shows: str
     answers: dict[str, int] | None = None
@@ -24,10 +24,10 @@ class Pictured:
 
     @property
     def words(self) -> str:
-        """Return what came of it."""
+        """Return the result in words."""
         if self.answers is not None:
             counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
-            return f"{counted} of {self.n} asked" if counted else "not asked"
+            return f"{counted} of {self.n} answers" if counted else "not asked"
         if self.change is None:
             return "not asked"
         low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
@@ -37,7 +37,7 @@ class Pictured:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What may be done next: why, and the command."""
+    """A possible next step: a reason and a command."""
 
     why: str
     command: str
@@ -45,11 +45,12 @@ class Step:
 
 @dataclass(frozen=True)
 class Look(Written):
-    """Whether a model or a policy looks, why, where it does not, and what was made.
+    """Whether a model or a policy looks, why, and the files that the look made.
 
-    ``answer`` is Yes, In part, No or Inconclusive, ``because`` the sentence that goes with it, ``holes`` are the places
-    of which it does not hold. ``pictures`` are three in words, out of ``among``. ``ended`` says where it was asked no
-    more, because it was settled. ``report`` and ``run`` are None where nothing was asked.
+    ``answer`` is Yes, In part, No or Inconclusive; ``because`` is its sentence. ``holes`` are the
+    places where it does not hold. ``pictures`` are three in words, out of ``among``. ``ended`` says
+    why the calls stopped early, if they did. ``report`` and ``run`` are None if there were no
+    calls.
     """
 
     written = "answer because holes next=commands report=page run=folder model=spec label pictures among ended calls"
@@ -69,28 +70,28 @@ class Look(Written):
 
     @property
     def commands(self) -> list[str]:
-        """Return what may be done next, as commands."""
+        """Return the commands of the next steps."""
         return [one.command for one in self.next]
 
     @property
     def page(self) -> str | None:
-        """Return where the page was written."""
+        """Return the page's path; None if there is none."""
         return None if self.report is None else str(self.report)
 
     @property
     def folder(self) -> str | None:
-        """Return the folder of the run."""
+        """Return the run's folder; None if there is none."""
         return None if self.run is None else str(self.run)
 
     def exit_code(self, *, accept_part: bool = False) -> int:
-        """Return 0 for Yes, 1 for No and In part, 2 for Inconclusive; 0 for In part too where that is accepted."""
+        """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""
         return 0 if accept_part and self.answer == "In part" else EXIT_CODES[self.answer]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
     def markdown(self) -> str:
-        """Return two tables, as the page of a job shows them: the answer, and what came of the three pictures."""
+        """Return two Markdown tables: the answer, and the results of the three pictures."""
         said = " ".join([self.because, *self.holes])
         rows: list[tuple[str, ...]] = [
             ("looks?", "who", "because"),
@@ -103,7 +104,7 @@ class Look(Written):
         return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
-        """Yield the screen, a line of at most 80 columns each; ``shown`` returns a text as it is to be read."""
+        """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""
         yield from _wrapped(shown(f"{self.answer}. {self.because}"))
         yield from (line for hole in self.holes for line in _wrapped(shown(hole), "  "))
         if self.pictures:
@@ -131,7 +132,7 @@ def _wrapped(text: str, first: str = "", later: str | None = None) -> Sequence[s
 
 
 def pasted(command: str) -> Iterator[str]:
-    """Yield a command that can be pasted, on lines of at most 80 columns as far as its words allow."""
+    """Yield a command to paste, on lines of at most 80 columns if its words allow."""
     line = "    "
     for word in map(shlex.quote, shlex.split(command)):
         if line.strip() and len(line) + len(word) + 2 > COLUMNS:

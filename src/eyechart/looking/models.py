@@ -1,4 +1,4 @@
-"""A look at a model: what it is shown and how it is asked is found out first, then it is asked until it is settled."""
+"""A look at a model: find its request mode, then ask it until its verdict is settled."""
 
 import shlex
 from collections import Counter
@@ -34,13 +34,13 @@ SHOWN: tuple[Mapping[str, str], ...] = (
     {"blank": "a blank picture", "noise": "noise", "text_only": "no picture"},
     {
         "lead_near": "the same moment, the lead near",
-        "lane_own": "the same moment, a near one ahead",
+        "lane_own": "the same moment, a near lead",
         "shuffled": "a picture of another moment",
         "cross_scenario": "a picture of another scenario",
         "mirrored": "the same picture, reflected",
     },
 )
-"""The three pictures: of each the first condition that was asked."""
+"""The three pictures; each is the first of these conditions that was run."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class ModelLook:
     watch: Watch
 
     def look(self) -> Look:
-        """Find out how it is asked, ask it, and return the answer."""
+        """Find the request mode, ask the model, and return the answer."""
         wanted = self.wanted
         known = wanted.mode if wanted.by_file or wanted.held is not None else self._sights.known(wanted.mode)
         planned = self._sized(known)
@@ -61,7 +61,7 @@ class ModelLook:
             found = self._sights.find(wanted.mode, planned.sample())
             if isinstance(found, Unseen):
                 return self._unseen(found)
-            self.watch.say(f"it is shown its pictures, and is asked as {wanted.out / MODE} says")
+            self.watch.say(f"it sees its pictures, and is asked as {wanted.out / MODE} says")
             planned = self._plan(found, planned.manifest.limit)
             self._agree(planned, 0)
         before = planned.counts()[1]
@@ -82,9 +82,9 @@ class ModelLook:
         return battery.plan(self.bank, asked, wanted.run, prompt=wanted.prompt, seed=wanted.seed, extent=extent)
 
     def _sized(self, known: RequestMode | None) -> Battery:
-        """Return the plan on as few frames as reach every answer, and on fewer where the budget takes no more.
+        """Return the plan on the fewest frames that can give every answer, or as the budget allows.
 
-        A run that is begun goes on with its own.
+        A run that exists keeps its own frames.
         """
         wanted, mode = self.wanted, known or self.wanted.mode
         if is_run(wanted.run):
@@ -102,7 +102,7 @@ class ModelLook:
         return planned if found.frames == len(bank) else self._plan(mode, found.frames)
 
     def _agree(self, planned: Battery, more: int) -> None:
-        """Have it agreed what is to be paid at most, with ``more`` calls that find out how it is asked."""
+        """Get consent to the most that will be paid, with ``more`` calls for the request mode."""
         spec = self.wanted.spec
         settled = planned.progress()[spec].stopped is not None
         left = 0 if settled else planned.left() + planned.more_by_model()[spec]
@@ -119,11 +119,11 @@ class ModelLook:
     def _unseen(self, found: Unseen) -> Look:
         wanted = self.wanted
         said = "; ".join(found.causes)
-        because = f"Nothing was asked about the frames, for it was not shown to see: {found.because}."
+        because = f"No call about the frames was made, because it was not shown to see: {found.because}."
         address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
         steps = (
             Step("see each question and its reply", shlex.join(["eyechart", "doctor", wanted.spec, *address])),
-            Step("look again once that is mended", wanted.command()),
+            Step("look again after the repair", wanted.command()),
         )
         causes = (f"Likely cause: {said}.",) if said else ()
         return Look(wanted.spec, "Inconclusive", because, causes, "unseen", next=steps, calls=found.spent.calls)
@@ -155,19 +155,19 @@ class ModelLook:
 
 
 def _most(planned: Battery, frames: int) -> int:
-    """Return how many calls so many frames of a plan take at most, with every control."""
+    """Return the most calls on ``frames`` frames of a plan, with every control."""
     some = replace(planned.plan, frames=spread(planned.plan.bank.frames, frames))
     wide = widest(planned.manifest, some)
     return sum(1 for spec in wide.models for _ in wide.keys_of(spec))
 
 
 def _asked_before(mode: RequestMode) -> int:
-    """Return how many calls found out how a model is asked."""
+    """Return the number of calls that found the model's request mode."""
     return (mode.measured.calls or 0) if mode.measured is not None else 0
 
 
 def _because(verdict: Verdict) -> str:
-    """Return the ruling's sentence: what it may be trusted with and why; what puts it in doubt comes first."""
+    """Return the ruling's sentence: doubts first, then permitted use and reason."""
     reason = str(verdict.calibrated.found or verdict.calibrated.reason)
     said = f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
     untested = [note for note in verdict.notes if note.startswith(UNTESTED) and verdict.answer != "Yes"]
@@ -179,7 +179,7 @@ UNTESTED = "whether it follows the gap was not tested"
 
 
 def _holes(verdict: Verdict) -> Iterator[str]:
-    """Yield the places of which the answer does not hold, with counts."""
+    """Yield the places where the answer does not hold, with counts."""
     for one in verdict.holes:
         where = one.where.replace("`", "")
         yield f"Not {where}: it brakes harder for the nearer lead on {one.harder} of {one.frames} frames."
@@ -187,16 +187,19 @@ def _holes(verdict: Verdict) -> Iterator[str]:
 
 
 def _failed(wanted: Wanted) -> Iterator[str]:
-    """Yield how many calls ended in an error, and the first one's own words: no gate holds such a run."""
+    """Yield the number of calls that failed, and the first error; no gate holds such a run."""
     with Ledger(wanted.run / LEDGER) as ledger:
         found = [one for _, one in ledger.replies(wanted.spec) if one.error]
     if found:
         first = f"{found[0].error}: {found[0].error_detail}"[:160]
-        yield f"{len(found)} calls ended in an error, so that 'gate' and assert_looks cannot say. The first: {first}"
+        yield (
+            f"{len(found)} calls ended in an error, so 'gate' and assert_looks are inconclusive. The first error: "
+            f"{first}"
+        )
 
 
 def _pictures(answers: Answers) -> tuple[tuple[Pictured, ...], str]:
-    """Return three pictures with the counts of answers, on frames whose lead is no nearer than the median."""
+    """Return three pictures with their answer counts, on frames with a lead past the median."""
     gaps, every = answers.gaps, range(len(answers.frames))
     far, among = list(every), f"on {len(every)} frames"
     if gaps is not None and np.isfinite(gaps).any():
@@ -214,21 +217,21 @@ def _pictures(answers: Answers) -> tuple[tuple[Pictured, ...], str]:
 
 
 def _steps(wanted: Wanted, verdict: Verdict, *, whole: bool) -> Iterator[Step]:
-    """Yield what may be done next."""
+    """Yield the possible next steps."""
     run = str(wanted.run)
     if not whole:
-        yield Step("go on where it stopped", wanted.command())
+        yield Step("continue where it stopped", wanted.command())
         return
     if verdict.answer == "Yes":
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks")
     elif verdict.why_not is not None:
         settle = verdict.why_not.first or verdict.why_not.settle
         if not settle.startswith("nothing"):
-            yield Step(f"what would settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
+            yield Step(f"to settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
-        yield Step("try other words", wanted.command(prompt="FILE.toml", out=again))
-    yield Step("every statistic and why not more", f"eyechart verdict {shlex.quote(run)}")
+        yield Step("try another prompt", wanted.command(prompt="FILE.toml", out=again))
+    yield Step("every statistic, and why no stronger label", f"eyechart verdict {shlex.quote(run)}")
 
 
 def _bank(wanted: Wanted) -> str:

@@ -1,4 +1,4 @@
-"""Of what a look is: a bank that is there, one made once of photographs or of a data set, or one of our own worlds."""
+"""The bank of a look: a given one, one made from photographs or a data set, or a drawn one."""
 
 import hashlib
 import json
@@ -19,13 +19,13 @@ BANK, RECORD = "bank", "look.json"
 FORMAT = "eyechart-look/1"
 
 WORLD, STEPS = "highway", 18
-"""Our own bank for a model: 216 frames of 12 episodes, the fewest on which each answer is found with power .8."""
+"""The drawn bank for a model: 216 frames of 12 episodes, the fewest with power .8 per answer."""
 TABLE, TABLE_STEPS = "tabletop", 6
-"""Our own bank for a policy: 72 frames of 12 episodes."""
+"""The drawn bank for a policy: 72 frames of 12 episodes."""
 SEEDS = (0, 1, 2)
 
 TAKEN = 300
-"""About so many frames are taken of a data set: every Nth, so that all of its episodes are among them."""
+"""About this many frames of a data set are used: every Nth, from all episodes."""
 
 
 _LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
@@ -33,11 +33,11 @@ _LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these
 
 @dataclass(frozen=True)
 class Pictures:
-    """Where frames come from; nothing given is a bank of our own.
+    """The source of a look's frames; without one, eyechart draws a bank.
 
-    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. Of the last two
-    ``columns`` maps places to columns, and below ``threshold`` in ``unit`` a distance is near. Raises SpecError where
-    these contradict each other.
+    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. For
+    the last two, ``columns`` maps places to columns, and a distance below ``threshold`` in ``unit``
+    is near. Raises SpecError if these contradict each other.
     """
 
     frames: Path | None = None
@@ -52,26 +52,26 @@ class Pictures:
         given = {"--frames": self.frames, "--photos": self.photos, "--dataset": self.dataset}
         several = [name for name, path in given.items() if path is not None]
         if len(several) > 1:
-            raise SpecError(f"{' and '.join(several)} are two places for frames: give one")
+            raise SpecError(f"{' and '.join(several)} both give frames: give one")
         if (self.photos is None) != (self.table is None):
-            raise SpecError("--photos FOLDER and --table FILE belong together: a row of the table is a photograph")
+            raise SpecError("--photos FOLDER and --table FILE belong together: each row of the table is a photograph")
         said = {"--map": self.columns, "--threshold": self.threshold, "--unit": self.unit}
         lost = [name for name, one in said.items() if one not in (None, {})]
         if lost and self.photos is None and self.dataset is None:
-            raise SpecError(f"{', '.join(lost)} is said of --photos or --dataset, and neither is given")
+            raise SpecError(f"{', '.join(lost)} needs --photos or --dataset: give one of them")
         if self.threshold is not None:
             finite_number("--threshold", self.threshold)
 
     @property
     def are_brought(self) -> bool:
-        """Return whether a bank is made of photographs or of a data set, of which the import has something to say."""
+        """Return whether a bank is imported, so that the import's notes are printed."""
         return self.photos is not None or self.dataset is not None
 
     def bank(self, out: Path, move: Progress, steps: int | None = None) -> Path:
-        """Return where the bank lies: the one that was given, or that of the look's folder, which is made once.
+        """Return the bank's path: the given one, or the look's own, which is made once.
 
-        ``steps`` are those of a motion, where a policy is asked; ``move`` is told of the progress. Raises SpecError
-        where the folder holds a bank of other pictures, and what the import or the build raises.
+        ``steps`` is the length of a policy's motions; ``move`` gets the progress. Raises SpecError
+        if the folder holds a bank of other pictures, and what the import or the build raises.
         """
         if self.frames is not None:
             return self.frames
@@ -101,7 +101,7 @@ class Pictures:
             open_bank_simulator(TABLE).build(place, seeds=SEEDS, steps=TABLE_STEPS, progress=move)
 
     def _said(self, steps: int | None) -> dict[str, object]:
-        """Return in plain values of what the folder's bank is made."""
+        """Return in plain values what the folder's bank is made from."""
         table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
         places = {"photos": self.photos, "dataset": self.dataset}
         found: dict[str, object] = {name: str(path.resolve()) for name, path in places.items() if path is not None}
@@ -115,7 +115,7 @@ class Pictures:
         }
 
     def made_with(self, out: Path) -> int | None:
-        """Return of how many steps the motions of the look's folder's bank are; None where it holds no such bank."""
+        """Return the number of steps of the motions in the look's own bank; None if it has none."""
         if not (out / BANK).exists():
             return None
         steps = self._record(out).get("steps")
@@ -127,13 +127,13 @@ class Pictures:
             found = parse_json(record.read_bytes())
         frames = found.get("frames") if isinstance(found, dict) else None
         if not isinstance(frames, dict):
-            raise SpecError(f"{record} does not say of what the bank is made; give another --out")
+            raise SpecError(f"{record} does not say what the bank is made from; give another --out")
         return frames
 
     def _require_same(self, out: Path, steps: int | None) -> None:
         before, now = self._record(out), self._said(steps)
         if other := [name for name in now.keys() | before.keys() if before.get(name) != now.get(name)]:
             raise SpecError(
-                f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give what it was made with, or "
-                "another --out"
+                f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give the same options as "
+                "before, or another --out"
             )

@@ -1,4 +1,4 @@
-"""A look at a policy: it is examined on a few frames, then asked about all of them with each channel exchanged."""
+"""A look at a policy: test it on a few frames, then ask it with each channel exchanged."""
 
 import shlex
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ from eyechart.verdicts.channels import MISFIT, PolicyVerdict
 from eyechart.verdicts.labels import CAMERA
 
 _SELDOM = 1_000_000
-"""Of an episode every so many frames are taken for a try: its first one."""
+"""For a trial, one frame is taken per this many frames of an episode: its first one."""
 MOTION_AXES = 2
 
 SHOWN = {
@@ -42,13 +42,13 @@ SHOWN = {
     "T.blank": "grey pictures",
     f"T.matched@{CAMERAS}": "others at a similar state",
 }
-"""The three pictures, by the statistic that says how much a motion changes with them."""
+"""The three pictures, by the statistic of how much a motion changes with them."""
 
 
 def steps_of(wanted: Wanted) -> int:
-    """Return of how many steps a policy's motions are, as it answers once to a moment of its data set; 1 of our own.
+    """Return the number of steps in a policy's motions, from one answer; 1 for drawn banks.
 
-    What does not answer with an array is taken to answer with one step, and is found out later.
+    A policy that does not answer with an array counts as one step; the doctor reports it later.
     """
     if wanted.pictures.dataset is None:
         return 1
@@ -78,7 +78,7 @@ class PolicyLook:
     watch: Watch
 
     def look(self) -> Look:
-        """Examine it, ask it, and return the answer."""
+        """Test the policy, ask it, and return the answer."""
         planned = self._sized()
         calls, finished, _ = planned.counts()
         begun = is_run(self.wanted.run)
@@ -95,7 +95,7 @@ class PolicyLook:
         return self.wanted.held or open_policy(self.wanted.spec)
 
     def _sized(self) -> PolicyRun:
-        """Return the plan on all frames, or on as many as the budget takes of one that draws its answers."""
+        """Return the plan on all frames, or on as many as the budget allows a sampling policy."""
         wanted = self.wanted
         limit = read_manifest(wanted.run).limit if is_run(wanted.run) else None
         planned = self._plan(limit)
@@ -108,7 +108,7 @@ class PolicyLook:
         if some == frames:
             return planned
         self.watch.say(
-            f"asked about {some} of {frames} frames: what fewer episodes show is wider, and may be undecided"
+            f"asked about {some} of {frames} frames: fewer episodes give wider intervals, and may leave it undecided"
         )
         return self._plan(some)
 
@@ -117,18 +117,18 @@ class PolicyLook:
         return policy.plan(self.bank, [self._opened], wanted.run, seed=wanted.seed, extent=Extent(limit))
 
     def _amiss(self) -> Look | None:
-        """Return the end of a look at what answers with no motion; what else is amiss is said."""
+        """Return an early answer if no motion comes back; print every other fault."""
         with self.watch.bar("doctor", "calls") as move:
             found = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
         wrong = [one for one in found.findings if one.fine is False]
-        self.watch.say(*(f"amiss: {one.name}: {one.says}" for one in wrong))
+        self.watch.say(*(f"wrong: {one.name}: {one.says}" for one in wrong))
         without = next((one for one in wrong if one.name == "motions"), None)
         return None if without is None else self._unasked(found, without.says)
 
     def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
         wanted = self.wanted
         doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(self.bank)])
-        steps = (Step("see every check", doctor), Step("look again once that is mended", wanted.command()))
+        steps = (Step("see every check", doctor), Step("look again after the repair", wanted.command()))
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
@@ -159,14 +159,14 @@ class PolicyLook:
 
 
 def _most(planned: PolicyRun, frames: int) -> int:
-    """Return how many calls so many frames take of a policy that draws its answers."""
+    """Return the number of calls on ``frames`` frames for a policy that samples its answers."""
     some = spread(planned.plan.bank.frames, frames)
     plan = replace(planned.plan, frames=some, drawn=frozenset(planned.plan.models))
     return sum(1 for _ in plan.keys_of(planned.plan.models[0]))
 
 
 def _because(verdict: PolicyVerdict) -> str:
-    """Return what decided, or which guard failed; of what does something else than was logged, that it does."""
+    """Return in words what decided or which guard failed, with a warning of a large error."""
     if verdict.guards:
         return verdict.because
     said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
@@ -176,10 +176,10 @@ def _because(verdict: PolicyVerdict) -> str:
 
 
 def _holes(verdict: PolicyVerdict) -> Iterator[str]:
-    """Yield the cameras that could be another episode's where others decide."""
+    """Yield the cameras that do not matter although others do."""
     if not verdict.guards and verdict.answer in {"Yes", "In part"}:
         ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
-        yield from (f"Not by the {name} camera: that could be another episode's." for name in ignored)
+        yield from (f"Not by the {name} camera: another episode's pictures would do." for name in ignored)
 
 
 def _pictures(scored: PolicyScore, spec: str) -> Iterator[Pictured]:
@@ -192,13 +192,13 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[Pictured]:
 def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -> Iterator[Step]:
     wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
     if left:
-        yield Step("go on where it stopped", wanted.command())
+        yield Step("continue where it stopped", wanted.command())
         return
     if answer == "Yes":
         yield Step("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif answer == "Inconclusive":
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
-        yield Step(f"what would settle it: {settle.do}", plan)
+        yield Step(f"to settle it: {settle.do}", plan)
     else:
         doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
         yield Step("see whether its pictures reach it", doctor)

@@ -1,4 +1,4 @@
-"""Which answers so many frames of a bank can give, and on how many frames a look is made."""
+"""Which answers a bank can give on a number of frames, and how many frames a look needs."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -11,24 +11,24 @@ from eyechart.studies.battery.reach import reach_of
 
 POWER = 0.80
 SMALL = 216
-"""Of a bank with no more frames all are asked; of a larger one the fewest on which every answer is in reach."""
+"""A bank up to this size is used whole; of a larger one, the fewest frames for every answer."""
 GROWTH = 1.5
 LEAST = 8
-"""With fewer frames nothing is told from chance."""
+"""With fewer frames no effect differs from chance."""
 _DRAWS = 200
 STANDS_FOR: Mapping[str, tuple[str, ...]] = {
     "Yes": ("depth",),
     "In part": ("content", "depth_associated", "partial_depth"),
     "No": ("image_invariant",),
 }
-"""The labels by which it is known whether a bank can give an answer; one of them is enough."""
+"""The labels that show whether a bank can give an answer; one of them is enough."""
 
 
 @dataclass(frozen=True)
 class Sized:
-    """How often each answer is found on so many frames of a bank, and of each that cannot be given what is missing.
+    """The power of each answer on some frames of a bank, and what others lack.
 
-    The power is that of the label that stands for the answer, None where nobody knows it.
+    The power is that of the label that stands for the answer; None if it is unknown.
     """
 
     frames: int
@@ -37,7 +37,7 @@ class Sized:
 
     @classmethod
     def of(cls, bank: FrameBank, frames: int) -> "Sized":
-        """Return this of so many frames of a bank, of models that disagree with themselves as is planned for."""
+        """Return the reach of ``frames`` frames, for models with the planned noise floor."""
         some = replace(bank, frames=spread(bank.frames, frames))
         odds = odds_of(some, draws=_DRAWS)
         lacking, reached = {}, reach_of(some)
@@ -50,24 +50,24 @@ class Sized:
 
     @property
     def is_whole(self) -> bool:
-        """Return whether every answer that the bank can give at all is found often enough."""
+        """Return whether every answer that the bank can give has enough power."""
         return all(one is None or one >= POWER for name, one in self.power.items() if name not in self.lacking)
 
     def lines(self) -> Iterator[str]:
-        """Yield which answers are in reach, and which are not and why."""
+        """Yield the answers that are in reach, and why others are not."""
         able = {name: one for name, one in self.power.items() if name not in self.lacking}
         rare = {name: one for name, one in able.items() if one is not None and one < POWER}
         held = [name if one is None else f"{name} ({one:.2f})" for name, one in able.items() if name not in rare]
         if held:
-            how = f"; in brackets how often, of a model that answers {NOISE:.0%} of repeats otherwise"
+            how = f"; in brackets the power, for a model that answers {NOISE:.0%} of repeats differently"
             yield f"in reach on {self.frames} frames: {', '.join(held)}{how if '(' in ''.join(held) else ''}"
         yield from (f"out of reach: {name}: {why}" for name, why in self.lacking.items())
         for name, one in rare.items():
-            yield f"out of reach: {name}: found {one:.2f} of the time on {self.frames} frames; more frames find it"
+            yield f"out of reach: {name}: power {one:.2f} on {self.frames} frames; more frames raise it"
 
 
 def fewest(bank: FrameBank, most: int) -> Sized:
-    """Return the reach of the fewest frames on which every answer is in reach; of ``most`` where none is fewer."""
+    """Return the reach of the fewest frames that give every answer, or of ``most`` frames."""
     frames = min(SMALL, most)
     while True:
         found = Sized.of(bank, frames)
@@ -77,9 +77,9 @@ def fewest(bank: FrameBank, most: int) -> Sized:
 
 
 def affordable(frames: int, most: Callable[[int], int], budget: int) -> int:
-    """Return on how many of the frames a look takes at most ``budget`` calls; ``most`` says how many so many take.
+    """Return how many frames a look can use with ``budget`` calls.
 
-    Raises SpecError where that is fewer than tell anything.
+    ``most`` gives the most calls for a number of frames. Raises SpecError if too few remain.
     """
     low, high = 0, frames
     while low < high:
@@ -88,7 +88,7 @@ def affordable(frames: int, most: Callable[[int], int], budget: int) -> int:
     if low < min(LEAST, frames):
         least = most(min(LEAST, frames))
         raise SpecError(
-            f"no answer is within reach of so few calls: {LEAST} frames take up to {least}, beside those that find out "
-            "how a model is asked; raise --budget"
+            f"so few calls can give no answer: {LEAST} frames take up to {least}, in addition to those that "
+            "find the request mode; raise --budget"
         )
     return low

@@ -1,4 +1,4 @@
-"""Whether a served model is shown its pictures at all, and how it is best asked: found once, before a run is paid."""
+"""Find once whether a served model sees its pictures, and its request mode, before a run."""
 
 import json
 import secrets
@@ -17,12 +17,12 @@ from eyechart.records import build, parse_json
 
 MODE, SPENT = "mode.toml", "spent.json"
 MOST_CALLS = 28 + 76
-"""So many calls a doctor and a probe may take together."""
+"""The most calls of a doctor and a probe together."""
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """Why nothing is asked of a model: it was not shown the pictures, or cannot be asked at all."""
+    """Why a model is not asked: it does not see the pictures, or cannot be asked at all."""
 
     because: str
     causes: tuple[str, ...]
@@ -31,14 +31,14 @@ class Unseen:
 
 @dataclass(frozen=True)
 class Sights:
-    """Finds out whether a model sees and how it is asked; what is found is kept in the look's folder."""
+    """The tests of a model's sight and request mode; their findings stay in the look's folder."""
 
     out: Path
     prices: Prices
     bar: Bar
 
     def known(self, mode: RequestMode) -> RequestMode | None:
-        """Return the mode in which a model is asked where nothing is to be found out, None where something is."""
+        """Return the model's known request mode; None if it must be found first."""
         place = self.out / MODE
         if place.is_file() and (kept := read_mode(place)).spec == mode.spec:
             return replace(kept, base_url=mode.base_url, query=mode.query)
@@ -46,20 +46,20 @@ class Sights:
 
     @property
     def spent(self) -> Spent:
-        """Return what was spent to find it out, and ended without a mode: blind, or killed."""
+        """Return what tests without a resulting mode spent: blind, or killed."""
         file = self.out / SPENT
         with raising(LedgerError, f"{file} does not say what was spent", of=(ValueError, RecursionError)):
             return build(Spent, parse_json(file.read_text(encoding="utf-8"))) if file.is_file() else NOTHING
 
     def _keep(self, *spent: Spent) -> None:
-        """Write what was spent, whole or not at all: no end of this process loses a call."""
+        """Write what was spent, atomically, so that no end of this process loses a call."""
         self.out.mkdir(parents=True, exist_ok=True)
         partly = self.out / f".{SPENT}"
         partly.write_text(json.dumps(Spent.together(spent).as_dict()), encoding="utf-8")
         partly.replace(self.out / SPENT)
 
     def find(self, mode: RequestMode, sample: Sample) -> RequestMode | Unseen:
-        """Ask a model about drawn pictures, once, and then how it is best asked; what is found is kept."""
+        """Test a model on drawn pictures, then find its request mode; both are kept."""
         seed, before = secrets.randbelow(10**6), self.spent
         with self.bar("sight", "calls") as tell:
             seen = doctor(mode, seed=seed, prices=self.prices, tell=tell, spend=partial(self._keep, before))
@@ -79,10 +79,10 @@ class Sights:
                 )
         except ProbeError as error:
             spent = Spent.together([seen.spent, error.spent])
-            return Unseen("it cannot be asked as the run would ask it", (str(error),), spent)
+            return Unseen("it cannot be asked in the way that the run needs", (str(error),), spent)
         calls = before.calls + seen.spent.calls + found.spent.calls
         pinned = replace(found.mode, measured=replace(found.measured, calls=calls))
         with whole(self.out / MODE, "request mode") as partly:
             write_mode(partly, pinned)
-        (self.out / SPENT).unlink()  # the mode says it from here on
+        (self.out / SPENT).unlink()  # the mode records it from here on
         return pinned

@@ -1,4 +1,4 @@
-"""What somebody wants looked at, who is told of it, and what it would cost before it is begun."""
+"""The order for a look: its subject, its bill, and the functions that report progress."""
 
 import re
 import shlex
@@ -17,17 +17,17 @@ from eyechart.studies import Reading, study_of
 
 _NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
 _ARGUMENTS = {"frames": "bank", "map": "columns"}
-"""What Python calls otherwise than the command does."""
+"""Python names of command options that differ."""
 UNASKED_CALLS = 100
-"""So many calls whose price nobody knows are made without a question."""
+"""This many calls of unknown price need no consent."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A model or a policy, the pictures on which it is looked at, and the folder that keeps all that is made.
+    """A model or a policy, the pictures to test it on, and the folder for all files.
 
-    ``by_file`` says that a mode says how it is asked, and ``file`` where that stands, if in a file. ``held`` is who is
-    at hand already, as a callable. ``budget`` bounds its calls.
+    ``by_file`` says that a request mode is given, and ``file`` is its file, if any. ``held`` is an
+    open callable. ``budget`` limits the calls.
     """
 
     mode: RequestMode
@@ -42,7 +42,7 @@ class Wanted:
 
     @property
     def spec(self) -> str:
-        """Return who is looked at."""
+        """Return the SPEC of the model or policy."""
         return self.mode.spec
 
     @property
@@ -52,13 +52,14 @@ class Wanted:
 
     @property
     def report(self) -> Path:
-        """Return where the page is written."""
+        """Return the page's path."""
         return self.out / "report.html"
 
     def command(self, *, prompt: str | None = None, out: Path | None = None) -> str:
-        """Return what looks so again, with another prompt or folder: a command, or Python where no command can.
+        """Return the command that looks again, with another prompt or folder.
 
-        A function of a session or a notebook, which ``__main__`` holds, is known there alone.
+        It is Python code for a function in ``__main__`` of a session or notebook, which a command
+        cannot reach.
         """
         given = self._given | ({} if prompt is None else {"prompt": prompt}) | {"out": str(out or self.out)}
         module, _, name = self.spec.removeprefix("python:").rpartition(":")
@@ -73,7 +74,7 @@ class Wanted:
 
     @property
     def _given(self) -> dict[str, str | int | float | dict[str, str]]:
-        """Return what a look that goes on needs again, by the names of the command's options."""
+        """Return the options that a resumed look needs, by the command's names."""
         of = self.pictures
         paths = {"frames": of.frames, "photos": of.photos, "table": of.table, "dataset": of.dataset, "mode": self.file}
         given: dict[str, str | int | float | dict[str, str] | None] = {
@@ -91,22 +92,22 @@ class Wanted:
         }
 
     def begun(self, frames: int, usual: int) -> list[str]:
-        """Return in words that a run that is there keeps its frames, where they are fewer than a look asks about."""
+        """Return in words that an existing run keeps its frames, if they are fewer than usual."""
         more = self.command(out=self.out.with_name(f"{self.out.name}-2"))
-        goes_on = f"{self.out} was begun on {frames} of {usual} frames, and goes on with those, whatever the budget"
-        return [f"{goes_on}; more frames need a folder of their own: '{more}'"][: frames < usual]
+        goes_on = f"{self.out} was started on {frames} of {usual} frames, and keeps those, whatever the budget"
+        return [f"{goes_on}; more frames need another folder: '{more}'"][: frames < usual]
 
 
 def folder_name(spec: str) -> str:
-    """Return the name of the folder of a look at a SPEC."""
+    """Return the folder name of a look at a SPEC."""
     return _NO_NAME.sub("-", spec).strip("-.") or "look"
 
 
 @dataclass(frozen=True)
 class Bill:
-    """What calls take at most: dollars are None where no price is known, seconds where nothing was measured.
+    """The most that calls take: dollars (None without a price), seconds (None if unmeasured).
 
-    ``usual`` is how many a model takes that never looks, where it is asked no more once that is settled.
+    ``usual`` is the number of calls for a model that never looks, whose verdict is settled early.
     """
 
     mode: RequestMode
@@ -116,21 +117,21 @@ class Bill:
 
     @property
     def is_own(self) -> bool:
-        """Return whether what answers runs on a machine of one's own, so that nobody sends a bill."""
+        """Return whether the model runs on the user's own machine, so that it costs nothing."""
         own = self.mode.spec.partition(":")[0] in (*OWN_MACHINE, "python", "trained")
         return own or bool(self.mode.base_url and is_loopback(self.mode.base_url))
 
     @property
     def is_free(self) -> bool:
-        """Return whether nobody need be asked: it costs nothing, or a few calls of no known price."""
+        """Return whether no consent is needed: no cost, or few calls of unknown price."""
         one = self.expected
         return self.is_own or not one.calls or (one.cost_usd is None and one.calls <= UNASKED_CALLS)
 
     @property
     def words(self) -> str:
-        """Return it in one line."""
+        """Return the bill in one line."""
         one = self.expected
-        usual = "" if self.usual is None else f" (about {self.usual} where it never looks)"
+        usual = "" if self.usual is None else f" (about {self.usual} if it never looks)"
         time = "minutes not known yet" if one.seconds is None else f"about {duration(one.seconds)}"
         cost = "cost not known" if one.cost_usd is None else f"at most ${one.cost_usd:.2f} {self.basis}"
         return f"at most {one.calls} calls{usual}, {time}, {'no cost' if self.is_own else cost}"
@@ -138,7 +139,7 @@ class Bill:
 
 @dataclass(frozen=True)
 class Watch:
-    """Who is told what goes on: lines, bars, and the bill, which ``agree`` accepts or raises SpecError about."""
+    """Functions that report a look; ``agree`` accepts the bill or raises SpecError."""
 
     say: Callable[..., None]
     bar: Bar
@@ -146,7 +147,7 @@ class Watch:
 
 
 def write_report(wanted: Wanted, bank: Path, watch: Watch, *, asked: bool) -> None:
-    """Write the page of the run; one that is there stays where nothing was ``asked`` since."""
+    """Write the run's page; an existing page stays if no call was made since."""
     from eyechart.report.page import write_page  # noqa: PLC0415 - it draws figures
 
     if wanted.report.is_file() and not asked:

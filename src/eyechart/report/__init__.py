@@ -1,1 +1,1 @@
-"""What people look at: contact sheets and tables."""
+"""Pages, figures, tables and contact sheets."""

@@ -1,4 +1,4 @@
-"""Tables of what calls took, and of what doctor and probe found."""
+"""Tables of the costs of calls, and of the findings of doctor and probe."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ _YES = {True: "yes", False: "no", None: "—"}
 
 
 def doctor_table(found: "Diagnosis") -> Table:
-    """Return one row a check: how often it was right with n and p, and what else was tried."""
+    """Return one row per check: how often it was right with n and p, and other tests."""
     rows: list[tuple[Cell, ...]] = []
     for name, score in found.scores().items():
         answered = score if isinstance(score, Answered) else None
@@ -32,7 +32,7 @@ def doctor_table(found: "Diagnosis") -> Table:
         "tokens that a picture adds": ("not reported" if adds is None else str(adds), ""),
         "the smallest detail that arrives": (found.acuity.words, sum(of for _, _, of in found.acuity.by_gap)),
         "the same picture again": (f"{same} of {of} replies the same" if of > 1 else "—", of),
-        "a schema binds": (f"{_YES[found.schema_binds]}: {found.schema_says}", ""),
+        "a schema is enforced": (f"{_YES[found.schema_binds]}: {found.schema_says}", ""),
         "the token budget is enough": (f"{_YES[found.budget_enough]}: {found.budget_says}", ""),
     }
     rows += [(name, *told, "", "") for name, told in others.items()]
@@ -41,14 +41,14 @@ def doctor_table(found: "Diagnosis") -> Table:
 
 
 def headline(found: "Diagnosis") -> Text:
-    """Return the outcome in one line, with what decided it."""
+    """Return the outcome in one line, with its reason."""
     text = Text(f"{found.mode.spec}: ")
     text.append(WORDS[found.outcome], style=_COLOUR[found.outcome])
     return text.append(f": {found.because}")
 
 
 def probe_table(found: "Found") -> Table:
-    """Return one row a finding of a probe, and what follows from it for the mode."""
+    """Return one row per finding of a probe, with its field of the request mode."""
     mode, measured = found.mode, found.measured
     seconds = ", ".join(number(one, 2) for one in (measured.seconds, measured.seconds_min))
     temperature = "default" if mode.temperature is None else f"{mode.temperature:g}"
@@ -56,8 +56,8 @@ def probe_table(found: "Found") -> Table:
         ("sees the picture", WORDS[found.sight.outcome], ""),
         ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
         ("its field", "", mode.token_field),
-        ("system words are said by", "", f"system = {mode.system}"),
-        ("a schema binds", _YES[measured.schema_binds], f"structured = {mode.structured}"),
+        ("role of the system words", "", f"system = {mode.system}"),
+        ("a schema is enforced", _YES[measured.schema_binds], f"structured = {mode.structured}"),
         ("temperature matters", _YES[measured.temperature_matters], f"temperature = {temperature}"),
         ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),
         ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
@@ -72,7 +72,7 @@ def _shown(*values: float | None) -> str:
 
 
 def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
-    """Return one row a model, and with ``every`` one a condition: what calls took; nothing stands in as a number."""
+    """Return the costs of calls, a row per model, and with ``every`` per condition."""
     rows = tuple(
         (
             *(spec, *([name] if every else [])),
@@ -98,24 +98,24 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
 
 
 _GROSS = (
-    "Energy is gross: all that this machine's GPUs, and its processors with a counter, drew while calls were "
-    "under way, idle draw and the loading of weights included"
+    "Energy is gross: all that this machine's GPUs, and its processors with a counter, drew during the calls, "
+    "with idle draw and the loading of weights"
 )
 
 
 def _gross(accounts: Iterable[Account]) -> str:
-    """Return what energy is, where any was measured."""
+    """Return the note on energy, if any was measured."""
     return _GROSS if any(one.energy_j is not None for one in accounts) else ""
 
 
 NO_PRICE = (
-    "Price unknown: the endpoint reports no cost, and the dated table of prices has none. So it is of the paper's "
-    "hosted models, whose endpoint the paper does not name: --prices FILE says what one costs"
+    "Price unknown: the endpoint reports no cost, and the dated table of prices has none. The paper's hosted "
+    "models have none either, because the paper does not name their endpoint. Set a price with --prices FILE"
 )
 
 CALLABLES = ("python", "trained")
-"""The first words of SPECs that are functions on this machine."""
-NO_PRICE_HERE = "A callable of one's own has no price here; --prices FILE can name one"
+"""The adapters of functions on this machine."""
+NO_PRICE_HERE = "A local callable has no price; --prices FILE can set one"
 
 
 def _unpriced(accounts: Mapping[str, Account]) -> list[str]:
@@ -126,10 +126,11 @@ def _unpriced(accounts: Mapping[str, Account]) -> list[str]:
 
 
 def deployment_table(accounts: Mapping[str, Account]) -> Table:
-    """Return what decisions cost and take, in the paper's units: a row a model.
+    """Return the costs of decisions, in the paper's units: a row per model.
 
-    A decision is a call whose reply holds one. What an unfinished run costs a decision cannot be said, nor what
-    attempts of unknown cost or energy took. Source: paper, section Transfer and deployment characteristics.
+    A decision is a call whose reply holds one. Costs per decision of an unfinished run are unknown,
+    as are attempts of unknown cost or energy. Source: paper, section Transfer and deployment
+    characteristics.
     """
     rows: list[tuple[Cell, ...]] = []
     for spec, one in accounts.items():
@@ -150,13 +151,13 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
         Column("price", "word"),
     )
     caption = "Cost, latency and energy. A decision is a call whose reply holds one"
-    note = "— not known, not measured, or the run is not finished"
+    note = "— unknown, not measured, or the run is not finished"
     note = ". ".join(filter(None, (note, *_unpriced(accounts), _gross(accounts.values()))))
     return Table("costs", caption, named, tuple(rows), note)
 
 
 def deployment_tables(accounts: Mapping[str, Account]) -> tuple[Table, ...]:
-    """Return that table for a page, none where no model was asked; its files are not those of the table of costs."""
+    """Return that table for a page under a file name of its own; none without models."""
     return (replace(deployment_table(accounts), name="deployment"),) if accounts else ()
 
 
@@ -165,10 +166,10 @@ def _each(total: float | None, count: int) -> float | None:
 
 
 def unread_table(found: Mapping[str, Sequence[Unread]]) -> Table:
-    """Return one row a reply that holds no decision, most frequent first, with why none is read."""
+    """Return one row per reply without a decision, most frequent first, with the reason."""
     rows = tuple((spec, one.count, one.missing, one.why, one.text) for spec, all_of in found.items() for one in all_of)
     named = (Column("model"), Column("replies", "count"), *columns("word", "no decision", "why"), Column("reply"))
-    return Table("unread", "replies that hold no decision", named, rows)
+    return Table("unread", "replies without a decision", named, rows)
 
 
 def _reasons(counts: Mapping[str, int]) -> str:

@@ -1,4 +1,4 @@
-"""A drawing is a matplotlib figure with a name and words for those who cannot see it, written as SVG or PDF."""
+"""Drawings: matplotlib figures with a name and a description, written as SVG or PDF."""
 
 import io
 import re
@@ -32,8 +32,11 @@ BLUE = "#0072b2"
 VERMILLION = "#d55e00"
 GREEN = "#00735a"
 SOFT = "#f1efe9"
-"""Green is right and vermillion wrong, as on every page. Blue and vermillion are of Okabe and Ito's palette, which the
-colour-blind can tell apart; soft is a quiet ground."""
+"""Green is right and vermillion wrong, as on every page.
+
+Blue and vermillion come from Okabe and Ito's palette, which colour-blind people can distinguish;
+soft is a quiet ground.
+"""
 
 WAYS = {
     "blue": "#015ef7",
@@ -43,8 +46,11 @@ WAYS = {
     "amber": "#ae9209",
     "grey": "#6d7581",
 }
-"""Colours of lines of which several cross: sought so that any two but amber and grey, and ink, lie at least 24 apart in
-CIELAB for normal eyes and for those without one kind of cone (Machado et al. 2009), on light paper and on dark."""
+"""Colours for several crossing lines.
+
+Any two, and ink, lie at least 24 apart in CIELAB, except amber and grey. That holds for normal eyes
+and for eyes without one kind of cone (Machado et al. 2009), on light and dark paper.
+"""
 
 THEMED = {
     INK: "currentColor",
@@ -57,7 +63,7 @@ THEMED = {
     SOFT: "var(--soft)",
     **{colour: f"var(--way-{name})" for name, colour in WAYS.items()},
 }
-"""What stands for a colour where the page, light or dark, decides."""
+"""The style variable for each colour, which a light or dark page sets."""
 
 _STYLE: Any = {
     "svg.hashsalt": "eyechart",
@@ -81,7 +87,7 @@ _STYLE: Any = {
     "path.simplify": False,
 }
 ON_COLOUR = "#000000"
-"""Ink on a coloured cell: the same in light and in dark."""
+"""Ink on a coloured cell, in light and dark pages."""
 
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
@@ -91,10 +97,11 @@ _LONGEST = 40
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
+    """A figure.
 
-    ``of`` is the model that it is about, where a section has one figure a model. ``note`` says on a page, below the
-    figure, how it is read. A page that holds many asks for ``lean`` ones, whose numbers have one decimal.
+    ``name`` is its file's stem and the prefix of every id in it. ``wide`` gives it a row of its
+    own. ``of`` is its model, if a section has a figure per model. ``note`` explains it below the
+    figure. ``lean`` figures have one decimal, for pages with many.
     """
 
     name: str
@@ -107,14 +114,14 @@ class Drawing:
     note: str = ""
 
     def labelled(self, label: str) -> "Drawing":
-        """Return the figure as the paper's of that label, under which its files are written."""
+        """Return the figure under the paper's label, which names its files."""
         return replace(self, name=label.replace(":", "-"))
 
     def svg(self, *, inline: bool = False) -> str:
-        """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""
+        """Return the figure as SVG: a file, or inline in the page's colours."""
         buffer = io.StringIO()
         with style(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a model's name may hold signs that the font lacks
+            warnings.simplefilter("ignore")  # names may hold characters without glyphs
             nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
             self.figure.savefig(buffer, format="svg", metadata=nothing, transparent=True)
         text = buffer.getvalue()
@@ -128,7 +135,7 @@ class Drawing:
         return self._opened(_TAG.sub(_theme, text)) if inline else '<?xml version="1.0"?>\n' + self._opened(text)
 
     def _opened(self, text: str) -> str:
-        """Return the SVG with an accessible name, and a size that its place decides."""
+        """Return the SVG with an accessible name and a flexible size."""
         width, height = (72 * float(inches) for inches in self.figure.get_size_inches())
         names = f'role="img" aria-labelledby="{self.name}-title {self.name}-desc"'
         opening = (
@@ -158,13 +165,13 @@ def _theme(tag: re.Match[str]) -> str:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Set how figures look while one is drawn; nothing of it stays."""
+    """Set the style of figures during the block."""
     with mpl.rc_context(_STYLE):
         yield
 
 
 def canvas(width: float, height: float, margins: tuple[float, float, float, float]) -> tuple[Figure, Axes]:
-    """Return a figure of a size in inches with one axes inside margins left, right, bottom and top, in inches."""
+    """Return a figure with one axes; size and margins (left, right, bottom, top) in inches."""
     figure = Figure(figsize=(width, height))
     left, right, bottom, top = margins
     box = (left / width, bottom / height, (width - left - right) / width, (height - bottom - top) / height)
@@ -176,7 +183,7 @@ def canvas(width: float, height: float, margins: tuple[float, float, float, floa
 
 
 def plain(text: str, longest: int = _LONGEST) -> str:
-    """Return text that a figure can hold: no control signs, and its middle left out where it is too long."""
+    """Return a text for a figure: without control characters, and shortened in the middle."""
     shown = "".join("�" if unicodedata.category(sign) in {"Cc", "Cf", "Cs"} else sign for sign in text)
     if len(shown) <= longest:
         return shown
@@ -186,17 +193,17 @@ def plain(text: str, longest: int = _LONGEST) -> str:
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont:
-    """Return the font that figures are drawn in."""
+    """Return the font of figures."""
     return ImageFont.truetype(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def width_of(text: str, points: float) -> float:
-    """Return how wide a text stands in a figure, in inches; the fonts of a page are narrower than a figure's own."""
+    """Return the width of a text in a figure in inches; a page's fonts are narrower."""
     return font(100).getlength(plain(text, 400)) / 100 * points / 72
 
 
 def fitted(text: str, inches: float, points: float) -> str:
-    """Return a text with as much of its middle left out as it takes to stand in so many inches."""
+    """Return a text, shortened in the middle to fit a width in inches."""
     most = len(text)
     while most > 3 and width_of(plain(text, most), points) > inches:
         most -= 1
@@ -204,17 +211,17 @@ def fitted(text: str, inches: float, points: float) -> str:
 
 
 _DARK = 0.18
-"""Below this luminance white is read better than black."""
+"""White reads better than black below this luminance."""
 
 
 def luminance(colour: str | tuple[float, float, float, float]) -> float:
-    """Return the relative luminance of a colour, from 0 to 1. Source: WCAG 2, of sRGB."""
+    """Return the relative luminance of an sRGB colour, from 0 to 1. Source: WCAG 2."""
     linear = (one / 12.92 if one <= 0.04045 else ((one + 0.055) / 1.055) ** 2.4 for one in to_rgb(colour))
     return sum(weight * one for weight, one in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
 
 
 def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
-    """Draw a cell of a grid, coloured by a share from 0 to 1; a share of None has no colour."""
+    """Draw a cell of a grid, coloured by a share from 0 to 1; None has no colour."""
     face = "none" if share is None else colours(share)
     axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
     ink = MUTED if share is None else "#ffffff" if luminance(face) < _DARK else ON_COLOUR
@@ -222,7 +229,7 @@ def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: Li
 
 
 def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: float = 0) -> None:
-    """Name the columns (above) and the rows of a grid of cells."""
+    """Name the columns (above) and the rows of a grid."""
     axes.set_xlim(-0.5, max(1, len(columns)) - 0.5)
     axes.set_ylim(max(1, len(rows)) - 0.5, -0.5)
     how: dict[str, Any] = {"rotation": rotation, "ha": "left", "rotation_mode": "anchor"} if rotation else {}
@@ -236,7 +243,7 @@ def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: f
 
 
 def room(labels: Sequence[str]) -> float:
-    """Return the margin in inches that the longest name of a model needs."""
+    """Return the margin in inches that the longest model name needs."""
     return 0.3 + 0.068 * max([12, *(len(plain(label, 34)) for label in labels)])
 
 
@@ -245,7 +252,7 @@ Box = tuple[float, float, float, float]
 
 
 WIDE, HEAD = 3.4, 1.9
-"""Inches across which values are drawn: of a figure of its own, and of one at the head of a page, half as wide."""
+"""Width in inches of the values: in a figure of its own, and at the head of a page."""
 
 
 def dots(
@@ -256,7 +263,7 @@ def dots(
     zero: bool = False,
     across: float = WIDE,
 ) -> Figure:
-    """Return named statistics as dots with intervals, each in its colour, some hollow; ``zero`` draws the line of 0."""
+    """Return named statistics as coloured dots with intervals; ``zero`` draws a line at 0."""
     left = room([label for label, *_ in rows])
     figure, axes = canvas(left + across, 0.7 + 0.27 * len(rows), (left, 0.2, 0.5, 0.05))
     if zero:
@@ -274,7 +281,7 @@ def dots(
 
 
 def panels(pictures: Mapping[str, NDArray[np.uint8]], width: float) -> Figure:
-    """Return pictures (h, w, 3) side by side at one scale of their widths, each under its words; width in inches."""
+    """Return titled pictures (h, w, 3) side by side at equal widths; width in inches."""
     gap, above = 0.08, 0.22
     each = (width - gap * (len(pictures) - 1)) / len(pictures)
     tall = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
@@ -291,7 +298,7 @@ def panels(pictures: Mapping[str, NDArray[np.uint8]], width: float) -> Figure:
 
 
 def named_rows(axes: Axes, labels: Sequence[str], below: float) -> None:
-    """Name rows from the top; the last has so much room ``below``."""
+    """Name rows from the top, with the space ``below`` under the last."""
     axes.set_ylim(max(1, len(labels)) - below, -0.5 if below == 0.5 else -0.6)
     axes.set_yticks(range(len(labels)), [plain(label, 34) for label in labels])
     axes.tick_params(axis="y", length=0)
@@ -299,7 +306,7 @@ def named_rows(axes: Axes, labels: Sequence[str], below: float) -> None:
 
 
 def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: str, corner: str) -> Figure:
-    """Return named points from 0 to above 1 bit and 0.25 bit; ``corner`` says what lies at the lower right."""
+    """Return named points, on axes to at least 1 and 0.25 bit, with words in a ``corner``."""
     figure, axes = canvas(5.5, 4.0, (0.65, 0.2, 0.6, 0.2))
     right = max([1.0, *(x for _, x, _ in points)]) * 1.3
     top = max([0.25, *(y for _, _, y in points)]) * 1.15
@@ -315,7 +322,7 @@ def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: s
 
 
 def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
-    """Draw the points, and each name at the nearest place where it covers no other name."""
+    """Draw the points, each with its name at the nearest free place."""
     inverse = axes.transData.inverted()
     taken: list[Box] = []
     seen = sorted(points, key=lambda one: (one[1], one[2], one[0]))
@@ -339,7 +346,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None
 
 
 def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
-    """Yield boxes for a name beside a point, the nearest first, with the end of the name that is at the point."""
+    """Yield boxes for a name beside a point, nearest first, with the aligned end of the name."""
     for up in (0, 14, -14, 28, -28, *range(42, 300, 14)):
         for away in (9, 34, 80):
             yield (px + away, py + up - 7, px + away + wide, py + up + 7), "left"

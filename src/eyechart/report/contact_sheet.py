@@ -1,7 +1,7 @@
-"""A contact sheet shows a bank at a glance: one row an episode, each frame with its gap and what it demands.
+"""A contact sheet: one row per episode, each frame with its gap and demand.
 
-Of several cameras all pictures stand side by side, and of a frame for policies also what it tells, its state and its
-motion. One frame alone is shown as it is, reflected, or in the calibrated view.
+Several cameras stand side by side. A frame for policies also has its instruction, state and motion.
+One frame alone is shown as it is, reflected, or in the calibrated view.
 """
 
 from pathlib import Path
@@ -23,10 +23,10 @@ _MOST_PX = 30_000
 
 
 def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = None, columns: int | None = None) -> None:
-    """Write a PNG with every frame of a bank, or with one of its counterfactuals where frames have it.
+    """Write a PNG of all frames of a bank, or of one counterfactual of the frames that have it.
 
-    ``columns`` defaults to the longest episode, at most 12. Raises BankError where no frame has the
-    counterfactual, or the sheet would be larger than a PNG viewer bears.
+    ``columns`` defaults to the longest episode, at most 12. Raises BankError if no frame has the
+    counterfactual, or the sheet is too large for a PNG viewer.
     """
     frames = [frame for frame in bank if counterfactual is None or counterfactual in frame.counterfactuals]
     if not frames:
@@ -61,10 +61,10 @@ def write_frame(
     view: bool = False,
     mirrored: bool = False,
 ) -> None:
-    """Write one frame's pictures side by side as PNG, or their reflection, as they are.
+    """Write one frame's pictures, or their reflection, side by side as PNG.
 
-    Or that of its first camera in its simulator's calibrated view. Raises BankError where there is no such picture,
-    SpecError where there is no such view or mirror axis.
+    With ``view`` it is the first camera in its simulator's calibrated view. Raises BankError if
+    there is no such picture, and SpecError if there is no such view or mirror axis.
     """
     shown = view_for(CALIBRATED, bank.manifest.simulator) if view else None
     if shown is None:
@@ -76,7 +76,7 @@ def write_frame(
 
 
 def _pixels(bank: FrameBank, frame: Frame, counterfactual: str | None, *, mirrored: bool = False) -> RGB:
-    """Return the pictures of all cameras of a frame beside each other, as high as the first, or their reflection."""
+    """Return all cameras' pictures of a frame, or their reflections, at the first's height."""
     images = bank.images(frame, counterfactual)
     seen = {name: decode(one, frame.pictures[name]) for name, one in images.items()}
     if mirrored:
@@ -92,7 +92,7 @@ def _pixels(bank: FrameBank, frame: Frame, counterfactual: str | None, *, mirror
 
 
 def _told(frame: Frame) -> tuple[str, str]:
-    """Return what a policy is told of a frame, and what was done from there: its first and last step."""
+    """Return a policy's input of a frame, and the first and last step of its logged motion."""
     said = "; ".join(map(str, frame.fields.values())) or "no instruction"
     state = "; ".join(f"{name} {_numbers(numbers)}" for name, numbers in frame.state.items()) or "no state"
     ends = (frame.motion[0], frame.motion[-1]) if frame.motion else ()
@@ -108,7 +108,7 @@ def _numbers(numbers: tuple[float, ...]) -> str:
 
 
 def _cut(line: str, draw: ImageDraw.ImageDraw, font: _Font) -> str:
-    """Return as much of a line as stands above one picture."""
+    """Return as much of a line as fits above one picture."""
     kept = len(line)
     while kept > 1 and draw.textlength(line[:kept], font=font) > _CELL_PX:
         kept -= 1
@@ -134,11 +134,11 @@ _PLACED = {
     "exchange_own": EXCHANGE,
     "exchange_beside": EXCHANGE,
 }
-"""The columns that say how far away a control shows a vehicle, where they are not called as it is."""
+"""The columns with the distance of a control's vehicle, if they do not have its name."""
 
 
 def _caption(frame: Frame, bank: FrameBank, shown: str | None) -> str:
-    """Return a frame's id, the gap that its picture shows as far as the bank knows it, and what it demands."""
+    """Return a frame's id, the gap in its picture if known, and its demand."""
     words = [frame.id]
     gap = bank.manifest.gap
     placed = _PLACED.get(str(shown), f"{shown}_m")

@@ -1,18 +1,19 @@
-"""Long names, as SPECs of models, shortened in the middle for a screen; each still differs from the others."""
+"""Shorten long names, such as SPECs, in the middle; each stays unique."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 
 LONGEST = 40
-"""A name of as many signs stands whole: half a line of 80."""
+"""The longest name that is not shortened: half a line of 80."""
 _HEAD, _TAIL = 10, 8
 
 
 def shorten(names: Iterable[str], longest: int = LONGEST) -> dict[str, str]:
-    """Return a form of each name with at most ``longest`` signs, 24 or more; no two names have the same.
+    """Return a unique form of each name with at most ``longest`` characters, 24 or more.
 
-    Names that differ only in their middles show where they begin to differ; what would still look alike is numbered.
+    Names that differ only in the middle show the place where they begin to differ; equal forms get
+    numbers.
     """
     whole = list(dict.fromkeys(names))
     made: dict[str, str] = {name: _ends(name, longest) for name in whole}
@@ -27,7 +28,7 @@ def shorten(names: Iterable[str], longest: int = LONGEST) -> dict[str, str]:
 
 
 def shortener(names: Iterable[str]) -> Callable[[str], str]:
-    """Return the function that shortens these names wherever they stand in a text."""
+    """Return a function that shortens these names in a text."""
     made = {name: short for name, short in shorten(names).items() if name != short}
     if not made:
         return lambda text: text
@@ -36,7 +37,7 @@ def shortener(names: Iterable[str]) -> Callable[[str], str]:
 
 
 def _groups(made: dict[str, str]) -> list[list[str]]:
-    """Return the names whose forms are the same, together."""
+    """Return the groups of names with equal forms."""
     by_form: dict[str, list[str]] = {}
     for name, form in made.items():
         by_form.setdefault(form, []).append(name)
@@ -44,7 +45,7 @@ def _groups(made: dict[str, str]) -> list[list[str]]:
 
 
 def _ends(name: str, longest: int) -> str:
-    """Return a name's beginning and end."""
+    """Return the beginning and end of a name."""
     if len(name) <= longest:
         return name
     tail = (longest - 1) // 2
@@ -52,7 +53,7 @@ def _ends(name: str, longest: int) -> str:
 
 
 def _around(name: str, alike: Sequence[str], longest: int) -> str:
-    """Return a name's beginning, the place where names begin to differ, and its end."""
+    """Return a name's beginning, the place where the names begin to differ, and its end."""
     window = longest - 2 - _HEAD - _TAIL
     same = sum(1 for _ in takewhile(lambda signs: len(set(signs)) == 1, zip(*alike, strict=False)))
     differs = max(same - 3, _HEAD)
@@ -61,7 +62,7 @@ def _around(name: str, alike: Sequence[str], longest: int) -> str:
 
 
 def _free(form: str, taken: set[str], longest: int) -> str:
-    """Return a form that no other name has, numbered where it must be."""
+    """Return an unused form of a name, with a number if necessary."""
     number, found = 1, form
     while found in taken:
         number += 1

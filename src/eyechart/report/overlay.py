@@ -1,4 +1,4 @@
-"""A controller's plan as lines over a camera's picture, for people: no model sees them, and no record holds them."""
+"""A controller's plan as lines over a camera's picture, for people, not for models."""
 
 import itertools
 import math
@@ -14,12 +14,12 @@ from eyechart.simulators import Sketch
 
 CASING = "#14171b"
 _FINER = 3
-"""Lines are drawn on a picture so many times as large, and that is made smaller, so that they are smooth."""
+"""Lines are drawn at this multiple of the size and scaled down, to be smooth."""
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """How one line of a sketch is drawn: ``width`` in pixels of the film, ``dots`` on its places, or ``dashed``."""
+    """The style of one line: ``width`` in film pixels, ``dots`` on its points, or ``dashed``."""
 
     name: str
     says: str
@@ -34,12 +34,15 @@ STROKES = (
     Stroke("driven", "driven until the next decision", "#ffffff", 2.5),
     Stroke("plan", "plan, 8 × 0.2 s", "#56b4e9", 3.5, dots=True),
 )
-"""In the order in which they are drawn. The colours are of Okabe and Ito's palette but for white, and keep apart from
-the road's grey and the obstacles' paints."""
+"""In drawing order.
+
+All colours but white are from Okabe and Ito's palette, and differ from the road's grey and the
+obstacles' paints.
+"""
 
 
 def over(picture: Image.Image, sketch: Sketch, scale: int) -> Image.Image:
-    """Return a picture, ``scale`` times the camera's, with a sketch drawn over it; the one given stays as it was."""
+    """Return a picture, ``scale`` times the camera's, with a sketch over it, as a copy."""
     layer = Image.new("RGBA", (picture.width * _FINER, picture.height * _FINER), (0, 0, 0, 0))
     pen = ImageDraw.Draw(layer)
     for stroke in STROKES:
@@ -50,7 +53,7 @@ def over(picture: Image.Image, sketch: Sketch, scale: int) -> Image.Image:
 
 
 def pieces(line: npt.NDArray[np.float64]) -> list[list[tuple[float, float]]]:
-    """Return the parts of a line that lie before the camera, each a list of places in pixels, to a tenth of one."""
+    """Return the parts of a line before the camera, as points in tenths of a pixel."""
     found: list[list[tuple[float, float]]] = [[]]
     for x, y in np.round(line, 1).tolist():
         if math.isnan(x):
@@ -61,7 +64,7 @@ def pieces(line: npt.NDArray[np.float64]) -> list[list[tuple[float, float]]]:
 
 
 def plan_words(sketch: Sketch | None, step: Step | None) -> str:
-    """Return what the controller was asked for and how its solver fared; nothing where there is no controller."""
+    """Return the controller's target and its solver's success in words; empty without them."""
     if sketch is None or step is None:
         return ""
     plans, failed = step.facts.get("plans"), step.facts.get("solver_failures")
@@ -86,7 +89,7 @@ def _draw(pen: ImageDraw.ImageDraw, places: Sequence[tuple[float, float]], strok
 
 
 def _dashes(places: Sequence[tuple[float, float]], long: float) -> Iterator[list[tuple[float, float]]]:
-    """Yield every other stretch of a line, each so many pixels long."""
+    """Yield every other stretch of a line; each is ``long`` pixels."""
     gone, part, drawn = 0.0, list(places[:1]), True
     for (x, y), (to_x, to_y) in itertools.pairwise(places):
         length = math.hypot(to_x - x, to_y - y)

@@ -1,4 +1,4 @@
-"""A page is one self-contained HTML file that makes no request; its templates escape every value."""
+"""Pages: self-contained HTML files without requests, from templates that escape every value."""
 
 import base64
 import hashlib
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Page:
-    """A report as HTML, with its figures by section, and in ``notes`` what is not in it or was made smaller."""
+    """A report as HTML, with its figures by section, and ``notes`` on what it lacks."""
 
     html: bytes
     drawings: Mapping[str, Sequence[Drawing]]
@@ -35,18 +35,18 @@ class Page:
 
 
 SIGNS = {"brake": "■", "proceed": "▲", "other": "●"}
-"""What stands before an action of each role; its colour says nothing: red and green are for wrong and right alone."""
+"""The sign of each role of action; no colour, because red and green are for wrong and right."""
 MOST_SAID = 6
-"""So many verdicts stand at the head of a page; it says how many more there are."""
+"""The most verdicts at the head of a page; it gives the number of the others."""
 _MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
 class Said:
-    """What a page says first of somebody: the verdict in a word, what it means, and why it is no stronger one.
+    """The first lines about a model or policy: label, meaning, and why no stronger label.
 
-    ``tone`` is one of ``GLYPHS``, ``answer`` what it comes to where the tone does not say it; ``place`` the id in the
-    page where the rest stands; ``beware`` what must not be overlooked beside the word.
+    ``tone`` is one of ``GLYPHS``. ``answer`` is the outcome if the tone does not show it. ``place``
+    is the id of the rest in the page, and ``beware`` a warning beside the label.
     """
 
     who: str
@@ -60,16 +60,16 @@ class Said:
 
     @property
     def comes_to(self) -> str:
-        """Return the answer, or the tone where that says it."""
+        """Return the answer, or else the tone."""
         return self.answer or self.tone
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture of an example: what it shows, the picture as a data URI or why there is none, and an answer a model.
+    """A picture of an example: its caption, a data URI or why it is absent, and the answers.
 
-    An answer is its role (brake, proceed, other, none; good or bad where it is right or wrong), its word, and how
-    usual it is.
+    Each model's answer is its role (brake, proceed, other, none; good or bad if right or wrong),
+    its word, and its frequency.
     """
 
     shows: str
@@ -80,9 +80,9 @@ class Shot:
 
 @dataclass(frozen=True)
 class Grid:
-    """A picture of verdicts: a row a name under ``columns``, a cell its tone, what stands in it, and what it means.
+    """A grid of verdicts: a row per name under ``columns``; a cell is tone, text and meaning.
 
-    A cell that is None was not asked. ``of`` says what the rows are.
+    A cell of None was not tested. ``of`` says what the rows are.
     """
 
     of: str
@@ -92,9 +92,10 @@ class Grid:
 
 @dataclass(frozen=True)
 class Opening:
-    """What somebody with ten seconds reads: one sentence, a verdict each, and one picture of it.
+    """The head of a page, readable in ten seconds: a sentence, the verdicts, and one picture.
 
-    The picture is an example, whose ``shots`` each hold an answer of every one of ``models``, a grid, or a figure.
+    The picture is an example with ``shots`` that each hold an answer of every model, or a grid, or
+    a figure.
     """
 
     sentence: str
@@ -107,20 +108,20 @@ class Opening:
 
     @property
     def first(self) -> Sequence[Said]:
-        """Return as many verdicts as stand at the head of a page."""
+        """Return the verdicts at the head of a page."""
         return self.said[:MOST_SAID]
 
     @property
     def more(self) -> int:
-        """Return how many verdicts do not."""
+        """Return the number of the other verdicts."""
         return len(self.said) - len(self.first)
 
 
 def parted(said: Sequence[Said], answers: Mapping[str, Sequence[str]], what: str) -> str:
-    """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
+    """Return in one sentence how many of ``what`` have each answer, by name if they are few.
 
-    ``answers`` are by what the verdicts come to, in the order in which they are told; behind one may stand the
-    preposition that a count needs: ``("yes", "for")``.
+    ``answers`` are by outcome, in the order of the sentence. A second word is the preposition for a
+    count: ``("yes", "for")``. For a single verdict it is that verdict's answer.
     """
     if len(said) == 1:
         return f"{said[0].who}: {answers[said[0].comes_to][0]}."
@@ -135,7 +136,7 @@ def parted(said: Sequence[Said], answers: Mapping[str, Sequence[str]], what: str
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: an introduction, figures, tables, and lines of words; ``folded`` tables are closed at first."""
+    """A part of a page, with figures, tables and lines; ``folded`` tables start closed."""
 
     title: str
     intro: str = ""
@@ -148,7 +149,7 @@ class Section:
 def page_of(
     question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Opening | None = None
 ) -> Page:
-    """Return a page that is a list of sections under the question that it answers, with its answer."""
+    """Return a page: the question, its answer, and a list of sections."""
     html = fill(
         "sections.html",
         question=question,
@@ -161,13 +162,13 @@ def page_of(
 
 
 def write_page(page: Page, out: Path) -> None:
-    """Write a page; a reader never sees half of it. Raises OutputError where it may not be written there."""
+    """Write a page atomically; raises OutputError if it may not be written there."""
     with whole(out, "report") as partial:
         partial.write_bytes(page.html)
 
 
 def write_figures(drawn: Mapping[str, Sequence[Drawing]], folder: Path) -> list[Path]:
-    """Write every figure as SVG and PDF; return the files. Raises OutputError as `write_files` does."""
+    """Write every figure as SVG and PDF; raises OutputError as `write_files` does."""
     files = {}
     for drawing in (one for section in drawn.values() for one in section):
         files[f"{drawing.name}.svg"] = drawing.svg().encode("utf-8", "backslashreplace")
@@ -176,7 +177,7 @@ def write_figures(drawn: Mapping[str, Sequence[Drawing]], folder: Path) -> list[
 
 
 def evenly(every: Sequence[T], count: int) -> list[T]:
-    """Return so many of a sequence, evenly taken; all of it where there are no more."""
+    """Return ``count`` items of a sequence, evenly spaced; all if there are no more."""
     return [every[turn * len(every) // count] for turn in range(count)] if count < len(every) else list(every)
 
 
@@ -189,9 +190,9 @@ def fill(
     packed: str = "",
     **values: object,
 ) -> bytes:
-    """Return a page: the style of all pages and its own, its scripts as one, and ``data`` for them as JSON.
+    """Return a page with the common style and its own, its scripts, and ``data`` as JSON.
 
-    ``packed`` is more data, made by ``pack``, which scripts unpack when it is looked at.
+    ``packed`` is more data from ``pack``, which scripts unpack when it is needed.
     """
     script = "".join(map(asset, scripts))
     html = (
@@ -215,7 +216,7 @@ def fill(
 
 @cache
 def environment() -> jinja2.Environment:
-    """Return the environment that fills a template; it compiles each template once."""
+    """Return the environment that fills templates; it compiles each template once."""
     made = jinja2.Environment(
         loader=jinja2.FunctionLoader(asset),
         autoescape=True,
@@ -235,30 +236,30 @@ def asset(name: str) -> str:
 
 
 def policy(script: str) -> str:
-    """Return the Content-Security-Policy: pictures from data, this one script or none, and nothing from anywhere."""
+    """Return the Content-Security-Policy: only data pictures and this script, no requests."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     runs = f"script-src 'sha256-{digest}'; " if script else ""
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; {runs}base-uri 'none'; form-action 'none'"
 
 
 def pack(values: object) -> str:
-    """Return values as JSON that is deflated, in base64: a fifth of its length where replies are words."""
+    """Return values as deflated JSON in base64, a fifth as long for replies in words."""
     return base64.b64encode(zlib.compress(str(embedded_json(values)).encode("utf-8", "backslashreplace"))).decode()
 
 
 def unpack(packed: str, most: int) -> str:
-    """Return the JSON of packed values; raises ValueError where it is damaged, or has more than ``most`` bytes."""
+    """Return the JSON of packed values; raises ValueError if damaged or above ``most`` bytes."""
     opened = zlib.decompressobj()
     try:
         text = opened.decompress(base64.b64decode(packed, validate=True), most)
     except zlib.error as error:
         raise ValueError(str(error)) from error
     if not opened.eof or opened.unused_data:
-        raise ValueError("packed data that is cut or too long")
+        raise ValueError("packed data is cut off or too long")
     return text.decode()
 
 
 def embedded_json(values: object) -> Markup:
-    """Return JSON that can stand inside a script element: no sign in it can end the element or a line."""
+    """Return JSON for a script element; no character in it can end the element or a line."""
     text = json.dumps(values, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     return Markup(text.translate(_ESCAPES))  # noqa: S704 - what could be markup was escaped just now

@@ -1,4 +1,4 @@
-"""A table is rows with a caption; it prints itself to a terminal, and as CSV, Markdown, LaTeX and HTML."""
+"""A table: rows with a caption, for a terminal, CSV, Markdown, LaTeX and HTML."""
 
 import csv
 import io
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
-"""What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
+"""A column's content: text that may wrap, a word, or numbers; an estimate has an interval."""
 
 _UNKNOWN = frozenset({"", "—", "unknown", "not measured"})
-"""What stands in a cell of which nothing is known."""
+"""Texts of a cell with an unknown value."""
 _COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)")
-"""A command that is quoted in a sentence, and an option."""
+"""A command that is quoted in a sentence, or an option."""
 
 MARK = "!"
-"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
+"""The mark of a verdict whose run failed a sanity check; the check is explained below the table."""
 _NARROWEST = 16
-"""Text is folded to as few characters before a table is printed row by row instead."""
+"""The narrowest text column; a table that needs less is printed row by row."""
 _COLUMN = 100
-"""A row of more characters would be set smaller than 5 points in a text column of LaTeX."""
+"""The most characters of a row in a LaTeX text column, at 5 points or more."""
 _WORDS = {"text", "word"}
 _FORMULA = re.compile(r"(?:^|[;\t])[\s\u200b\u200c\u200d\ufeff\ufffd\"']*[=+\-@＝＋－＠]")
-"""What a spreadsheet takes for a formula, in a cell or in what it would part a cell into."""
+"""What a spreadsheet takes for a formula, in a cell or in a part of one."""
 _JOINERS = frozenset("\u200c\u200d")
-"""Signs without width that some scripts write words with."""
+"""Zero-width characters that some scripts need in words."""
 _TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "dim", "bad": "red", "blind": "red"}
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A word with a tone (good, bad, sees, partly, blind, open), and for people a sign behind it.
+    """A word with a tone (good, bad, sees, partly, blind, open), and a sign for people.
 
-    On a page it leads to its ``place``, an address relative to the page: ``#id`` for one in it.
+    On a page it links to ``place``, an address relative to the page, such as ``#id``.
     """
 
     text: str
@@ -56,22 +56,23 @@ class Mark:
 
 
 class AtMost(NamedTuple):
-    """An interval whose lower end bounds nothing; people read its upper end alone."""
+    """An interval whose lower end bounds nothing; people see its upper end alone."""
 
     low: float
     high: float
 
 
 Cell = str | int | float | tuple[float, float] | Statistic | Mark | None
-"""A word, a count, a number, an interval, an estimate, or "cannot say"; a word may stand for any of them."""
+"""A word, a count, a number, an interval, an estimate or "cannot say"; any cell may be a word."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column. People read numbers times ``scale`` to so many ``digits`` with their ``unit``; programs read them raw.
+    """A column.
 
-    One that ``varies`` is left out for people where all its cells are the same. Of an estimate people read the interval
-    behind the value, ``beside`` it its n, or nothing; programs read interval and n.
+    People read numbers times ``scale``, with ``digits`` and ``unit``; programs read raw numbers. A
+    column that ``varies`` is hidden from people if all its cells are equal. Beside an estimate
+    people read its interval, its n or nothing, as ``beside`` says; programs read both.
     """
 
     name: str = ""
@@ -141,7 +142,7 @@ STATISTIC = (
     Column("n", "count"),
     Column("p", "p"),
 )
-"""The columns of a statistic, whose cells ``statistic_cells`` returns."""
+"""The columns of a statistic; ``statistic_cells`` returns the cells."""
 
 
 def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
@@ -150,27 +151,28 @@ def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
 
 
 def ends(one: Statistic) -> tuple[float, float] | None:
-    """Return a statistic's interval, as an `AtMost` where it bounds the value from above alone."""
+    """Return a statistic's interval, as an `AtMost` if only its upper end bounds."""
     return AtMost(*one.ci) if isinstance(one, UpperBound) and one.ci is not None else one.ci
 
 
 def level(one: Statistic) -> str:
-    """Return the level of a statistic's interval; empty where there is none."""
+    """Return the level of a statistic's interval; empty without an interval."""
     return "" if one.ci is None else percent(one.level)
 
 
 def in_words(one: Statistic) -> str:
-    """Return a statistic as text, which may be folded: value, interval with its level, n and p."""
+    """Return a statistic as text that may wrap: value, interval with its level, n and p."""
     interval = "" if one.ci is None else f" {STATISTIC[1].shown(ends(one))} ({level(one).replace(' ', '')})"
     return f"{number(one.value)}{interval}, n {one.n}{'' if one.p is None else f', p {p_value(one.p)}'}"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it, and ``title`` above.
+    """Rows under columns.
 
-    ``about`` is how its title begins, where tables of one label share that; the caption is the rest.
-    One with a ``label`` is set in LaTeX as the paper's tables are: small, and no wider than a column of text.
+    ``name`` is the stem of its files. ``title`` stands above and ``note`` below it. ``about`` is
+    the common beginning of the titles of tables with one label; the caption is the rest. With a
+    ``label`` its LaTeX looks like the paper's: small, and at most one text column wide.
     """
 
     name: str
@@ -183,17 +185,18 @@ class Table:
 
     @property
     def title(self) -> str:
-        """Return what stands above the table: its caption, behind what it is about."""
+        """Return the table's title: what it is about, and its caption."""
         return ": ".join(filter(None, (self.about, self.caption)))
 
     def labelled(self, label: str, caption: str = "") -> "Table":
-        """Return the table as the paper's of that label, under which its files are written, captioned anew if told."""
+        """Return the table under the paper's label, which names its files, recaptioned if given."""
         return replace(self, name=label.replace(":", "-"), caption=caption or self.caption, label=label)
 
     def counted(self, counts: Sequence[int | None], unit: str, each: str = "") -> "Table":
-        """Return the table whose caption says of how many ``unit`` each row is; a last column does where they differ.
+        """Return the table with the number of ``unit`` per row in its caption.
 
-        ``counts`` are by row, None where one holds none; ``each`` stands behind the unit, as "per model".
+        ``counts`` are by row, None for a row without one. Different counts become a last column.
+        ``each`` follows the unit, as "per model".
         """
         says = " ".join(filter(None, (of_each(counts), unit, each)))
         table = replace(self, caption=f"{self.caption}{'. ' if '. ' in self.caption else ', '}{says}")
@@ -203,9 +206,9 @@ class Table:
         return replace(table, columns=(*self.columns, Column(unit, "count")), rows=rows)
 
     def joined(self, other: "Table") -> "Table":
-        """Return the table with the columns of another, row by row after the first column; a row may be in one only.
+        """Return the table with another's columns, matched by the first column.
 
-        Where both are about the same, the caption says what both say of it.
+        Rows may be in one only. If both are about the same, the caption joins both captions.
         """
         mine, theirs = ({self.head(row): row[1:] for row in one.rows} for one in (self, other))
         none = [(None,) * (len(one.columns) - 1) for one in (self, other)]
@@ -219,11 +222,11 @@ class Table:
 
     @staticmethod
     def head(row: "tuple[Cell, ...]") -> str:
-        """Return what stands first in a row."""
+        """Return the text of a row's first cell."""
         return row[0].text if isinstance(row[0], Mark) else str(row[0])
 
     def split(self) -> "Iterator[Table]":
-        """Yield a table for each value of the first column, which becomes its caption."""
+        """Yield a table for each value of the first column, with that value as its caption."""
         for head in dict.fromkeys(row[0] for row in self.rows):
             rows = tuple(row[1:] for row in self.rows if row[0] == head)
             yield replace(self, caption=self.columns[0].shown(head), columns=self.columns[1:], rows=rows)
@@ -234,7 +237,7 @@ class Table:
         return [one.name for one in self.columns]
 
     def renamed(self, short: Callable[[str], str]) -> "Table":
-        """Return the table with every word of it as ``short`` makes it."""
+        """Return the table with ``short`` applied to all its words."""
 
         def made(cell: Cell) -> Cell:
             if isinstance(cell, Mark):
@@ -246,11 +249,11 @@ class Table:
         return replace(self, caption=short(self.caption), columns=named, rows=rows, note=short(self.note))
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as people read it, without control signs."""
+        """Return every cell as people read it, without control characters."""
         return [[_plain(one.shown(c)) for c, one in zip(row, self.columns, strict=True)] for row in self.rows]
 
     def short(self) -> "Table":
-        """Return the table without the columns that tell people nothing: words that are all empty, or never vary."""
+        """Return the table without word columns that are empty and columns that never vary."""
         texts = list(zip(*self.texts(), strict=True)) or [()] * len(self.columns)
         kept = [
             place
@@ -262,14 +265,14 @@ class Table:
         return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
 
     def known(self) -> "Table":
-        """Return the table without the columns, but the first, in which nothing is known in any row."""
+        """Return the table without columns that are unknown in every row; the first stays."""
         texts = list(zip(*self.texts(), strict=True)) or [()] * len(self.columns)
         kept = [place for place, cells in enumerate(texts) if not place or not _UNKNOWN.issuperset(cells)]
         rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
-        """Print the table; where it is too wide, intervals below their values, else row by row: nothing is cut."""
+        """Print the table without cutting: whole, or with stacked intervals, or row by row."""
         from rich.text import Text  # noqa: PLC0415 - slow to import
 
         del console
@@ -287,7 +290,7 @@ class Table:
         yield Text(self.note)
 
     def rich(self, *, stacked: bool = False) -> "RichTable":
-        """Return the table for a terminal; ``stacked`` prints what belongs to a number below it, heads word by word."""
+        """Return the table for a terminal; ``stacked`` puts intervals below and splits heads."""
         from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - slow to import
         from rich.table import Table as RichTable  # noqa: PLC0415 - as above
         from rich.text import Text  # noqa: PLC0415 - as above
@@ -307,7 +310,7 @@ class Table:
         return made
 
     def width(self, *, stacked: bool) -> int:
-        """Return the columns of a terminal that the table needs at least."""
+        """Return the least width of the table in terminal columns."""
         width = 2
         for column, cells in zip(self.columns, zip(*self.texts(), strict=True) if self.rows else (), strict=False):
             texts = [
@@ -319,7 +322,7 @@ class Table:
         return width
 
     def csv(self) -> str:
-        """Return CSV with full precision; a word cannot become a spreadsheet's formula."""
+        """Return CSV with full precision; no word can become a spreadsheet's formula."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow([_raw(name) for column in self.columns for name in column.heads])
@@ -335,7 +338,7 @@ class Table:
         return "\n".join([_markdown(self.title), "", lines[0], ruler, *lines[1:], *below, ""])
 
     def latex(self) -> str:
-        """Return a LaTeX table that needs the package booktabs; one too wide for a text column spans both."""
+        """Return a LaTeX table, which needs the package booktabs; a wide one spans both columns."""
         set_as = self.short() if self.label else self
         kinds = "".join("l" if one.kind in _WORDS else "r" for one in set_as.columns)
         cells = (set_as.names, *set_as.texts())
@@ -357,7 +360,7 @@ class Table:
         return "\n".join([*top, *body, rf"\end{{{kind}}}", ""])
 
     def html(self) -> str:
-        """Return a table of HTML in which nothing is markup but what stands here."""
+        """Return an HTML table with every value escaped."""
         short, lines = self.short(), []
         heads = "".join(f'<th scope="col" class="{one.kind}">{escape(_spoken(one.name))}</th>' for one in short.columns)
         for row, texts in zip(short.rows, short.texts(), strict=True):
@@ -371,26 +374,26 @@ class Table:
         )
 
     __html__ = html
-    """Templates print a table where it is named."""
+    """Templates print a table by its name."""
 
 
 _JOINED = re.compile(r"(?<=[a-z]{2})_(?=[a-z]{2})")
 
 
 def _spoken(name: str) -> str:
-    """Return a column's name in words: ``modal_share`` is two; ``n_a`` is a symbol."""
+    """Return a column's name in words: ``modal_share`` has two; ``n_a`` is a symbol."""
     return _JOINED.sub(" ", name)
 
 
 def stacked(tables: Mapping[str, Table]) -> Table:
-    """Return tables of the same columns, by name, as one: what stands first in rows of several is named with its table.
+    """Return tables with equal columns as one.
 
-    Below it stands every sentence that stands below one of them, once. Raises ValueError where there is no table, or
-    columns differ.
+    A first cell that several tables have gets its table's name. The note has every sentence of
+    their notes once. Raises ValueError if there is no table, or columns differ.
     """
     first, *others = tables.values()
     if any(one.columns != first.columns for one in others):
-        raise ValueError(f"tables of different columns cannot be one: {', '.join(tables)}")
+        raise ValueError(f"tables with different columns cannot be joined: {', '.join(tables)}")
     heads = {name: {Table.head(row) for row in one.rows} for name, one in tables.items()}
     counts = Counter(head for each in heads.values() for head in each)
 
@@ -406,13 +409,13 @@ def stacked(tables: Mapping[str, Table]) -> Table:
 
 
 def of_each(counts: Iterable[int | None]) -> str:
-    """Return in words how many each of several holds: one number, two, or from the fewest to the most."""
+    """Return counts in words: one number, two, or the fewest to the most."""
     found = sorted({one for one in counts if one is not None})
     return f"{found[0]} to {found[-1]}" if len(found) > 2 else " or ".join(map(str, found)) or "0"
 
 
 def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
-    """Return tables as CSV, Markdown and LaTeX, by their files' names, numbered from the second of one name on."""
+    """Return tables as CSV, Markdown and LaTeX by file name; repeated names get a number."""
     made, names = {}, [one.name for one in tables]
     for place, one in enumerate(tables):
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
@@ -422,40 +425,40 @@ def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
-    """Write tables as CSV, Markdown and LaTeX; return the files. Raises OutputError as `write_files` does."""
+    """Write tables in all forms; return the files. Raises OutputError as `write_files` does."""
     return write_files(files_of(tables), folder)
 
 
 def of_lines(name: str, caption: str, lines: Iterable[str]) -> Table:
-    """Return lines as a table: what stands before the first colon of each, and what is said of it."""
+    """Return lines as a table; each line is split at its first colon."""
     rows = tuple((what, says) for what, _, says in (line.partition(": ") for line in lines))
     return Table(name, caption, (Column("what", "word"), Column("what there is, and what it takes")), rows)
 
 
 def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
-    """Yield what the mark behind a name stands for, a line a guard."""
+    """Yield a line for each sanity check behind the mark of a name."""
     yield from (f"{MARK} {name}: {words}" for words in marks)
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number as text; "cannot say" is a dash."""
+    """Return a number as text; None is a dash."""
     return "—" if value is None else f"{value:.{digits}f}"
 
 
 def p_value(p: float | None) -> str:
-    """Return a p as the paper prints it: four digits, or ``<10⁻⁴``."""
+    """Return a p-value as the paper prints it: four digits, or ``<10⁻⁴``."""
     if p is None:
         return "—"
     return "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.3f}"
 
 
 def estimate(one: Statistic, digits: int = 3) -> str:
-    """Return a statistic's value and its interval as text."""
+    """Return a statistic's value and interval as text."""
     return Column("", "estimate", digits).shown(one)
 
 
 def _stack(text: str, *, stacked: bool) -> str:
-    """Return an estimate with its interval below it, and a list with an item a line."""
+    """Return an estimate with its interval below, and a list with one item per line."""
     return re.sub(r" (?=[\[(])|(?<=,) (?![-+.0-9]+\])", "\n", text) if stacked else text
 
 
@@ -469,12 +472,12 @@ def _raw(cell: Cell) -> str:
 
 
 def no_formula(text: str) -> str:
-    """Return a cell with an apostrophe before it where a spreadsheet would take it for a formula."""
+    """Return a cell with a leading apostrophe if a spreadsheet would take it for a formula."""
     return "'" + text if _FORMULA.search(text) and not re.fullmatch(r"[+-]?\d+(\.\d+)?", text) else text
 
 
 def _plain(text: str) -> str:
-    """Return text without control signs and marks of direction, which no cell may hold."""
+    """Return text without control characters and direction marks."""
     return text if text.isprintable() else "".join(map(_plain_sign, text))
 
 
@@ -485,7 +488,7 @@ def _plain_sign(sign: str) -> str:
 
 
 def coded(text: str) -> Markup:
-    """Return a sentence as HTML, its commands as code that is broken between words alone."""
+    """Return a sentence as HTML; its commands are code that breaks only between words."""
     made, end = "", 0
     for found in _COMMAND.finditer(text):
         words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
@@ -530,5 +533,7 @@ def _latex(text: str) -> str:
     if text == "<10⁻⁴":
         return "$<10^{-4}$"
     escaped = "".join(_LATEX.get(sign, sign) for sign in _plain(text))
-    escaped = _HYPHENS.sub("-{}", escaped).replace("—", "---")  # hyphens in a row, as an option's, would be set as one
-    return f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped  # or the line above takes it
+    escaped = _HYPHENS.sub("-{}", escaped).replace("—", "---")  # LaTeX would merge hyphens in a row
+    return (
+        f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped
+    )  # or LaTeX takes it for an option of the line above

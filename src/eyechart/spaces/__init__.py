@@ -1,1 +1,4 @@
-"""The only room that knows what an action is: how a reply is read, how far two actions differ, and their reflection."""
+"""The space of actions: reading replies, distances between actions, and reflection.
+
+No other package knows what an action is.
+"""

@@ -1,6 +1,6 @@
-"""Discrete actions have names; which exist, which exchange under reflection, which brake and which proceed.
+"""Discrete actions: their names, and which brake, proceed, or exchange under reflection.
 
-The decision is found in a reply's verbatim text: strictly, the same way every time, and never guessing.
+The decision is read from a reply's verbatim text: strictly, reproducibly, and without guessing.
 """
 
 import json
@@ -30,18 +30,18 @@ _TOML_BYTES = 1_000_000
 _NAME = re.compile(r"[+-]?\d+(\.\d+)?\s?[°%]?|([+-]?\d|[^\W_])(.*[^\W_])?")
 _SHARED: dict[Decision[str], Decision[str]] = {}
 _READINGS_KEPT = 1000
-"""Of so many different replies the decision is kept, because controllers repeat themselves."""
+"""Cached readings of replies, because controllers repeat themselves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Discrete(Usual):
-    """Discrete actions with the roles that the battery asks about.
+    """Discrete actions with the roles that the battery needs.
 
-    ``mirror_pairs`` exchange under reflection; actions in none of them are their own mirror image.
-    ``brake`` lists the braking actions from the hardest to the mildest; ``proceed`` lists those that go on.
-    An action may be in neither. ``aliases`` are other names for actions, each with the action that it stands for; no
-    other word is read as one. ``reader`` is the version of the rules of reading, which is no part of the space. Raises
-    SpecError for an unknown, repeated, unreadable or contradictory name.
+    ``mirror_pairs`` exchange under reflection; other actions are their own mirror image. ``brake``
+    lists the braking actions from hardest to mildest, ``proceed`` those that go on; an action may
+    be in neither. ``aliases`` map other names to actions; no other word is read as an action.
+    ``reader`` is the version of the reading rules, and no part of the space. Raises SpecError for
+    an unknown, repeated, unreadable or contradictory name.
     """
 
     readers: ClassVar[tuple[int, ...]] = READERS
@@ -61,7 +61,9 @@ class Discrete(Usual):
         for action in self.actions:
             self._require_readable(action)
         if len({*map(spelled, self.actions)}) != len(self.actions):
-            raise SpecError(f"action space '{self.name}': two of {list(self.actions)} are one number, or one in words")
+            raise SpecError(
+                f"action space '{self.name}': two of {list(self.actions)} are the same number, or the same in words"
+            )
         paired = [action for pair in self.mirror_pairs for action in pair]
         meant = [action for _, action in self.aliases]
         for role, names in (("mirror_pairs", paired), ("brake", self.brake), ("proceed", self.proceed)):
@@ -81,7 +83,7 @@ class Discrete(Usual):
     def _require_readable(self, name: str) -> None:
         if not _NAME.fullmatch(name) or name.upper() == UNPARSED:
             raise SpecError(
-                f"action space '{self.name}': '{name}' cannot be read from a reply; a name is one line, begins "
+                f"action space '{self.name}': '{name}' cannot be read from a reply. A name is one line, begins "
                 f"and ends with a letter or a digit (a number may have its sign), and is not {UNPARSED}"
             )
 
@@ -91,12 +93,12 @@ class Discrete(Usual):
                 raise SpecError(f"action space '{self.name}': {role} names '{action}', not one of {list(self.actions)}")
 
     def by(self, reader: int) -> "Discrete":
-        """Return the space with replies read by this version of the rules; the same where there is no such version."""
+        """Return the space with this version of the reading rules; unchanged if it is unknown."""
         return replace(self, reader=reader) if reader in READERS else self
 
     @property
     def names(self) -> Names:
-        """Return the names of the actions and their aliases, as they are read from words."""
+        """Return the names of the actions and their aliases, as read in words."""
         opposite = {
             (spelled(one).removeprefix("-"), spelled(other).removeprefix("-")) for one, other in self.mirror_pairs
         }
@@ -114,17 +116,17 @@ class Discrete(Usual):
         return {"type": "object", "properties": {"action": {"type": "string", "enum": list(self.actions)}}, **only}
 
     def read(self, reply: Answer) -> Decision[str]:
-        """Return the decision that a reply holds; see `_read` for the rules."""
+        """Return the decision in a reply; see `_read` for the rules."""
         return _read(self, self.reader, reply.text, reply.finish_reason, reply.error)
 
     def distance(self, one: str, other: str) -> float:
-        """Return 0 where two actions are the same, else 1."""
+        """Return 0 if two actions are the same, else 1."""
         return float(one != other)
 
     def project(self, action: str, axis: str) -> float | None:
-        """Return 0 for an action that does not brake, and 1, 2, … from the mildest brake to the hardest.
+        """Return 0 for an action that does not brake, else 1, 2, … from mildest to hardest.
 
-        None along another axis than ``brake``.
+        None for any axis other than ``brake``.
         """
         if axis != "brake":
             return None
@@ -135,7 +137,7 @@ class Discrete(Usual):
         return action
 
     def role(self, symbol: str) -> str:
-        """Return what an action is to the gap tests: brake, proceed, or other."""
+        """Return the role of an action in the gap tests: brake, proceed, or other."""
         return "brake" if symbol in self.brake else "proceed" if symbol in self.proceed else "other"
 
     def reflect(self, action: str) -> str:
@@ -144,11 +146,11 @@ class Discrete(Usual):
         return next((other for one, other in both if one == action), action)
 
     def wording(self) -> str:
-        """Return the space as a text that changes with what it asks for."""
+        """Return a text that changes with the space."""
         return json.dumps(self.as_dict())
 
     def written(self) -> dict[str, object]:
-        """Return the space as plain JSON values, by the name that a prompt has for it."""
+        """Return the space as plain JSON values, under its name in a prompt."""
         return {"action_space": self.as_dict()}
 
     def as_dict(self) -> dict[str, object]:
@@ -157,7 +159,7 @@ class Discrete(Usual):
 
     @classmethod
     def from_dict(cls, values: object) -> "Discrete":
-        """Build a space from plain values; raises SpecError naming what is wrong."""
+        """Build a space from plain values; raises SpecError that names the fault."""
         with raising(SpecError, "an action space needs name, actions, mirror_pairs, brake and proceed", of=ValueError):
             written = build(_Written, values)
         return cls(
@@ -171,13 +173,13 @@ class Discrete(Usual):
 
 
 def named_actions(space: AnySpace | None, own: Discrete) -> Discrete:
-    """Return the actions with names that are read from replies: those of a prompt's space, or a bank's ``own``."""
+    """Return the named actions to read from replies: a prompt's, or a bank's ``own``."""
     return space if isinstance(space, Discrete) else own
 
 
 @dataclass(frozen=True, slots=True)
 class _Written:
-    """A space as a file has it."""
+    """A space in the form of a file."""
 
     name: str
     actions: tuple[str, ...]
@@ -188,17 +190,19 @@ class _Written:
 
 
 def read_space(path: Path) -> Discrete:
-    """Read an action space from a TOML file: actions, and if wanted name, mirror_pairs, brake, proceed and aliases.
+    """Read an action space from a TOML file.
 
-    Raises SpecError naming the file and what is wrong in it.
+    It has actions, and optionally name, mirror_pairs, brake, proceed and aliases. Raises SpecError
+    naming the file and the fault.
     """
     return space_from(read_toml(path), str(path), path.stem)
 
 
 def space_from(values: dict[str, object], where: str, name: str) -> Discrete:
-    """Build a space from the plain values of a file; ``name`` is its name where the file gives none.
+    """Build a space from a file's plain values; ``name`` is used if the file has none.
 
-    Raises SpecError, beginning with ``where``, for a key that no space has, for no actions, and for an illegal space.
+    Raises SpecError, beginning with ``where``, for an unknown key, missing actions, or an illegal
+    space.
     """
     known: dict[str, object] = {
         "name": name,
@@ -218,7 +222,7 @@ def space_from(values: dict[str, object], where: str, name: str) -> Discrete:
 
 
 def read_toml(path: Path) -> dict[str, object]:
-    """Read a TOML file of at most 1 MB; raises SpecError naming it and the line at fault."""
+    """Read a TOML file of at most 1 MB; raises SpecError naming it and the wrong line."""
     text = read_at_most(path, _TOML_BYTES, SpecError, "settings")
     with raising(SpecError, f"{path} is no TOML file", of=(ValueError, RecursionError)):
         return tomllib.loads(text.decode("utf-8-sig"))
@@ -236,11 +240,11 @@ DRIVING = Discrete(
 
 @lru_cache(maxsize=_READINGS_KEPT)
 def _read(space: Discrete, rules: int, text: str, finish_reason: str | None, error: str | None) -> Decision[str]:
-    """Read the decision from a reply's verbatim text; strict, deterministic, and never guessing.
+    """Read the decision from a reply's verbatim text: strictly, and never guessing.
 
-    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. What stands
-    in ``<think>`` is no answer. Then the words, by the version ``rules`` of the rules of reading. Source:
-    paper, section Corpus and parsing.
+    First, an error, a cut-off (``length``) or a filter's refusal is the reason for no decision.
+    Then text in ``<think>`` is removed. Then the words are read by version ``rules`` of the reading
+    rules. Source: paper, section Corpus and parsing.
     """
     if (missing := unanswered(finish_reason, error)) is not None:
         return Decision(None, missing)

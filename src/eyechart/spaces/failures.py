@@ -1,6 +1,7 @@
-"""What an answer in JSON says of its own failure: a field that names one, or words that say that there was no picture.
+"""Failures that a JSON answer reports about itself: an error field, or a missing picture.
 
-The words are few, because ordinary ones stand in many a field: that no lead is seen in the picture is no failure.
+The list of words is short, because common words occur in other fields too: "no lead in the picture"
+is no failure.
 """
 
 import re
@@ -14,9 +15,9 @@ error errors errormessage errormsg errorcode errorreason errordetail errordetail
 failurereason refusal refusals refusalreason refused unable
 """
 _NAMES = frozenset(_FAILURES.split())
-"""Names of fields that say why nothing was seen, in small letters without anything between them."""
+"""Field names for a failure, in lower case without separators."""
 _NOTHING = frozenset(["", "0", "false", "n/a", "na", "nil", "no", "none", "null", "ok"])
-"""Texts of such a field that say that nothing failed."""
+"""Values of such a field that mean no failure."""
 
 _KINDS = (
     r"(?:(?:actual|attached|camera|dashcam|driving|front|input|provided|usable|valid|video|visible|visual)\s+){0,2}"
@@ -30,7 +31,7 @@ _ENDS = (
     r"|here|i|included|is|present|provided|received|seen|sent|shown|so|supplied|that|therefore|to|uploaded|visible|was|were"
     r"|which|with|yet|you)\b))"
 )
-"""What may follow: not "no image noise", "no picture of a lead", or "I cannot see the image's edges"."""
+"""What may follow: not "no image noise", "no picture of a lead", or "I can't see its edges"."""
 _CAME = r"(?:accessible|attached|available|given|included|loaded|opened|provided|received|sent|supplied|uploaded)"
 _NO_PICTURE = pattern(
     rf"\b(?:no|missing|without (?:access to )?(?:(?:seeing )?(?:any|an?|the)\b)?)\s*\b{_PICTURE}\b{_ENDS}"
@@ -46,28 +47,29 @@ _NO_PICTURE = pattern(
 )
 
 _BESIDES = pattern(rf"\b(?:previous|prior|earlier|last|next|rear|side|second)(?:[ -]view)?\s+{_KINDS}\Z", re.IGNORECASE)
-"""What stands before a picture that is not the one asked about."""
+"""Words before a picture that is not the current one."""
 _HAS_PICTURE = pattern(
     r"(?:(?:is|was|has|have|had|got|can|could|received?|sees?|saw|view|access|the|an?|any)\s)*"
     rf"{_PICTURE}(?:\s(?:is|was|has been))?(?:\s(?:{_CAME}|visible|present|seen|shown|readable|valid|found|exists))?",
     re.IGNORECASE,
 )
-"""A name that says that there is a picture."""
+"""A field name that says that there is a picture."""
 _OF_PICTURE = pattern(rf"{_PICTURE}(?:\s(?:status|state|input|data))?", re.IGNORECASE)
 _NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|not (?:been )?{_CAME}|not found")
-"""What may be said of a picture in its own field where there was none."""
+"""Values that say that a picture is missing, in the picture's own field."""
 
 
 def says_no_picture(text: str) -> bool:
-    """Return whether a text says that there was no picture, or asks for one; one of before or behind is another."""
+    """Return whether a text says that the current picture is missing, or asks for one."""
     plain = text.replace("’", "'").replace("_", " ")
     return any(not _BESIDES.search(plain, max(0, one.start() - 80), one.start()) for one in _NO_PICTURE.finditer(plain))
 
 
 def says_failed(fields: Iterable[tuple[str, object]], known: Iterable[str]) -> bool:
-    """Return whether a field of an object, or of one within it, says that the answer is none; ``known`` ones do not.
+    """Return whether a field of an object, or of one within it, reports a failure.
 
-    It has the name of a failure and a value, or says that there was no picture. Objects are lists of names and values.
+    The field has a failure's name and a value, or says that there was no picture; ``known`` fields
+    do not count. Objects are lists of names and values.
     """
     return any(_fails(name, value) for name, value in _every(fields) if name not in known)
 
@@ -75,14 +77,14 @@ def says_failed(fields: Iterable[tuple[str, object]], known: Iterable[str]) -> b
 def lacks_picture(fields: Iterable[tuple[str, object]]) -> bool:
     """Return whether a field of an object, or of one within it, says that there was no picture.
 
-    Its text does, or its name with its text, or its name where it is true: "image_missing". Or its name says that there
-    is one and its value is no: ``"image_received": false``.
+    Its text may say so, or its name and text, or a true name: "image_missing". A false value for a
+    picture's name counts too: ``"image_received": false``.
     """
     return any(_lacks(name, value) for name, value in _every(fields))
 
 
 def _every(fields: Iterable[object]) -> Iterator[tuple[str, object]]:
-    """Yield every field of an object and of those within it, and what a list holds under no name."""
+    """Yield every field of an object and of those within it; a list's items have no name."""
     for one in fields:
         name, value = one if isinstance(one, tuple) else ("", one)
         yield name, value
@@ -109,7 +111,7 @@ def _lacks(name: str, value: object) -> bool:
 
 
 def _is_nothing(value: object) -> bool:
-    """Return whether a value says that nothing failed; a list or an object does where all of its values do."""
+    """Return whether a value means no failure; a list or an object does if all its values do."""
     if isinstance(value, list):
         return all(_is_nothing(one[1] if isinstance(one, tuple) else one) for one in value)
     return not value or (isinstance(value, str) and value.strip(" .").lower() in _NOTHING)

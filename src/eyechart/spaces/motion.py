@@ -1,6 +1,7 @@
-"""A motion is an array of numbers, so many steps ahead in so many dimensions; what they mean, a space says.
+"""Motions: arrays of numbers, steps ahead by dimensions, with a meaning given by the space.
 
-A controller's array is kept to the byte: its text names its shape and its type, and holds the bytes and their digest.
+A controller's array is kept exactly: its text holds the shape, the type, the bytes and their
+digest.
 """
 
 import base64
@@ -22,26 +23,26 @@ from eyechart.records import LARGEST, picked
 from eyechart.spaces.space import Answer, AnySpace, Decision, Usual, unanswered, unparsed
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
-"""What the numbers of a step are: a change to make, a place to be at, a speed, or a place to pass."""
+"""The meaning of a step's numbers: a change, a target place, a speed, or a place to pass."""
 
 MOTION_READER = 1
-"""The version of these rules. A run records it, so that motions read by other rules are never taken for these."""
+"""The version of these rules, which a run records to detect motions read by other rules."""
 
 PLACES: tuple[Kind, ...] = ("absolute", "waypoints")
 _TYPES = ("<f2", "<f4", "<f8")
 MOST_NUMBERS = 100_000
-"""An array with more is not kept."""
+"""A larger array is not kept."""
 
 Floats = npt.NDArray[np.float64]
 
 
 def _with_a_way_out(error: Exception) -> str:
-    """Return what an array's library says, with what to do where it does not say that."""
+    """Return an array library's error, with advice if it has none."""
     return f"{error}; numpy has no such numbers: return .float()" if "BFloat16" in str(error) else str(error)
 
 
 def read_kind(word: str | None) -> Kind | None:
-    """Return a word as a kind, None where there is none; raises SpecError that lists the kinds."""
+    """Return a word as a kind, or None; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
         return cast("Kind | None", word)
     raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'{perhaps(word, get_args(Kind))}")
@@ -49,7 +50,7 @@ def read_kind(word: str | None) -> Kind | None:
 
 @dataclass(frozen=True)
 class Motion:
-    """An array as it came: ``shape``, the ``type`` of its numbers in numpy's words, and their bytes in C order."""
+    """An array as it came: ``shape``, numpy's ``type``, and the bytes in C order."""
 
     shape: tuple[int, ...]
     type: str
@@ -57,7 +58,7 @@ class Motion:
 
     @classmethod
     def of(cls, given: object) -> "Motion":
-        """Return what a controller answered; raises ValueError where that is no array of numbers, or too large."""
+        """Return a controller's array; raises ValueError if it is no array or too large."""
         with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception, words=_with_a_way_out):
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
@@ -66,9 +67,9 @@ class Motion:
             half = "; return it as float32" if "float" in str(array.dtype) else ""
             raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits{half}")
         if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
-            raise ValueError(f"{hidden} numbers of a masked array are masked, and what stands below is no answer")
+            raise ValueError(f"{hidden} numbers of a masked array are masked, and the values below them are no answer")
         if array.size > MOST_NUMBERS:
-            raise ValueError(f"an array of {array.size} numbers is too large; {MOST_NUMBERS} may be kept")
+            raise ValueError(f"an array of {array.size} numbers is too large; at most {MOST_NUMBERS} are kept")
         kind = f"<f{array.dtype.itemsize}" if array.dtype.kind == "f" else "<f8"
         return cls(array.shape, kind, np.ascontiguousarray(array, dtype=kind).tobytes())
 
@@ -90,7 +91,7 @@ class Motion:
 
     @classmethod
     def read(cls, text: str) -> "Motion":
-        """Return the motion of such a text; raises ValueError where it holds none, or not the bytes of its digest."""
+        """Return the motion in such a text; raises ValueError without one or its exact bytes."""
         try:
             kept = json.loads(text)["motion"]
             shape, kind = tuple(map(int, kept["shape"])), str(kept["type"])
@@ -112,10 +113,10 @@ class Motion:
 class Dimension:
     """One number of a motion's step, or of a state.
 
-    Differences count in units of ``scale``; where it is None, in those of the spread that the bank's logged motions
-    have. A number along an axis of the world, as the bank names it, is ``along`` it. In the reflected world it is the
-    number of ``mirrors``, its own where that is empty, times ``sign``, about ``about``: a place x between 0 and 1 has
-    sign -1 about .5. ``state`` is the place of the number in the state that it belongs to, where that tells it too.
+    Differences count in units of ``scale``; None means the spread of the bank's logged motions.
+    ``along`` is its axis of the world, by the bank's name. In the reflected world it is the number
+    of ``mirrors`` (empty: its own) times ``sign``, about ``about``: a place x between 0 and 1 has
+    sign -1 about .5. ``state`` is the index of its number in the state, if the state has it.
     """
 
     name: str
@@ -129,13 +130,13 @@ class Dimension:
 
     def __post_init__(self) -> None:
         if not self.name or (self.scale is not None and not (np.isfinite(self.scale) and self.scale > 0)):
-            raise SpecError(f"a dimension has a name and a scale above 0; '{self.name}' has {self.scale}")
+            raise SpecError(f"a dimension needs a name and a scale above 0; '{self.name}' has {self.scale}")
         if self.sign not in {1.0, -1.0} or not np.isfinite(self.about):
             raise SpecError(f"dimension '{self.name}': a reflection has sign 1 or -1 about a number")
 
 
 def reflect(numbers: Floats, dimensions: Sequence[Dimension]) -> Floats:
-    """Return numbers of shape (…, dimensions) as the reflected world has them."""
+    """Return numbers of shape (…, dimensions) in the reflected world."""
     place = {one.name: number for number, one in enumerate(dimensions)}
     taken = [place[one.mirrors or one.name] for one in dimensions]
     sign, about = (np.array([getattr(one, name) for one in dimensions]) for name in ("sign", "about"))
@@ -143,7 +144,7 @@ def reflect(numbers: Floats, dimensions: Sequence[Dimension]) -> Floats:
 
 
 def require_mirrored(dimensions: Sequence[Dimension], what: str) -> None:
-    """Raise SpecError where two dimensions have one name, or the reflection of the reflection were another number."""
+    """Raise SpecError if two dimensions have one name, or reflecting twice changes a number."""
     by_name = {one.name: one for one in dimensions}
     if len(by_name) < len(dimensions):
         raise SpecError(f"{what}: two dimensions have one name: {', '.join(one.name for one in dimensions)}")
@@ -160,12 +161,12 @@ def _as_reflected(one: Dimension) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class MotionSpace(Usual):
-    """Motions of ``horizon`` steps, ``rate_hz`` a second, in these ``dimensions``.
+    """Motions of ``horizon`` steps at ``rate_hz`` per second, in these ``dimensions``.
 
-    ``state`` says what the numbers of the state are, all of them in the order in which a controller gets them, none
-    where nobody says. A dimension of a place (``absolute``, ``waypoints``) that names its number in the state is
-    measured relative to it. Without ``mirrored`` nobody says what the reflected world would call for; ``words`` are the
-    pairs that an instruction exchanges there, such as left and right.
+    ``state`` describes all numbers of the state in the controller's order; empty if unknown. A
+    place (``absolute``, ``waypoints``) with an index in the state is measured relative to that
+    number. Without ``mirrored`` the reflected motion is unknown. ``words`` are the pairs that an
+    instruction exchanges under reflection, such as left and right.
     """
 
     who: ClassVar[str] = "policy"
@@ -188,12 +189,15 @@ class MotionSpace(Usual):
         require_mirrored(self.state, f"the state of motion '{self.name}'")
         for one in self.dimensions:
             if one.state is not None and not 0 <= one.state < len(self.state):
-                raise SpecError(f"motion '{self.name}': '{one.name}' belongs to number {one.state} of no such state")
+                raise SpecError(
+                    f"motion '{self.name}': '{one.name}' belongs to number {one.state} of the state, which has no "
+                    "such number"
+                )
         if self.mirrored:
             self._require_reflected_alike()
 
     def _require_reflected_alike(self) -> None:
-        """Raise SpecError where a place is reflected otherwise than the number of the state that it belongs to."""
+        """Raise SpecError if a place and its number in the state are reflected differently."""
         by_name = {one.name: one for one in self.dimensions}
         for one in self.dimensions:
             if one.state is None or self.kind not in PLACES:
@@ -202,8 +206,8 @@ class MotionSpace(Usual):
             theirs = None if other is None else self.state[other].name
             if _as_reflected(own) != _as_reflected(one) or (own.mirrors or own.name) != theirs:
                 raise SpecError(
-                    f"motion '{self.name}': the reflected '{one.name}' must be measured relative to the reflected "
-                    f"'{own.name}' of the state: say the same of both"
+                    f"motion '{self.name}': the reflected '{one.name}' must be measured relative to the "
+                    f"reflected '{own.name}' of the state: give both the same reflection"
                 )
 
     @property
@@ -213,11 +217,11 @@ class MotionSpace(Usual):
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Return the axes of the world along which it has a dimension."""
+        """Return the world's axes that have a dimension."""
         return tuple(dict.fromkeys(one.along for one in self.dimensions if one.along))
 
     def schema(self) -> dict[str, object]:
-        """Return the JSON schema of the numbers; it changes with whatever the space says of them."""
+        """Return the JSON schema of the numbers; it changes with the space's meaning."""
         steps, wide = self.shape
         row = {"type": "array", "items": {"type": "number"}, "minItems": wide, "maxItems": wide}
         return {"type": "array", "items": row, "minItems": steps, "maxItems": steps, "description": self._words()}
@@ -228,7 +232,7 @@ class MotionSpace(Usual):
         return f"{self.name}: {self.kind}{rate}: {', '.join(parts)}"
 
     def read(self, reply: Answer) -> Decision[Motion]:
-        """Return the motion that a reply holds: of this shape and finite, or none."""
+        """Return the motion in a reply, if it has this shape and is finite."""
         if (missing := unanswered(reply.finish_reason, reply.error)) is not None:
             return Decision(None, missing)
         if not reply.text:
@@ -244,7 +248,7 @@ class MotionSpace(Usual):
         return Decision(motion)
 
     def lacks(self, reply: Answer) -> str:
-        """Return in words why a reply that came holds no motion, and what to do; nothing of a motion or an error."""
+        """Return in words why a reply holds no motion; "" for a motion or an error."""
         decision = self.read(reply)
         if decision.action is not None or decision.missing == "error":
             return ""
@@ -252,14 +256,14 @@ class MotionSpace(Usual):
             came = Motion.read(reply.text).shape
             return f"its shape is {came}, and that of the bank's motions {self.shape}: {self._mends(came)}"
         words = {
-            "not_finite": f"some of its numbers are no numbers (NaN, infinite, or beyond {LARGEST:g})",
-            "other_bytes": "its bytes are not those of its digest",
+            "not_finite": f"some of its values are not numbers (NaN, infinite, or beyond {LARGEST:g})",
+            "other_bytes": "its bytes do not match its digest",
             "not_a_motion": "it is no array",
         }
         return words.get(decision.why or "", f"it is {decision.missing}")
 
     def _mends(self, came: tuple[int, ...]) -> str:
-        """Return in words what to do about an answer of another shape."""
+        """Return in words how to correct an answer of another shape."""
         steps, wide = self.shape
         if len(came) > 2 and came[0] == 1:
             batch = "return the chunk alone, without the axis of the batch: [0]"
@@ -278,9 +282,10 @@ class MotionSpace(Usual):
         return f"return an array of {steps} steps of {wide} numbers"
 
     def relative(self, numbers: Floats, states: Floats | None) -> Floats:
-        """Return places relative to the states that they belong to, shape (…, steps, dimensions).
+        """Return places relative to their states, shape (…, steps, dimensions).
 
-        ``states`` has shape (…, numbers). What is no place, or names no number of the state, stays as it is.
+        ``states`` has shape (…, numbers). A number that is no place, or has no number in the state,
+        stays as it is.
         """
         if self.kind not in PLACES or states is None:
             return numbers
@@ -291,10 +296,10 @@ class MotionSpace(Usual):
         return found
 
     def scales(self, logged: Floats | None = None) -> Floats:
-        """Return the scale of each dimension, shape (dimensions,): declared, else the spread of logged motions.
+        """Return the scale of each dimension, shape (dimensions,): declared, or the log's spread.
 
-        ``logged`` has shape (frames, steps, dimensions). 1 where neither says; so a dimension that never moved in the
-        log counts in its own unit.
+        ``logged`` has shape (frames, steps, dimensions). The scale is 1 if neither exists: a
+        dimension that never moved counts in its own unit.
         """
         spread = None if logged is None or not len(logged) else logged.reshape(-1, len(self.dimensions)).std(axis=0)
         own = [one.scale for one in self.dimensions]
@@ -302,9 +307,9 @@ class MotionSpace(Usual):
         return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
 
     def displacement(self, numbers: Floats, axis: str) -> Floats:
-        """Return how far motions of shape (…, steps, dimensions) go along an axis, shape (…).
+        """Return the displacement of motions (…, steps, dimensions) along an axis, shape (…).
 
-        Deltas add up, velocities too, by their rate, and a place is that of the last step.
+        Deltas add up, velocities too by their rate; a place is that of the last step.
         """
         along = [number for number, one in enumerate(self.dimensions) if one.along == axis]
         rows = numbers[..., along].sum(axis=-1)
@@ -313,19 +318,19 @@ class MotionSpace(Usual):
         return np.asarray(rows.sum(axis=-1) / (self.rate_hz or 1.0 if self.kind == "velocity" else 1.0))
 
     def distance(self, one: Motion, other: Motion) -> float:
-        """Return the root mean square of the difference over steps and dimensions, in units of scale."""
+        """Return the root mean square difference over steps and dimensions, in units of scale."""
         return float(np.sqrt(np.mean(((one.array - other.array) / self.scales()) ** 2)))
 
     def project(self, action: Motion, axis: str) -> float | None:
-        """Return how far a motion goes along an axis of the world; None where it has no dimension along it."""
+        """Return a motion's displacement along an axis of the world; None without a dimension."""
         return float(self.displacement(action.array, axis)) if axis in self.axes else None
 
     def reflect(self, action: Motion) -> Motion | None:
-        """Return the motion that the reflected world calls for; None where nobody can say."""
+        """Return the motion that the reflected world calls for; None if that is unknown."""
         return Motion.of(reflect(action.array, self.dimensions)) if self.mirrored else None
 
     def reflect_relative(self, numbers: Floats) -> Floats:
-        """Return what `relative` returned as the reflected world has it; a difference is reflected about 0."""
+        """Return the result of `relative` in the reflected world; differences reflect about 0."""
         own = [replace(one, about=0.0) if self._is_relative(one) else one for one in self.dimensions]
         return reflect(numbers, own)
 
@@ -333,7 +338,7 @@ class MotionSpace(Usual):
         return self.kind in PLACES and one.state is not None and bool(self.state)
 
     def reflect_text(self, text: str) -> str:
-        """Return an instruction with its ``words`` exchanged, each whole and with the capitals that it had."""
+        """Return an instruction with its ``words`` exchanged as whole words, capitals kept."""
         pairs = {one.lower(): other for pair in self.words for one, other in (pair, pair[::-1])}
         if not pairs:
             return text
@@ -353,14 +358,14 @@ class MotionSpace(Usual):
         return ", ".join(f"{one.name} {number:.3g}" for one, number in zip(self.dimensions, first, strict=True))
 
     def role(self, symbol: str) -> str:
-        """Return that no motion has a role."""
+        """Return "other": no motion has a role."""
         del symbol
         return "other"
 
     def apart(self, other: "MotionSpace") -> dict[str, tuple[str, str]]:
-        """Return what another space says otherwise, each in its words; what only the reflected world has is left out.
+        """Return the differences from another space in words, without those of reflection alone.
 
-        Empty where numbers of both mean the same.
+        Empty if both give the numbers the same meaning.
         """
         pairs = {
             "kind": (self.kind, other.kind),
@@ -381,11 +386,11 @@ class MotionSpace(Usual):
         return "none" if one.state is None else self.state[one.state].name
 
     def wording(self) -> str:
-        """Return the space as a text that changes with what it asks for."""
+        """Return a text that changes with the space."""
         return json.dumps(self.as_dict(), sort_keys=True)
 
     def written(self) -> dict[str, object]:
-        """Return the space as plain JSON values, by the name that a prompt has for it."""
+        """Return the space as plain JSON values, under its name in a prompt."""
         return {"motion": self.as_dict()}
 
     def as_dict(self) -> dict[str, object]:

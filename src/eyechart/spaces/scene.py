@@ -1,7 +1,7 @@
-"""A scene is a structured estimate of one picture; a fixed policy turns it into one of five actions.
+"""Scene estimates of one picture, and the fixed policy that turns one into an action.
 
-What a model says of a scene is read strictly: its syntax is repaired and its content never. Source: paper, section
-Constructive renderer-calibrated controller.
+A model's estimate is read strictly: its syntax is repaired, its content never. Source: paper,
+section Constructive renderer-calibrated controller.
 """
 
 import json
@@ -28,25 +28,26 @@ from eyechart.spaces.space import (
 )
 
 CLOSE_GAP_M = 18.0
-"""A lead nearer than this is close (paper, section The Input-Ablation Battery); that it is centre to centre is ours."""
+"""A nearer lead is close (paper, section The Input-Ablation Battery), measured centre to centre."""
 
 STOP_GAP_M = 12.0
-"""Nearer than this the safe action is STOP whatever the sides are."""
+"""With a nearer lead the safe action is STOP, whatever the sides."""
 
 FREE_GAP_M = 40.0
-"""From here on the road ahead counts as free (the scripted geometric controller of Table t:baselines)."""
+"""From this gap on the road is free (the scripted geometric controller of Table t:baselines)."""
 
 CLEAR_BEHIND_M = 12.0
 CLEAR_AHEAD_M = 40.0
-"""A side is clear when its lane exists and holds no vehicle centre from 12 m behind to 40 m ahead."""
+"""A side is clear if its lane exists without a vehicle centre from 12 m behind to 40 m ahead."""
 
 
 SCENE_READER = 4
-"""The version of these rules. A run records it, and is read by the version that it was begun under."""
+"""The version of these rules, which a run records and is read by."""
 
 _TRUSTING = 3
 SCENE_READERS = (_TRUSTING, SCENE_READER)
-"""The versions by which a scene can be read; 3 takes an answer that says that it failed for its estimate."""
+"""The versions that can read a scene; 3 accepts an estimate even if the answer reports a failure.
+"""
 
 _READINGS_KEPT = 1000
 
@@ -67,23 +68,23 @@ SCHEMA: Mapping[str, object] = {
     "required": list(FIELDS),
     "additionalProperties": False,
 }
-"""The JSON schema of an estimate; it has no bounds of numbers, because not every server takes a schema that has."""
+"""The JSON schema of an estimate, without number bounds, which some servers refuse."""
 
 Unscened = Literal[
     "no_object",  # the text holds no braces
-    "malformed",  # what stands in braces is no JSON, also after the repairs, or is nested in more than 100 levels
+    "malformed",  # no JSON in braces even after repairs, or more than 100 levels
     "several_objects",  # two estimates that differ
     "contradictory",  # a field is given twice with different values
     "missing_field",
     "wrong_type",  # a word or a number for true or false, a word for a number
     "out_of_range",  # a gap below 0 or above 1000 m, a confidence outside 0 to 1
-    "says_error",  # a whole estimate, beside which the answer says that it failed or that there was no picture
-    "too_long",  # more words than are read, so that an estimate beyond them might say otherwise
+    "says_error",  # an estimate, but the answer reports a failure or no picture
+    "too_long",  # longer than the reading limit; its end might differ
 ]
-"""Why a reply of words holds no estimate."""
+"""Why a reply in words holds no estimate."""
 
 Repair = Literal["code_fence", "text_around", "trailing_comma"]
-"""What was set right in a reply's syntax: code fences or words around the object, a comma before a closing brace."""
+"""The repairs of a reply's syntax: code fences or words around the object, trailing commas."""
 
 REPAIRS: tuple[Repair, ...] = ("code_fence", "text_around", "trailing_comma")
 
@@ -93,11 +94,11 @@ _OBJECTS_AT_MOST = 100
 
 
 HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)
-"""Ours, at 20 to 30 m/s and centre to centre; of these the paper prints 18 m alone."""
+"""eyechart's values, for 20 to 30 m/s and centre to centre; the paper prints only the 18 m."""
 
 
 class Other(NamedTuple):
-    """Another vehicle or obstacle: how far ahead it is and how far to the right, in metres."""
+    """Another vehicle or obstacle: its distance ahead and to the right, in metres."""
 
     ahead_m: float
     aside_m: float
@@ -109,11 +110,11 @@ class Other(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a controller needs to know of a picture.
+    """The content of a picture that a controller needs.
 
-    ``gap_m`` is the distance in metres to the nearest vehicle or obstacle ahead in the own lane, counted as its world
-    counts it, or None where none is seen. ``left_clear`` and ``right_clear`` are as the driver sees them. ``distances``
-    are those of the world.
+    ``gap_m`` is the distance in metres to the nearest vehicle or obstacle ahead in the own lane, as
+    its world measures it, or None. ``left_clear`` and ``right_clear`` are from the driver's view.
+    ``distances`` are the world's.
     """
 
     gap_m: float | None
@@ -123,29 +124,30 @@ class Scene:
 
     @property
     def close(self) -> bool:
-        """Whether a lead stands nearer than the world's threshold, 18 m on a highway."""
+        """Return whether a lead is nearer than the world's threshold, 18 m on a highway."""
         return self.gap_m is not None and self.gap_m < self.distances.close_m
 
     @property
     def free(self) -> bool:
-        """Whether the road ahead counts as free."""
+        """Return whether the road ahead is free."""
         return self.gap_m is None or self.gap_m >= self.distances.free_m
 
     @property
     def blocked(self) -> bool:
-        """Whether a lead stands so near that the safe action is to stop, whatever the sides are."""
+        """Return whether the lead is so near that the safe action is to stop."""
         return self.gap_m is not None and self.gap_m < self.distances.stop_m
 
     def mirrored(self) -> "Scene":
-        """Return the scene as its reflection across the lane axis shows it."""
+        """Return the scene in the reflection across the lane axis."""
         return replace(self, left_clear=self.right_clear, right_clear=self.left_clear)
 
 
 def safe_action(scene: Scene) -> str:
     """Return the action of a fixed safety policy that is exactly equivariant under reflection.
 
-    STRAIGHT where the road is free, STOP where a lead is very near, the one clear side where exactly one
-    is clear, and SLOW otherwise (also where both sides are clear: a choice between them would be a prior).
+    It is STRAIGHT on a free road, STOP with a very near lead, the clear side if exactly one is
+    clear, and otherwise SLOW. With both sides clear it is SLOW too, because a choice between them
+    would be a prior.
     """
     if scene.free:
         return "STRAIGHT"
@@ -158,9 +160,9 @@ def safe_action(scene: Scene) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A picture's scene as a model says that it is; ``gap_m`` None means that no lead is seen.
+    """A model's estimate of a picture's scene; ``gap_m`` None means no lead.
 
-    ``close`` is what the model says, and may contradict its own gap.
+    ``close`` is the model's own, and may contradict its gap.
     """
 
     gap_m: float | None
@@ -171,19 +173,20 @@ class Estimate:
 
     @classmethod
     def of(cls, scene: Scene, confidence: float = 1.0) -> "Estimate":
-        """Return a scene as an estimate that agrees with itself."""
+        """Return a scene as a consistent estimate."""
         return cls(scene.gap_m, scene.close, scene.left_clear, scene.right_clear, confidence)
 
     def disagrees(self, distances: Distances = HIGHWAY) -> bool:
-        """Return whether ``close`` is not what the gap says."""
+        """Return whether ``close`` contradicts the gap."""
         return self.close != (self.gap_m is not None and self.gap_m < distances.close_m)
 
     def act(self, distances: Distances = HIGHWAY) -> str:
-        """Return the safe action of the scene; where ``close`` and the gap disagree, of the more cautious of the two.
+        """Return the safe action of the scene; if ``close`` and gap disagree, the more cautious.
 
-        A close lead at no gap, or at one that is not close, is a lead at the threshold, 18 m on a highway: it is never
-        STRAIGHT, and STOP only where a gap says so. A nearer gap counts whatever ``close`` says. Exactly equivariant
-        under reflection. ``distances`` are those of the world.
+        A close lead without a gap, or with one that is not close, counts as a lead at the threshold
+        (18 m on a highway). It is never STRAIGHT, and STOP only if a gap says so. A nearer gap
+        counts whatever ``close`` says. It is exactly equivariant under reflection. ``distances``
+        are the world's.
         """
         free = self.gap_m is None or self.gap_m >= distances.close_m
         gap_m = distances.close_m if self.close and free else self.gap_m
@@ -194,17 +197,17 @@ class Estimate:
         return replace(self, left_clear=self.right_clear, right_clear=self.left_clear)
 
     def __str__(self) -> str:
-        """Return the estimate as the JSON text that reads back as itself."""
+        """Return the estimate as a JSON text that reads back as itself."""
         values = asdict(self)
         return json.dumps({"lead_gap_m": values.pop("gap_m"), **values})
 
 
 class Beside(NamedTuple):
-    """What a reply with an estimate says beside it, thinking left aside.
+    """The other content of a reply with an estimate, without thinking.
 
-    ``before`` and ``after`` stand around its first and its last object, of which there are ``objects``; ``names`` are
-    of all their fields, as often as they stand there. ``thinking_after`` is whether it thinks on behind the first,
-    ``failed`` whether a field or the words around say that the answer is none.
+    ``before`` and ``after`` surround its first and last of ``objects`` objects; ``names`` are all
+    their field names with repetitions. ``thinking_after`` says that it thinks again after the
+    first, ``failed`` that a field or the words report a failure.
     """
 
     before: str
@@ -217,9 +220,9 @@ class Beside(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SceneDecision(Decision[Estimate]):
-    """An estimate, or the reason that a reply holds none, and how the reply's syntax was repaired.
+    """An estimate, or the reason for none, and the repairs of the reply's syntax.
 
-    ``beside`` is what else stands in a reply with an estimate, for those who act on it.
+    ``beside`` is the other content of a reply with an estimate.
     """
 
     repairs: tuple[Repair, ...] = ()
@@ -228,9 +231,10 @@ class SceneDecision(Decision[Estimate]):
 
 @dataclass(frozen=True, slots=True)
 class SceneSpace(Usual):
-    """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world.
+    """A space whose actions are scene estimates; the world executes their safe action.
 
-    ``reader`` is the version of the rules of reading, which is no part of the space.
+    ``distances`` are the world's. ``reader`` is the version of the reading rules, and no part of
+    the space.
     """
 
     is_scene: ClassVar[bool] = True
@@ -245,15 +249,15 @@ class SceneSpace(Usual):
         return SCHEMA
 
     def read(self, reply: Answer) -> SceneDecision:
-        """Return the estimate that a reply holds; see `_read` for the rules."""
+        """Return the estimate in a reply; see `_read` for the rules."""
         return _read(self.reader, reply.text, reply.finish_reason, reply.error)
 
     def distance(self, one: Estimate, other: Estimate) -> float:
-        """Return 0 where two estimates say the same of the scene, whatever their confidence, else 1."""
+        """Return 0 if two estimates agree in everything but confidence, else 1."""
         return float(replace(one, confidence=0.0) != replace(other, confidence=0.0))
 
     def project(self, action: Estimate, axis: str) -> float | None:
-        """Return how hard the safe action of an estimate brakes; None along another axis than ``brake``."""
+        """Return how hard an estimate's safe action brakes; None for any axis but ``brake``."""
         return DRIVING.project(self.symbol(action), axis)
 
     def reflect(self, action: Estimate) -> Estimate:
@@ -265,19 +269,19 @@ class SceneSpace(Usual):
         return action.act(self.distances)
 
     def role(self, symbol: str) -> str:
-        """Return what a safe action is to the gap tests."""
+        """Return the role of a safe action in the gap tests."""
         return DRIVING.role(symbol)
 
     def written(self) -> dict[str, object]:
-        """Return that a scene is asked for."""
+        """Return the mark of a prompt for scenes."""
         return {"scene": True}
 
     def by(self, reader: int) -> "SceneSpace":
-        """Return the space with replies read by this version of the rules; the same where there is no such version."""
+        """Return the space with this version of the reading rules; unchanged if it is unknown."""
         return replace(self, reader=reader) if reader in SCENE_READERS else self
 
     def in_world(self, distances: Distances) -> "SceneSpace":
-        """Return the estimates of a world with these distances."""
+        """Return the space of a world with these distances."""
         return replace(self, distances=distances)
 
 
@@ -292,13 +296,13 @@ class _Unreadable(Exception):  # noqa: N818 - no error: it says why a reply hold
 
 @lru_cache(maxsize=_READINGS_KEPT)
 def _read(rules: int, text: str, finish_reason: str | None, error: str | None) -> SceneDecision:
-    """Read the scene estimate from a reply's verbatim text; strict, deterministic, and never guessing.
+    """Read the scene estimate from a reply's verbatim text: strictly, and never guessing.
 
-    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is none. What stands in
-    ``<think>`` is no answer. Then the JSON object in what is left. Fields that the schema does not have are not read,
-    but one that says that the answer is none is believed, as words around are; not by version 3 of the ``rules``.
-    Nothing is read of an answer that is longer than `READ_AT_MOST`, for a part of it is not what the model said;
-    thinking may be longer.
+    First, an error, a cut-off (``length``) or a filter's refusal is the reason for none. Then text
+    in ``<think>`` is removed, and the JSON object in the rest is read. Unknown fields are ignored.
+    But a field or words that report a failure are believed, except by version 3 of the ``rules``.
+    An answer longer than `READ_AT_MOST` is not read at all, because a part may differ from the
+    whole; thinking may be longer.
     """
     if (missing := unanswered(finish_reason, error)) is not None:
         return SceneDecision(None, missing)
@@ -318,9 +322,9 @@ def _read(rules: int, text: str, finish_reason: str | None, error: str | None) -
 
 
 def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object], Beside]:
-    """Return the one object of a text and what stands beside it, noting what had to be set right.
+    """Return the one object of a text and the other content; records repairs.
 
-    Raises _Unreadable where there is not one.
+    Raises _Unreadable if there is not exactly one.
     """
     if len(text) > READ_AT_MOST:
         raise _Unreadable("too_long")
@@ -335,7 +339,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
     broken = [text[start:end] for (start, end), one in zip(spans, loaded, strict=True) if one is None]
     broken += text[spans[-1][1] :].partition("{")[2:]
     if not objects or any(name in part for part in broken for name in FIELDS):
-        raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
+        raise _Unreadable("malformed")  # the broken estimate may correct the whole one
     beside = Beside(
         before=text[: spans[0][0]],
         after=text[spans[-1][1] :],
@@ -348,7 +352,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
 
 
 def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
-    """Return the first estimate among some objects, or the first object; raises _Unreadable where two differ."""
+    """Return the first estimate among objects, or the first; raises _Unreadable if two differ."""
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
     if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
         raise _Unreadable("several_objects")
@@ -356,7 +360,7 @@ def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
 
 
 def _around(text: str, spans: Sequence[tuple[int, int]], repairs: dict[Repair, None]) -> str:
-    """Return what stands around the objects of a text, and note code fences and words in it."""
+    """Return the text around the objects; record code fences and words in it."""
     around = "\n".join(
         text[end:start] for (_, end), (start, _) in zip([(0, 0), *spans], [*spans, (None, 0)], strict=True)
     )
@@ -368,7 +372,7 @@ def _around(text: str, spans: Sequence[tuple[int, int]], repairs: dict[Repair, N
 
 
 def _spans(text: str) -> Iterator[tuple[int, int]]:
-    """Yield where the outermost braces of a text begin and end; braces in a string are text."""
+    """Yield the spans of the outermost braces of a text; braces in a string do not count."""
     depth, start, quoted, escaped = 0, 0, False, False
     for place, sign in enumerate(text):
         if escaped:
@@ -387,7 +391,7 @@ def _spans(text: str) -> Iterator[tuple[int, int]]:
 
 
 def _loaded(text: str, repairs: dict[Repair, None]) -> Sequence[tuple[str, object]] | None:
-    """Return the fields of the JSON object that a text is, its commas mended where it needs that, or None."""
+    """Return the fields of a JSON object, its commas repaired if necessary, or None."""
     try:
         return _json(text)
     except ValueError:
@@ -401,9 +405,10 @@ def _loaded(text: str, repairs: dict[Repair, None]) -> Sequence[tuple[str, objec
 
 
 def _json(text: str) -> Sequence[tuple[str, object]]:
-    """Return a JSON object's fields; raises ValueError for what is none, _Unreadable for one that contradicts itself.
+    """Return a JSON object's fields; raises ValueError if it is none.
 
-    Objects within it become lists, which no field may be.
+    Raises _Unreadable for contradictory fields. Objects within it become lists, which no field may
+    be.
     """
 
     def no_number(word: str) -> object:
@@ -421,7 +426,7 @@ def _json(text: str) -> Sequence[tuple[str, object]]:
 
 
 def _differ(one: object, other: object) -> bool:
-    """Return whether two values of a field differ; true is not 1, and what is no field's value is not looked into."""
+    """Return whether two values of a field differ; true is not 1, and lists are all equal."""
     if isinstance(one, list) or isinstance(other, list):
         return not (isinstance(one, list) and isinstance(other, list))
     return one != other or isinstance(one, bool) != isinstance(other, bool)

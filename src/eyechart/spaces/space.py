@@ -1,4 +1,4 @@
-"""A space knows what an action is; a decision is an action, or the reason there is none."""
+"""The protocol of a space of actions; a decision is an action, or the reason for none."""
 
 import json
 import re
@@ -15,7 +15,7 @@ Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "error")
 
 UNPARSED = "UNPARSED"
-"""The response-level symbol of every reply without a decision; no action may have this name."""
+"""The response-level symbol of a reply without a decision; no action may have this name."""
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -23,10 +23,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Decision(Generic[A]):
-    """An action, or the reason there is none. There is no default and no substitute.
+    """An action, or the reason for none; there is no default and no substitute.
 
-    ``why`` says more of a reply that is ``unparsed``. Raises ValueError unless exactly one of ``action`` and
-    ``missing`` is given, and where ``why`` is given for another reason than ``unparsed``.
+    ``why`` details an ``unparsed`` reply. Raises ValueError unless exactly one of ``action`` and
+    ``missing`` is given, and if ``why`` comes with another reason.
     """
 
     action: A | None
@@ -41,22 +41,22 @@ class Decision(Generic[A]):
 
     @property
     def symbol(self) -> str:
-        """Return the response-level symbol: the action in words, or ``UNPARSED`` whatever the reason."""
+        """Return the response-level symbol: the action in words, or ``UNPARSED``."""
         return UNPARSED if self.action is None else str(self.action)
 
     @property
     def reason(self) -> str | None:
-        """Return why there is no decision, with what is wrong with an ``unparsed`` reply; None where there is one."""
+        """Return the reason for no decision, with details if ``unparsed``; None for an action."""
         return self.missing if self.why is None else f"{self.missing}: {self.why}"
 
 
 def unparsed(why: str) -> Decision[Any]:
-    """Return that no action can be read from a reply, and why."""
+    """Return the decision of a reply without a readable action, and why."""
     return Decision(None, "unparsed", why)
 
 
 class Answer(Protocol):
-    """What came back of a call, as far as it is read: the text, why it ended, and what failed."""
+    """The readable part of a call's reply: the text, why it ended, and what failed."""
 
     @property
     def text(self) -> str:
@@ -68,14 +68,14 @@ class Answer(Protocol):
 
     @property
     def error(self) -> str | None:
-        """The kind of the failure, None where something came back."""
+        """The kind of the failure; None if a reply came."""
 
 
 class Usual(Protocol):
-    """What most spaces have in common: a model's answers, read by one version of the rules, the same in every world.
+    """The defaults of most spaces: models' answers, one version of rules, the same in every world.
 
-    ``who`` is whose answers these are, a ``model``'s or a ``policy``'s; ``is_scene`` whether one is an estimate of the
-    scene.
+    ``who`` is the subject, ``model`` or ``policy``. ``is_scene`` says that an answer is a scene
+    estimate.
     """
 
     __slots__ = ()
@@ -86,59 +86,59 @@ class Usual(Protocol):
         """Return the JSON schema of an answer."""
 
     def wording(self) -> str:
-        """Return a text that changes with what the space asks for."""
+        """Return a text that changes with the space."""
         return json.dumps(self.schema(), sort_keys=True)
 
     def written(self) -> Mapping[str, object]:
-        """Return the space as plain JSON values, by the name that a prompt has for it; nothing where none has one."""
+        """Return the space as plain JSON values, under its name in a prompt; empty without one."""
         return {}
 
     def by(self, reader: int) -> Self:
-        """Return the space with replies read by this version of the rules, where it has others."""
+        """Return the space with this version of the reading rules, if it has others."""
         del reader
         return self
 
     def in_world(self, distances: Distances) -> Self:
-        """Return the space as a world with these distances has it."""
+        """Return the space of a world with these distances."""
         del distances
         return self
 
 
 class Space(Usual, Protocol[A]):
-    """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
+    """What an action is; statistics use it for three numbers, and know nothing else of an action.
 
-    Actions are hashable. ``actions`` are the names that an answer may give, none where an answer is no name.
+    Actions are hashable. ``actions`` are the names for an answer; empty if an answer is no name.
     """
 
     @property
     def reader(self) -> int:
-        """The version of the rules of reading, which a run records."""
+        """The version of the reading rules, which a run records."""
 
     @property
     def readers(self) -> tuple[int, ...]:
-        """The versions of these rules by which a reply can be read here, today's last."""
+        """The versions of the rules that can read a reply here, today's last."""
 
     @property
     def actions(self) -> tuple[str, ...]:
-        """The names that an answer may give."""
+        """The names for an answer."""
 
     def read(self, reply: Answer) -> Decision[A]:
-        """Return the decision that a reply holds: strict, the same every time, and never guessing."""
+        """Return the decision in a reply: strict, reproducible, and never guessing."""
 
     def distance(self, one: A, other: A) -> float:
-        """Return how far two actions differ: 0 where they are the same."""
+        """Return the distance of two actions: 0 if they are the same."""
 
     def project(self, action: A, axis: str) -> float | None:
-        """Return how much of an action is along an axis, such as ``brake``; None where the space has no such axis."""
+        """Return an action's part along an axis, such as ``brake``; None without such an axis."""
 
     def reflect(self, action: A) -> A | None:
-        """Return the action that the reflected world calls for; None where nobody can say."""
+        """Return the action that the reflected world calls for; None if that is unknown."""
 
     def symbol(self, action: A) -> str:
         """Return an action's name, for a table and for the world that executes it."""
 
     def role(self, symbol: str) -> str:
-        """Return what an action of this name is to the gap tests: brake, proceed, or other."""
+        """Return the role of this name in the gap tests: brake, proceed, or other."""
 
 
 AnySpace = Space[Any]
@@ -154,10 +154,10 @@ PICTURE_ASKED_FOR = (
     r"(?:\w+\s+){0,2}?(?:provide|(?:re-?)?upload|(?:re-?)?attach|(?:re)?send|share|supply|submit|paste)\b"
     r"[^.;\n{]{0,40}?\b(?:images?|pictures?|photos?|frames?|feed)\b"
 )
-"""A regular expression of words that ask for a picture: the one who says them was shown none."""
+"""A regular expression for a request for a picture: its author saw none."""
 _THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
 READ_AT_MOST = 100_000
-"""Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""
+"""The number of last characters outside thinking that are read; the ledger keeps all of a reply."""
 _LEVELS_AT_MOST = 100
 _BRACES_AT_MOST = 1000
 _STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"?|[{}\[\]]', re.DOTALL)
@@ -178,14 +178,14 @@ ENDINGS: Mapping[str, Ending] = {
     **dict.fromkeys(_CUT.split(), "cut"),
     **dict.fromkeys(_FILTERED.split(), "filtered"),
 }
-"""What servers call the end of a reply, in small letters with low lines: by itself, cut off, or by a filter."""
+"""Servers' finish reasons in lower case with underscores: normal, cut off, or filtered."""
 
 
 @lru_cache(maxsize=1024)
 def ending(finish_reason: str | None) -> Ending | None:
-    """Return how a reply ended by its finish reason, in whose words and letters it may be; None where nobody can say.
+    """Return how a reply ended, by a finish reason in any spelling; None if unknown.
 
-    Nobody can where none is reported, and of a word that is not in `ENDINGS`. What stands behind the word of a filter
+    It is unknown without a reason, and for a word outside `ENDINGS`. Text after a filter's word
     (``content_filter: PROHIBITED_CONTENT``) is its reason.
     """
     word = (finish_reason or "").strip().lower().replace("-", "_").replace(" ", "_")
@@ -195,7 +195,7 @@ def ending(finish_reason: str | None) -> Ending | None:
 
 
 def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
-    """Return why a reply holds no answer, whatever its text: an error, a cut-off or a filter's refusal; else None."""
+    """Return why a reply has no answer: an error, a cut-off or a filter's refusal; else None."""
     if error is not None:
         return "error"
     ended = ending(finish_reason)
@@ -203,12 +203,12 @@ def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
 
 
 def refuses(text: str) -> bool:
-    """Return whether a text says in words that it declines to answer; whether it answers all the same is not asked."""
+    """Return whether a text declines to answer in words; it may still contain an answer."""
     return _REFUSAL.search(text.replace("’", "'")) is not None
 
 
 def without_thinking(text: str) -> str:
-    """Return what stands outside thinking: its tag may have been opened by the chat template, or never closed."""
+    """Return the text outside thinking; its tag may come from the template, or stay open."""
     visible: list[str] = []
     thinking = False
     for part in _THINK_TAG.split(text):
@@ -223,7 +223,7 @@ def without_thinking(text: str) -> str:
 
 
 def thinks_behind(text: str, sign: str) -> bool:
-    """Return whether thinking begins behind the first ``sign`` that stands outside thinking."""
+    """Return whether thinking begins after the first ``sign`` outside thinking."""
     seen = thinking = False
     for part in _THINK_TAG.split(text):
         if not _THINK_TAG.fullmatch(part):
@@ -238,9 +238,9 @@ def thinks_behind(text: str, sign: str) -> bool:
 
 
 def too_deep(text: str, start: int = 0) -> bool:
-    """Return whether the JSON value that begins at ``start`` is nested in more than 100 levels, so that it is not read.
+    """Return whether the JSON value at ``start`` is nested in more than 100 levels.
 
-    A parser gives up at a depth that depends on its caller's; this bound does not.
+    A parser's own limit depends on its caller's depth; this one does not.
     """
     depth = 0
     for match in _STRUCTURE.finditer(text, start):
@@ -254,10 +254,10 @@ def too_deep(text: str, start: int = 0) -> bool:
 
 
 def json_objects(text: str, kind: Callable[[list[tuple[str, object]]], T]) -> Iterator[tuple[int, int, T]]:
-    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
+    """Yield the outermost JSON objects in a text; none if it has too many braces to try.
 
-    Each with where it begins and ends, and as the ``kind`` that its keys and values make, as those within it are. One
-    that is nested too deeply is taken as text.
+    Each comes with its start, its end, and the ``kind`` made of its keys and values, as inner
+    objects are. An object that is nested too deeply counts as text.
     """
     decoder, start = json.JSONDecoder(object_pairs_hook=kind), text.find("{")
     if text.count("{") > _BRACES_AT_MOST:

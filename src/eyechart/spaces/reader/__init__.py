@@ -1,7 +1,7 @@
-"""How the name of an action is read from the words of a reply: by today's rules, and by those of older runs.
+"""Reading an action's name from the words of a reply, by the rules of a run's version.
 
-A run is read by the version that it was begun under. Today's rules take a choice, not a word: what is stated (JSON,
-tags, ``action:``), else what prose chooses. An older version is a module of its own that changes no more.
+Today's rules read a choice, not a word: a statement (JSON, tags, ``action:``), or else a choice in
+prose. An older version is a module of its own that does not change.
 """
 
 from eyechart.spaces.reader import version3
@@ -10,16 +10,16 @@ from eyechart.spaces.reader.stated import read_words
 from eyechart.spaces.space import Decision
 
 READER = 4
-"""The version of the rules of reading. A run records it, and is read by the version that it was begun under."""
+"""The version of the reading rules, which a run records and is read by."""
 
 READERS = (3, READER)
-"""The versions by which a reply can be read."""
+"""The versions that can read a reply."""
 
 __all__ = ["READER", "READERS", "Names", "read_by", "spelled"]
 
 
 def read_by(version: int, visible: str, names: Names) -> Decision[str]:
-    """Return the decision that the visible words of a reply hold, by a version of the rules, one of ``READERS``."""
+    """Return the decision in a reply's visible words, by one of ``READERS``."""
     if version == READER:
         return read_words(visible, names)
     return version3.read_words(visible, names.actions)

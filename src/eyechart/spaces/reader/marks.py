@@ -1,4 +1,4 @@
-"""Names that are numbers or single letters, and where they stand as an option and not as a count or an article."""
+"""Names that are numbers or single letters, where they are an option, not a count or an article."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,7 +8,7 @@ from functools import lru_cache
 from itertools import islice
 
 LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
-"""The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
+"""Letters of scripts with spaces between words; next to another script, a name stands alone."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
 _HEAD = re.compile(
     r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)|!(?=.*!))*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
@@ -24,9 +24,9 @@ _BESIDE_BEFORE = re.compile(
     rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
 )
 _BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
-"""What makes a number a part of something else: another number beside it, "3 – 5", or a bound, "≥ 3"."""
+"""What makes a number part of something else: a second number, "3 – 5", or a bound, "≥ 3"."""
 SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
-"""A sign that something parts from its number: "-(1)", "minus (1)"."""
+"""A sign that is separated from its number: "-(1)", "minus (1)"."""
 _LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
 _LISTED_AFTER = re.compile(rf"[ \t]*,[ \t]*(?P<number>{_NUMBER})[ \t]*(?=[,)\]\n]|\.?[ \t]*\Z)")
 """Another number of a list: "(7, 2)"."""
@@ -51,7 +51,7 @@ _SET = re.compile(
     r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
-"""What may also stand before a number with its unit or its sign; "turning by" says what somebody does."""
+"""Words that may also precede a number with its unit or sign; "turning by" describes an act."""
 _WITH_QUANTITY = re.compile(
     r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value)\s(?:value\s)?of\s$", re.IGNORECASE
 )
@@ -62,7 +62,7 @@ _SIDE_AFTER = re.compile(
     re.IGNORECASE,
 )
 _APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
-"""A dash with a space behind: nobody can tell the sign of the number from that of a list."""
+"""A dash before a space: it may be the number's sign or a list's."""
 _SIDE_BEFORE = re.compile(
     r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
     r"(?:\s+by)?[\s:=(]{1,3}$",
@@ -75,21 +75,21 @@ _AFTER = re.compile(
     r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
 )
 _WITH_NEXT = re.compile(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
-"""Another mark beside one: "either 0 or 2" is a list, whatever stands before its first."""
+"""A second mark: "either 0 or 2" is a list, whatever precedes its first."""
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
-"""What only an option does, and no article stands before."""
+"""Verbs of an option, never after an article."""
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
 _INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
-"""A dotted letter beside one makes an abbreviation of both: "D. C.", "e. g.", "J. B. Goode"."""
+"""Two dotted letters make an abbreviation: "D. C.", "e. g.", "J. B. Goode"."""
 _SPECIES = re.compile(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
-"""The name of a species behind a dotted letter is no text of an option: "E. coli"."""
+"""A species' name after a dotted letter is no option's text: "E. coli"."""
 _AROUND = re.compile(r"\.[ \t]+\d")
-"""A number behind a small dotted letter: "c. 20 metres"."""
+"""A number after a small dotted letter: "c. 20 metres"."""
 _COUNTED = re.compile(r"\d[ \t]*[°º˚][ \t]*\Z")
-"""A letter right behind degrees is their unit: "20 °C"."""
+"""A letter directly after degrees is their unit: "20 °C"."""
 _CONCLUDES = re.compile(
     r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
 )
@@ -100,9 +100,9 @@ _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Where an action is named in a text. ``written`` is how.
+    """A mention of an action in a text; ``written`` is its form.
 
-    ``derived`` says that it is "slowing" of "slow", ``united`` that a number has its unit.
+    ``derived`` marks "slowing" for "slow", ``united`` a number with its unit.
     """
 
     action: str
@@ -114,7 +114,7 @@ class Mention:
 
 
 def short_number(sign: str, digits: str) -> str | None:
-    """Return a number as short as it can be written, "1" of "+1.0"; None for one of padded zeros, which is a name."""
+    """Return a number in its shortest form, "1" for "+1.0"; None for padded zeros, a name."""
     if len(digits) > 1 and digits[0] == "0" and digits[1] != ".":
         return None
     value = Decimal(f"{sign}{digits}").normalize()
@@ -122,16 +122,16 @@ def short_number(sign: str, digits: str) -> str | None:
 
 
 def split_number(text: str) -> tuple[str, str] | None:
-    """Return the number that a text begins with, as short as it can be, and what follows; None without such a one.
+    """Return a text's leading number in its shortest form, and the rest; None without one.
 
-    Raises nothing; a text of two numbers, as "1-2" or "1,5", begins with none.
+    A text of two numbers, as "1-2" or "1,5", has none.
     """
     match = _HEAD.fullmatch(text)
     if match is None or len(match["digits"]) > _MOST_DIGITS or _GOES_ON.match(match["rest"]):
         return None
     number = short_number(match["sign"], match["digits"])
     if match["apart"]:
-        return (f"{match['sign']} {match['digits']}", match["rest"])  # a dash of a list, or a sign: nobody can tell
+        return (f"{match['sign']} {match['digits']}", match["rest"])  # list dash or sign?
     return None if number is None else (number, match["rest"])
 
 
@@ -146,19 +146,19 @@ def is_mark(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """The names of a space that are marks: letters, and numbers, each with the units that may stand behind it."""
+    """The names of a space that are marks: letters, and numbers with their possible units."""
 
     letters: Mapping[str, str]
     numbers: Mapping[str, tuple[tuple[str, str], ...]]
 
     @property
     def signed(self) -> bool:
-        """Return whether some numbers are below zero, so that a sign may say a side."""
+        """Return whether some numbers are negative, so that a sign may mean a side."""
         return any(number.startswith("-") for number in self.numbers)
 
     @classmethod
     def of(cls, spelled: Sequence[tuple[str, str]]) -> "Marks":
-        """Return the marks among written names and their actions; units are the longest first."""
+        """Return the marks among written names and their actions, with the longest units first."""
         letters = {name: action for name, action in spelled if len(name) == 1 and is_mark(name) and name.isalpha()}
         numbers: dict[str, list[tuple[str, str]]] = {}
         for name, action in spelled:
@@ -172,7 +172,7 @@ def _longest(named: tuple[str, str]) -> int:
 
 
 def mentions(text: str, marks: Marks) -> Iterator[Mention]:
-    """Yield where a folded text has a mark that stands as an option."""
+    """Yield the marks in a folded text that are options."""
     if marks.numbers:
         yield from _numbers(text, marks.numbers, signed=marks.signed)
     if marks.letters:
@@ -198,9 +198,9 @@ def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, s
 
 
 def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, object]) -> bool:
-    """Return whether a number is one of several of a call, as in "steer(1, 0)", or in a list with what is no action.
+    """Return whether a number is one of several: in a call, as "steer(1, 0)", or in a list.
 
-    Or it has a sign that something parts from it.
+    A list counts if another item is no action. A separated sign counts too.
     """
     left = text[max(0, start - 60) : start]
     if (call := _CALL_BEFORE.search(left)) is not None and (rest := _CALL_AFTER.match(text, end)) is not None:
@@ -211,7 +211,7 @@ def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, obj
 
 
 def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:
-    """Return whether a number is a part of what is written with it, as an end of a range, a power or a bound."""
+    """Return whether a number is part of a range, a power or a bound."""
     if unit:
         before, after = text[max(0, start - 30) : start], text[end : end + 10]
         if re.match(r"[+^]|[ \t]*[-/][ \t]*[+-]?\.?\d", after):
@@ -223,9 +223,9 @@ def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:
 
 
 def is_other_side(number: str, text: str, start: int, end: int) -> bool:
-    """Return whether the words at a number say the side that its sign does not: "2 (hard left)".
+    """Return whether the words at a number contradict its sign: "2 (hard left)".
 
-    Below zero is left. A reply that contradicts itself so names nothing.
+    Negative is left. Such a contradiction names nothing.
     """
     found = _SIDE_AFTER.match(text, end) or _SIDE_BEFORE.search(text, max(0, start - 40), start)
     return found is not None and is_contrary(number, found["side"])
@@ -237,7 +237,7 @@ def is_contrary(number: str, side: str) -> bool:
 
 
 def _unit_end(text: str, start: int, unit: str) -> int | None:
-    """Return where a unit ends that stands here, None where another does; without a unit none may."""
+    """Return the end of the unit here; None for another unit, or any unit if none is expected."""
     if not unit:
         return None if re.match(r"[\w²³^]|\s?[°%‰€$£]", text[start : start + 2]) else start
     found = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?![\w/^·²³]|\s?[CF]\b)", re.IGNORECASE).match(text, start)
@@ -261,7 +261,7 @@ def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
 
 
 def _is_shortened(text: str, match: re.Match[str]) -> bool:
-    """Return whether a letter is part of a shortened word or of a name, or a unit."""
+    """Return whether a letter is part of an abbreviation or a name, or a unit."""
     before, after, start, end = *_INITIAL, match.start(), match.end()
     if before.search(text, max(0, start - 4), start) or after.match(text, end) or _SPECIES.match(text, end):
         return True
@@ -271,7 +271,7 @@ def _is_shortened(text: str, match: re.Match[str]) -> bool:
 
 
 def _begin(text: str, start: int) -> int:
-    """Return where a mark begins with the word before it that says that it is one: "option 3", "#3"."""
+    """Return the start of a mark with the word that introduces it: "option 3", "#3"."""
     left = text[max(0, start - 40) : start]
     found = _WITH_OPTION.search(left)
     return (
@@ -284,7 +284,7 @@ def _begin(text: str, start: int) -> int:
 def _is_option(
     text: str, start: int, end: int, *, united: bool = False, measured: bool = False, letter: bool = False
 ) -> bool:
-    """Return whether a mark stands as an option: it counts nothing, names no other thing and numbers no line."""
+    """Return whether a mark is an option: no count, no other name, no number of a line."""
     left, right = text[max(0, start - 40) : start], text[end : end + 40]
     named = _WITH_OPTION.search(left) is not None
     before = None if named or _WITH_NEXT.match(right) else _WORD_BEFORE.search(left)
@@ -309,6 +309,6 @@ def _numbers_a_line(text: str, start: int, end: int) -> bool:
 
 @lru_cache(maxsize=4)
 def _items(text: str) -> tuple[bool, int]:
-    """Return whether several lines of a text are numbered, and where its first word begins."""
+    """Return whether several lines of a text are numbered, and the start of its first word."""
     numbered = _ITEM.finditer(text)
     return len([*islice(numbered, 2)]) > 1, len(text) - len(text.lstrip())

@@ -1,4 +1,4 @@
-"""How the names of actions stand in words: folded signs, separators, and where a name is mentioned."""
+"""The names of actions in words: folded characters, separators, and mentions."""
 
 import re
 from collections.abc import Iterator
@@ -21,28 +21,28 @@ _FOLDED = _QUOTES | _SIGNS | _ARROWS | _UNSEEN | _WIDE | dict.fromkeys(map(ord, 
 _STRUCK = re.compile(r"~~[^~]{0,200}~~")
 _IDEOGRAPH = "\u3400-\u9fff"
 _ENDINGS = "ly|wards?|p?p?ing|t?ting"
-"""Forms of a name in English that say the same: slowly, leftward, stopping."""
+"""English forms of a name with the same meaning: slowly, leftward, stopping."""
 _NAME_AT_MOST = 1000
 _LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
 _MINUS = re.compile(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
-"""A dash right before a number, and behind no word, is its sign."""
+"""A dash directly before a number, and after no word, is its sign."""
 
 
 def fold(text: str) -> str:
-    """Return a text with plain quotes, dashes and arrows, without emphasis, what is struck out, and unseen signs.
+    """Return a text with plain quotes, dashes and arrows, and full-width forms made plain.
 
-    Full-width forms become plain ones. Letters keep their case.
+    Emphasis, struck-out text and invisible characters are removed. Letters keep their case.
     """
     return _STRUCK.sub(" ", _MINUS.sub("-", text).translate(_FOLDED))
 
 
 _BOUND = re.compile(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤≥≠≈~±]|[<>!]=?)[^\w]{0,20}\d")
-"""A number behind two signs or a bound, "- -2" or "> 3", is another, and what "!" stands before is negated."""
+"""A number after two signs or a bound, "- -2" or "> 3", is another; "!" negates what follows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The names of the actions of a space, and what each of its aliases stands for: written form and action.
+    """The names of a space's actions and aliases, as written form and action.
 
     ``sided`` says that numbers exchange with their opposites under reflection.
     """
@@ -56,14 +56,14 @@ class Names:
         return tuple(action for written, action in self.spelled if written == action)
 
     def action(self, text: str) -> str | None:
-        """Return the action that a text is the name of, whatever its case, its signs and what parts its words."""
+        """Return the action that a text names, whatever its case, signs and separators."""
         if _BOUND.match(text) and marks.split_number(text) is None:
             return None
         return _table(self).get(spelled(text)) or _loose(self).get(_loosely(text))
 
     @property
     def quantity(self) -> quantities.Quantity:
-        """Return what the numbers among the names are."""
+        """Return what the numbers among the names measure."""
         return _quantity(self)
 
     @property
@@ -72,11 +72,11 @@ class Names:
         return bool(_marks(self).letters)
 
     def in_digits(self, text: str) -> str:
-        """Return a text with digits for numbers in words where they are a choice, if names are numbers."""
+        """Return a text with digits for number words that are a choice, if names are numbers."""
         return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
 
     def whole(self, text: str) -> str | None:
-        """Return the action where a text is nothing but its name, also with its letters spaced."""
+        """Return the action if a text is only its name, even with spaced letters."""
         if len(text) > _NAME_AT_MOST:
             return None
         if (found := self.action(text)) is not None:
@@ -87,7 +87,7 @@ class Names:
         return None if spaced is None else self.action(re.sub(r"[ .-]", "", spaced.group(1)))
 
     def mentions(self, text: str) -> Iterator[Mention]:
-        """Yield where a folded text names an action; of names that begin at one place the longest."""
+        """Yield the mentions of actions in a folded text; at one place the longest."""
         found = [*self._worded(text), *marks.mentions(text, _marks(self))]
         if len(found) > 1:
             found.sort(key=lambda one: (one.start, -one.end))
@@ -98,9 +98,9 @@ class Names:
                 done = one.end
 
     def _worded(self, text: str) -> Iterator[Mention]:
-        """Yield where a folded text names an action by a word."""
+        """Yield the mentions of actions by words in a folded text."""
         for match in _pattern(self).finditer(text):
-            # None: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
+            # None: a case-insensitive pattern takes "İ" for "I", but upper() does not.
             action, ending = self.action(match.group()), match.group("ending") or ""
             if action is None and ending:
                 action = self.action(match.group()[: -len(ending)])
@@ -110,9 +110,9 @@ class Names:
 
 
 def spelled(text: str) -> str:
-    """Return what two ways of writing one name have in common: no separators, no signs around, upper case.
+    """Return the common form of a name's spellings: upper case without separators.
 
-    A number at its head keeps its sign and its fraction, and is as short as it can be: "+1.0" is "1".
+    A leading number keeps its sign and fraction in shortest form: "+1.0" is "1".
     """
     if (split := marks.split_number(text)) is not None:
         number, rest = split
@@ -147,7 +147,7 @@ def _quantity(names: Names) -> quantities.Quantity:
 
 @lru_cache(maxsize=256)
 def _united(names: Names) -> tuple[tuple[str, str], ...]:
-    """Return the written names and their actions, numbers with every spelling of the space's unit too."""
+    """Return the written names and their actions, with all spellings of numbers' units."""
     numbers = {split[0]: action for _, action in names.spelled if (split := marks.split_number(action)) is not None}
     return (
         *((f"{number} {unit}", action) for number, action in numbers.items() for unit in _quantity(names).units),
@@ -164,12 +164,12 @@ _FIRST_WORD = re.compile(r"[^\W\d_]{2,}(?=[\s_-])")
 
 
 def _loosely(text: str) -> str:
-    """Return what forms of a name of several words have in common: no small words, and no "-ing" of the first."""
+    """Return the common form of a long name's variants, without small words."""
     return _words_of(_SMALL_WORDS.sub("", text))
 
 
 def _ing(verb: str) -> str:
-    """Return the form of an English verb that ends in "ing": "turning", "changing", "stopping"."""
+    """Return the "-ing" form of an English verb: "turning", "changing", "stopping"."""
     if verb[-1:] == "e" and verb[-2:] not in {"ee", "oe", "ye"}:
         return f"{verb[:-1]}ing"
     short = re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) is not None
@@ -177,7 +177,7 @@ def _ing(verb: str) -> str:
 
 
 def _active(written: str) -> str | None:
-    """Return a name of several words with its first as "-ing"; None for one word, and where the first is no verb."""
+    """Return a long name with its first word in "-ing"; None for one word, or without a verb."""
     found = None if marks.is_mark(written) else _FIRST_WORD.match(written)
     return (
         None if found is None or not found.group().isascii() else _ing(found.group().lower()) + written[found.end() :]
@@ -185,7 +185,7 @@ def _active(written: str) -> str | None:
 
 
 def _is_active(text: str, action: str) -> bool:
-    """Return whether a text is a name whose first word has an "-ing" that the action's own has not."""
+    """Return whether a text is a name with "-ing" that the action's own name lacks."""
     first = _FIRST_WORD.match(text)
     return (
         first is not None
@@ -196,7 +196,7 @@ def _is_active(text: str, action: str) -> bool:
 
 @lru_cache(maxsize=256)
 def _loose(names: Names) -> dict[str, str]:
-    """Return the actions by looser forms of their names and by numbers in words, where only one is meant."""
+    """Return the actions by loose forms of their names, where only one action fits."""
     found: dict[str, set[str]] = {}
     for written, action in names.spelled:
         for form in (written, _active(written)):
@@ -206,7 +206,7 @@ def _loose(names: Names) -> dict[str, str]:
 
 
 def _parts(written: str) -> list[str]:
-    """Return patterns of the words of a name; lanes are a lane inside it."""
+    """Return patterns of a name's words; "lane" inside it matches "lanes"."""
     parts = [re.escape(part) for part in re.split(r"[\s_-]+", written) if part]
     return [
         f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)
@@ -219,7 +219,7 @@ def _pattern(names: Names) -> re.Pattern[str]:
     worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
     worded += [active for written in worded if (active := _active(written)) is not None]
     each = [between.join(_parts(written)) for written in sorted(worded, key=len, reverse=True)]
-    # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is a part of a word.
+    # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is part of a word.
     before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"
     latin = [one for one in each if one[0].isascii() or re.match(rf"[{_WORD}]", one)]
     other = [one for one in each if one not in latin]

@@ -1,7 +1,7 @@
-"""Which action somebody chooses in prose: what is denied, described, conditional or asked is not chosen.
+"""Which action prose chooses; an action that is denied, described, conditional or asked is none.
 
-The patterns are written over text in lower case in which ``@`` stands for an action. Each looks at a bounded number of
-characters beside one, so that a reply is read in time that grows with its length only.
+The patterns work on lower-case text in which ``@`` stands for an action. Each reads a bounded
+number of characters around one, so reading time grows only with the length of a reply.
 """
 
 import bisect
@@ -16,26 +16,29 @@ from eyechart.spaces.reader.names import Names
 from eyechart.spaces.space import Decision, unparsed
 
 Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
-"""Why a reply of words could not be read: it names no action, states one that the space lacks, chooses several that
-differ, names one only to deny it, or names one without choosing it ("the car on the LEFT", "LEFT?")."""
+"""Why a reply in words could not be read.
+
+It names no action, states one that the space lacks, or chooses several different ones. Or it names
+one only to deny it, or without choosing it ("the car on the LEFT", "LEFT?").
+"""
 
 Status = Literal["chosen", "half", "denied", "listed", "said"]
-"""What is done with an action that is named. ``half``: chosen with what is not read, as in "LEFT and accelerate"."""
+"""The use of a named action; ``half`` is chosen with something unread: "LEFT and accelerate"."""
 
 _SHORT = 80
-"""Characters up to which naming one action, which prose has no other use for, is choosing it."""
+"""In a text up to this length, one named action is a choice if its name has no other use."""
 _LEFT, _RIGHT, _JOINT = 160, 80, 40
-"""Characters before a mention, after it and between two of one list that are looked at."""
+"""Characters to read before a mention, after it, and between two in one list."""
 _MENTIONS_AT_MOST = 2000
-"""Mentions of actions, the last ones, that are looked at."""
+"""The most mentions to read, the last ones."""
 
 
 def _one_of(words: str) -> str:
-    """Return a pattern of words that are parted by ``|`` over several lines."""
+    """Return a pattern of words that are separated by ``|`` over several lines."""
     return f"(?:{'|'.join(word.strip() for word in words.split('|'))})"
 
 
-# Words of everyday English that are spelled like an action.
+# Everyday English words that are spelled like an action.
 
 _EVERYDAY = frozenset(
     [
@@ -83,12 +86,12 @@ _EVERYDAY = frozenset(
         "PASS",
     ]
 )
-"""Names that prose about a road has for other things too; such a name alone is no choice."""
+"""Names that road prose also uses for other things; such a name alone is no choice."""
 
 _COLOURS = frozenset(
     ["RED", "GREEN", "BLUE", "YELLOW", "ORANGE", "PURPLE", "BLACK", "WHITE", "GREY", "GRAY", "BROWN", "PINK"]
 )
-"""Names that say what a thing is like, and stand before it: "a red circle"."""
+"""Adjectives, which precede a thing: "a red circle"."""
 
 _THINGS = _one_of(
     r"vehicles?|cars?|trucks?|lorry|bus(?:es)?|traffic|signs?|lights?|road|highway|street|leads?|leaders?|obstacles?"
@@ -97,7 +100,7 @@ _THINGS = _one_of(
 )
 _CARRIERS = frozenset(["GO", "TURN", "MOVE", "KEEP", "DRIVE", "CHANGE", "STEER", "SWING", "HEAD", "TAKE"])
 _CARRIED = re.compile(r"\s+(?:to\s+|on\s+)?(?:the\s+)?")
-"""Verbs that are no action of their own where another follows: "GO STARBOARD"."""
+"""Verbs that are no action if another name follows: "GO STARBOARD"."""
 
 _IDIOM_AFTER = {
     "RIGHT": r"\s+(?:now|there|ahead|away|in front|in the|behind|next to|beside|side up|thing|choice|answer|action"
@@ -143,9 +146,9 @@ _SENTENCE = re.compile(
     "".join(rf"(?<!\b{re.escape(word)})" for word in _SHORTENED)
     + r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]"
 )
-"""What ends a sentence; the point of a shortened word ends none."""
+"""The end of a sentence; the point of an abbreviation does not count."""
 
-# How somebody says a choice before its name.
+# Words before the name of a choice.
 
 _ADVERB = _one_of(
     "also|now|then|therefore|thus|still|just|simply|probably|definitely|likely|rather|instead|immediately"
@@ -247,7 +250,7 @@ _CHOSEN_BEFORE = re.compile(
     )
 )
 
-# … and after it.
+# Words after it.
 
 _CHOSEN_AFTER = re.compile(
     r"\"?(?:\s+(?:down|lane(?: change)?|turn))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be|remains"
@@ -278,7 +281,7 @@ _TAKEN_BACK = re.compile(
     r"|or (?:maybe|perhaps|possibly|else)\b[^.]{0,20}@)"
     r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
 )
-"""What is said after a choice that nobody stands by any more."""
+"""Words after a choice that withdraw it."""
 _CORRECTED = re.compile(
     r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean"
     r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
@@ -286,15 +289,15 @@ _CORRECTED = re.compile(
     r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
     r"|[-.;]\s*or\s+$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
 )
-"""What is said right before an action that replaces the one before."""
+"""Words directly before an action that replaces the previous one."""
 _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
-"""What makes a plan of an action and the next one."""
+"""Words that make a plan of an action and the next one."""
 _THEN = re.compile(r"\b(?:and|,) ?then\b[^@.;!?]*$")
 _PREDICATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
     r"|can|of|there)\b|,?\s+where\b"
 )
-"""What is said of an action, or of the side that has its name; without one of the words above it is no choice."""
+"""Predicates of an action or of a side of its name; without the words above it is no choice."""
 
 _TAKES_IT = re.compile(
     r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so|and|hence|thus"
@@ -303,7 +306,7 @@ _TAKES_IT = re.compile(
     r"(?: one| option)?)(?=\s*(?:[^\w\s]|$))"
     r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
 )
-"""What is said of an action that is then taken: "D is free, so I go with it"."""
+"""A statement about an action that is then taken: "D is free, so I go with it"."""
 _SET_TO = re.compile(
     r"\b(?:(?:chosen|selected|target|desired|recommended|appropriate|suitable|right|correct|best|safest|final|new)\s+"
     r"(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)(?:\s+is|\s+would be|:)"
@@ -318,9 +321,9 @@ _SET_TO = re.compile(
     r"|(?:vitesse (?:choisie|est choisie)|velocidad elegida|velocità scelta|velocidade escolhida|ángulo elegido"
     r"|angle choisi|angolo scelto|gewählte (?:geschwindigkeit|lenkwinkel))\s+(?:est|es|è|é|ist)(?:\s+de)?)[\s\"'(:]*$"
 )
-"""What is said before a number that a speed or an angle is set to."""
+"""Words before a number to which a speed or an angle is set."""
 
-# What takes a mention away again.
+# Words that withdraw a mention.
 
 _NOT = (
     r"(?:\b(?:not|never|no|nor|neither|none|without|avoid\w*|cannot|cant|dont|refus\w+|declin\w+|unable|impossible"
@@ -341,13 +344,13 @@ _DENIED_BEFORE = re.compile(
     rf"|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
 _NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?)[\s\"']*$")
-"""A sign that denies what it stands before, as in a program: "!LEFT", "not(LEFT)"."""
+"""A program's sign of negation: "!LEFT", "not(LEFT)"."""
 _DENIED_BRACKET = re.compile(
     rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
 )
 _IN_BRACKETS = re.compile(r"[\"']?[)\]:]")
 _DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
-"""A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
+"""A label that denies what follows: "Avoid: LEFT"; but "no need: STRAIGHT" is no such label."""
 
 _SCOPE = re.compile(
     r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b"
@@ -395,15 +398,17 @@ _HARMS = re.compile(
     rf"|[)\"']?(?:\s*[:)]|\s+-+)\s*it(?:\s*'d|\s+would){_SURELY}\s+{_HARM}{_NOT_ELSE}"
     rf"|,\s*which{_MAY}{_SURELY}\s+{_HARM}{_NOT_ELSE}"
 )
-"""What an action would do, said right behind it: "B: it would crash". A reason to brake may stand in a sentence of its
-own ("STOP. We would hit it"): that is no denial."""
+"""The effect of an action, directly after it: "B: it would crash".
+
+A reason to brake may be a separate sentence ("STOP. We would hit it"); that is no denial.
+"""
 _BLOCKED = re.compile(
     rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
     rf"(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would|will|can|may)"
     rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
     r"|lead to\b|risk\b)"
 )
-"""What is said of an option behind its letter: "A) blocked", "B) turn right is unsafe"."""
+"""Words about an option after its letter: "A) blocked", "B) turn right is unsafe"."""
 _ASKED_FOR_BAD = re.compile(
     rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
 )
@@ -415,7 +420,7 @@ _ASKED_WHERE = re.compile(
     r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
     r"\s*(?:a[.:)]\s*)?$"
 )
-"""A question of what is seen: "Which side is the car on?"."""
+"""A question about the picture: "Which side is the car on?"."""
 _STATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
     r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
@@ -423,17 +428,17 @@ _STATE = re.compile(
     r"(?:[.;,)|\n]|$)"
     r"|\)?\s*[:=]\s*(?:0|[01]?\.\d+|\d+\s?%)(?=[\s.;,)|]*(?:$|\n|[;,|]))|(?<=\w\(@)\)\s*[:=]"
 )
-"""What stands on a side: "LEFT: free", or how likely it is: "LEFT: 0.1"."""
+"""The state of a side, "LEFT: free", or its probability, "LEFT: 0.1"."""
 _FREE_OR_NOT = re.compile(
     r"\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|cars?|vehicles?|trucks?)\b"
 )
 _PLACE = re.compile(r"left|right|straight|ahead|forward|back|lane|middle|cent|road", re.IGNORECASE)
-"""An action named by a place, of which such words may say how it is there; of another they are its reason."""
+"""Actions named by a place: such words describe the place; for other actions they are a reason."""
 _COUNTED = re.compile(
     r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open|available|safe"
     r"|cars?|vehicles?|trucks?)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)"
 )
-"""How many are on a side: "LEFT: two cars"."""
+"""The number of things on a side: "LEFT: two cars"."""
 
 _SPOKEN_OF = re.compile(
     r"\b(?:signs?|arrows?|signals?|traffic light|markings?|display|symbol|instructions?|prompt|text|writing"
@@ -453,7 +458,7 @@ _SPOKEN_OF = re.compile(
     r"|peut-être)\b"
     r"[^@,:;]{0,40}$"
 )
-"""Who else says it or does it, and what is for later, was before, or is only possible."""
+"""Another speaker or actor, a later or earlier time, or a mere possibility."""
 
 _QUOTED = re.compile(
     r"\b(?:reads?|says?|said|states?|stated|asks?|asked|wrote|written|shows?|displays?)\s*[:,]?\s*[\"'][^@\"]*$"
@@ -464,7 +469,7 @@ _QUOTED = re.compile(
     r"|general))\b"
     r"[^@:;.]{0,30}$"
 )
-"""Who else says it, and what would be if things were otherwise."""
+"""Another speaker, or a hypothetical case."""
 
 _LABELLED = re.compile(r"(?:^|[.,;\n(|])\s*([^.,;:\n(|]{1,80}?)\s*[:=][\s\"'(]*$")
 _ANSWERS = re.compile(
@@ -484,7 +489,7 @@ _ANSWERS = re.compile(
     r"|الجواب|القرار|الإجراء|תשובה|उत्तर"
     r"|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
 )
-"""A label of what is chosen; what stands behind another label, as in "Road shape:", is none."""
+"""Labels of a choice; text after another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
     r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|steer|brak\w+|slow\w*"
     r"|near\w*|close"
@@ -493,7 +498,7 @@ _CLAUSE = re.compile(
     r"|est|es|está|muss|doit|debe|deve)\b"
     r"|n't\b"
 )
-"""What makes a reason of what stands before a colon: "the lead is near: STOP"."""
+"""A reason before a colon: "the lead is near: STOP"."""
 
 _EXAMPLE = re.compile(
     r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?|choices are)\b[^@]{0,60}$"
@@ -534,9 +539,9 @@ _RETRACTED = re.compile(
     r"|change (?:it|that|my)|changed my|reconsider\w*|mistake|hold on|scratch that|therefore|final|finally|ultimately"
     r"|overall)\b"
 )
-"""What stands between a choice and the one that replaces it."""
+"""Words between a choice and the one that replaces it."""
 
-# A part of a sentence that says nothing but an action.
+# A part of a sentence that is only an action.
 
 _PARTED = re.compile(
     r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though"
@@ -570,21 +575,21 @@ _TAIL = re.compile(
 _ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
 _FAR = r"\d+(?:\.\d+)?\s?(?:km/h|m/s|mph|°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
 _DOES = re.compile(r"(?:^|[,;:]|\bso|\band|\bthen|\btherefore)\s*(?:i|we)\s+$")
-"""What makes a sentence of a name that is a verb: "so I turn right"."""
+"""Words that make a sentence of a verb's name: "so I turn right"."""
 _LEADS = re.compile(r"\W*(?:rather than|instead of)\s+(?:\w+\s+){0,3}")
 _MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|to\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
 _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
-"""How far a name of several words goes: "TURN LEFT 30 degrees"; what is so far ahead is for later."""
+"""The amount of a long name: "TURN LEFT 30 degrees"; a distance ahead means later."""
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
-"""What ends an action, or is in its place in some case, is another: "STOP until the road is free, then …"."""
+"""A condition that ends or replaces an action: "STOP until the road is free, then …"."""
 _FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
 _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
-"""What stands before one of several: "either zero or 2 is fine", "from -2 to 2"."""
+"""Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
-# Sentences of other languages: the last word, and nothing English around it.
+# Sentences in other languages: the last word, with nothing English around it.
 
 _FOREIGN = re.compile(
     r"(?:\b(?:antwort|aktion|entscheidung|wahl|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision"
@@ -599,20 +604,20 @@ _FOREIGN = re.compile(
     r"|поэтому|следовательно)\b[^@.,;]{0,20}|(?:ではなく|じゃなくて?|所以|因此|应该|應該|应|我选择?|我選擇?|よって"
     r"|したがって|なので|ので|から)[^@.]{0,8})[\s\"'(]*$"
 )
-"""How other languages say a choice before its name."""
+"""Words of other languages before the name of a choice."""
 _ENDS = _one_of(
     "です|でございます|だ|である|します|する|しましょう|してください|を(?:選び|選択し)ます|を選(?:ぶ|択する)"
     "|に(?:し|なり)ます|にする|とする|とします|で"
     "|が(?:最適|適切|正解|最善|安全|良い|よい|いい)(?:です|だ|でしょう|と思います)?|吧|了|입니다|이다|(?:을"
     "|를) 선택\\S{0,4}|로 갑니다"
 )
-"""What may stand behind the name that ends a sentence of a language that puts its verbs last."""
+"""Words after the name at the end of a sentence, in languages with the verb last."""
 _LAST = re.compile(rf"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|{_ENDS})?[\s\"'.!)]*$")
 
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A mention, and where its sign stands in the marked text."""
+    """A mention, and the place of its sign in the marked text."""
 
     mention: Mention
     place: int
@@ -620,7 +625,7 @@ class _Placed:
 
 
 def takes_back(text: str, action: str, names: Names) -> bool:
-    """Return whether a folded text chooses another action than was stated before it, or corrects that into another."""
+    """Return whether a folded text chooses or corrects to another action than was stated before."""
     marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
     if placed and placed[0].mention.action != action and _is_corrected(marked, 0, placed[0].place):
         return True
@@ -628,12 +633,13 @@ def takes_back(text: str, action: str, names: Names) -> bool:
 
 
 def read_prose(text: str, names: Names) -> Decision[str]:
-    """Return the decision of a folded text in which nobody states an action in a form of its own.
+    """Return the decision of a folded text without a formal statement.
 
-    An action counts where somebody chooses it: alone in a sentence or a part of one, in an imperative, after "I would",
-    "the car should", "the answer is", "so", or before "is best". What is denied, described, conditional, asked, quoted
-    or one of a list is not chosen. Of several that differ, the last one counts where words between take the earlier one
-    back ("wait", "actually"); else there is no decision.
+    An action counts if it is chosen: alone in a sentence or a part of one, or in an imperative. It
+    also counts after "I would", "the car should", "the answer is" or "so", and before "is best". An
+    action that is denied, described, conditional, asked, quoted or listed is not chosen. If several
+    differ, the last one counts if words between withdraw the earlier one ("wait", "actually").
+    Otherwise there is no decision.
     """
     marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
     judged = [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
@@ -653,7 +659,7 @@ def read_prose(text: str, names: Names) -> Decision[str]:
 
 
 def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
-    """Return whether a choice is the first or the last of a plan, or is corrected: that is no decision."""
+    """Return whether a choice is part of a plan, or is corrected; then there is no decision."""
     earlier = [one for one in judged if one.place < last.place and one.mention.action != last.mention.action]
     plan = earlier and earlier[-1].status != "denied" and last.place - earlier[-1].place < _LEFT
     if plan and _FIRST.match(marked[earlier[-1].place : last.place]):
@@ -667,7 +673,7 @@ def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
 
 
 def _is_corrected(marked: str, start: int, end: int) -> bool:
-    """Return whether the words right before a place, from another on, say that what follows replaces what was."""
+    """Return whether the words directly before a place say that what follows replaces the past."""
     return _CORRECTED.search(marked[max(start, end - _JOINT) : end]) is not None
 
 
@@ -687,7 +693,7 @@ _HEDGED = re.compile(
 
 
 def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
-    """Return the one action that a short text ends with, where prose has no other use for its name."""
+    """Return the one action that a short text ends with, if its name has no other use in prose."""
     said = {one.mention.action for one in judged}
     if len(text) > _SHORT or len(said) != 1 or any(one.status != "said" or one.mention.derived for one in judged):
         return None
@@ -704,7 +710,7 @@ def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
 
 
 def _mentions(text: str, names: Names) -> Iterator[Mention]:
-    """Yield the mentions that are no idiom, each repetition once."""
+    """Yield the mentions that are not idioms, each repetition once."""
     found = list(names.mentions(text))
     before: Mention | None = None
     for at, one in enumerate(found):
@@ -724,7 +730,7 @@ def _mentions(text: str, names: Names) -> Iterator[Mention]:
 
 
 def _is_idiom(text: str, one: Mention) -> bool:
-    """Return whether a word is no name of an action where it stands: "right now", "a SLOW car", "a STOP sign"."""
+    """Return whether a word is no action's name here: "right now", "a SLOW car", "a STOP sign"."""
     word = one.written.upper()
     left, right = text[max(0, one.start - 40) : one.start].lower(), text[one.end : one.end + 40].lower()
     if re.match(r"/(?:no|not|non)\b", right):
@@ -739,7 +745,7 @@ def _is_idiom(text: str, one: Mention) -> bool:
 
 
 def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_Placed, ...]]:
-    """Return the text in lower case with each mention as one sign, and where the signs are."""
+    """Return the text in lower case with one sign per mention, and the places of the signs."""
     parts: list[str] = []
     placed: list[_Placed] = []
     done = length = 0
@@ -752,7 +758,7 @@ def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_Placed, .
 
 
 def _sentences(marked: str) -> Iterator[tuple[int, int]]:
-    """Yield where the sentences begin and end; the sign that ends one belongs to it."""
+    """Yield the spans of the sentences, each with its final sign."""
     start = 0
     for match in _SENTENCE.finditer(marked):
         yield start, match.end()
@@ -761,7 +767,7 @@ def _sentences(marked: str) -> Iterator[tuple[int, int]]:
 
 
 def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> list[_Placed]:
-    """Return the mentions of a sentence with what is said of each; those of one list are judged together."""
+    """Return the mentions of a sentence with their status; a list is judged together."""
     low = bisect.bisect_left(placed, start, key=lambda one: one.place)
     here = placed[low : bisect.bisect_left(placed, end, key=lambda one: one.place)]
     if not here:
@@ -779,7 +785,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> lis
 
 
 def _joins(marked: str, before: int, place: int, end: int) -> bool:
-    """Return whether two mentions stand in one list; a comma alone joins none with what has a predicate of its own."""
+    """Return whether two mentions are in one list."""
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
@@ -787,7 +793,7 @@ def _joins(marked: str, before: int, place: int, end: int) -> bool:
 
 
 def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, row: bool) -> list[_Placed]:
-    """Return the mentions of a list with what is said of them; one that stands by itself is a list of one."""
+    """Return the mentions of a list with their status; a single mention is a list of one."""
     first, last = group[0].place, group[-1].place
     left, right = marked[max(start, first - _LEFT) : first], marked[last + 1 : min(end, last + 1 + _RIGHT)]
     if _SEVERAL.search(group[-1].mention.written) and (far := _BRACKETED.match(right)) is not None:
@@ -807,7 +813,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
 
 
 def _denied(left: str, right: str) -> bool:
-    if (sign := _IN_BRACKETS.match(right)) is not None:  # "(B) is unsafe" is said of B
+    if (sign := _IN_BRACKETS.match(right)) is not None:  # "(B) is unsafe" is about B
         inner = right[sign.end() :]
         blocked = not sign.group().endswith(":") and _BLOCKED.match(inner) is not None
         if blocked or _DENIED_AFTER.match(inner) or _DENIED_BRACKET.search(left):
@@ -823,7 +829,7 @@ def _denied(left: str, right: str) -> bool:
 
 
 def _scope(left: str) -> str:
-    """Return the end of what stands before a mention that a "not" would have to stand in to deny it."""
+    """Return the part before a mention in which a "not" would deny it."""
     start = 0
     for match in _SCOPE.finditer(left):
         if not _ALL_BUT.search(left, max(0, match.start() - 12), match.start()):
@@ -832,7 +838,7 @@ def _scope(left: str) -> str:
 
 
 def _is_state(left: str, right: str, one: Mention) -> bool:
-    """Return whether words behind a mention say how a side is, not why the action is chosen."""
+    """Return whether the words after a mention give a side's state, not a reason for the action."""
     if _STATE.match(right):
         reasoned = not is_mark(one.action) and not _PLACE.search(one.action) and not _PLACE.search(one.written)
         return not (reasoned and _FREE_OR_NOT.match(right))
@@ -843,7 +849,7 @@ def _is_state(left: str, right: str, one: Mention) -> bool:
 
 
 def _only_said(left: str, right: str, one: Mention) -> bool:
-    """Return whether a mention is what others say or do, conditional, an example, for later, or the state of a side."""
+    """Return whether a mention is another's words, conditional, an example, or a state."""
     if (
         _is_state(left, right, one)
         or _SPOKEN_OF.search(left)
@@ -880,9 +886,10 @@ def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
 
 
 def _is_measured(left: str, one: Mention) -> bool:
-    """Return whether a mention is of a thing in the picture, of the own speed, or one of several settings.
+    """Return whether a mention measures a thing or the own speed, or is one of several settings.
 
-    "a truck is ahead; it is slowing", "it is 30 degrees", "I am going 5 m/s", "throttle=0.5, brake=0".
+    "a truck is ahead; it is slowing", "it is 30 degrees", "I am going 5 m/s", "throttle=0.5,
+    brake=0".
     """
     if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
         return True
@@ -892,7 +899,7 @@ def _is_measured(left: str, one: Mention) -> bool:
 
 
 def _is_chosen_around(left: str, right: str, one: Mention, *, several: bool) -> bool:
-    """Return whether the words before a mention or after it choose it."""
+    """Return whether the words before or after a mention choose it."""
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return True
     if is_mark(one.action):
@@ -901,13 +908,13 @@ def _is_chosen_around(left: str, right: str, one: Mention, *, several: bool) -> 
 
 
 def _names_a_choice(label: str) -> bool:
-    """Return whether what stands before a colon is the name of an answer, or a sentence that gives its reason."""
+    """Return whether the words before a colon name an answer, or are a sentence with its reason."""
     return "@" in label or _ANSWERS.fullmatch(label) is not None or _CLAUSE.search(label) is not None
 
 
 _ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?$")
 _PEDAL = re.compile(r"\b(?:brak(?:e|es|ing)|throttle|gas|pedal)[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}$")
-"""A label of another control than the one whose numbers are the actions: "brake: 0"."""
+"""A label of a control whose numbers are not the actions: "brake: 0"."""
 _CONTROL = re.compile(
     r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch|gear)"
     r"[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}[@\d.+-]"
@@ -940,9 +947,9 @@ def _is_foreign(left: str, right: str, one: Mention) -> bool:
 
 
 def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
-    """Return the mentions; those of bulleted lines that are nothing but actions are a list.
+    """Return the mentions; those in bulleted lines of actions only are a list.
 
-    So are several that are labels of what is said of each: "STOP: too hard. SLOW: the lead is near."
+    So are several that label their descriptions: "STOP: too hard. SLOW: the lead is near."
     """
     found = list(judged)
     for at, (before, one) in enumerate(pairwise(judged)):
@@ -958,7 +965,7 @@ def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
 
 
 def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_Placed]:
-    """Return the mentions; a number of a pedal beside another control's, or where numbers have signs, is no choice."""
+    """Return the mentions; a pedal's number beside other controls is no choice."""
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
     return [
@@ -970,7 +977,7 @@ def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_P
 
 
 def _without_interjection(marked: str, judged: list[_Placed]) -> list[_Placed]:
-    """Return the mentions without a "Right." that only opens a reply which chooses further on."""
+    """Return the mentions without a "Right." that only opens a reply with a later choice."""
     if not judged or judged[0].mention.written not in {"Right", "right"}:
         return judged
     before, after = marked[: judged[0].place], marked[judged[0].place + 1 : judged[0].place + 2]

@@ -1,8 +1,8 @@
-"""Numbers as a quantity: the unit that a space of numbers has, what is called after it, and numbers in words.
+"""Numbers as a quantity: their unit, the words for them, and number words.
 
-A space has a unit where every one of its numbers has it, in its name or in an alias: then other spellings of the unit
-are it too, and a "speed" or an "angle" states an action. A space whose numbers exchange with their opposites under
-reflection steers.
+A space has a unit if every one of its numbers has it, in its name or in an alias. Other spellings
+of the unit then count too, and a "speed" or an "angle" states an action. A space whose numbers
+exchange with their opposites under reflection steers.
 """
 
 import re
@@ -58,14 +58,14 @@ _WANTED = (
     r"(?:(?:the|my|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
     r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
 )
-"""What may stand before the name of a quantity that is set; ``current_speed`` or ``lead_speed`` is measured."""
+"""Words before the name of a set quantity; ``current_speed`` or ``lead_speed`` is measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What the numbers of a space are: the spellings of its unit, and the words for what is set by them.
+    """What the numbers of a space measure: the unit's spellings, and the words for the quantity.
 
-    ``keyed`` is how a key or a label may name the unit; under one that names another the number is another.
+    ``keyed`` is the unit's pattern in a key or label; a key with another unit means another number.
     """
 
     units: tuple[str, ...]
@@ -74,15 +74,15 @@ class Quantity:
 
     @property
     def _named(self) -> str:
-        """Return a pattern of what is set, as a key or a label has it."""
+        """Return a pattern of the quantity in a key or a label."""
         return rf"{_WANTED}(?:{self.words})(?:[ _-]?(?:in[ _-])?(?:{self.keyed}|value|command|cmd))?"
 
     def is_key(self, key: str) -> bool:
-        """Return whether a key of JSON is of this quantity as it is set."""
+        """Return whether a JSON key names this quantity as a setting."""
         return bool(self.words) and re.fullmatch(self._named, key, re.IGNORECASE) is not None
 
     def lines(self, text: str) -> Iterator[re.Match[str]]:
-        """Yield where a line of a folded text begins with the quantity and a colon or the like."""
+        """Yield the line starts of a folded text with the quantity and a colon or similar."""
         if self.words:
             yield from re.finditer(
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
@@ -104,7 +104,7 @@ _STEERED = Quantity((), rf"{_STEERING}|bin")
 
 
 def quantity_of(written: Sequence[tuple[str, str]], *, sided: bool) -> Quantity:
-    """Return what the numbers of a space are, by its written names and their actions."""
+    """Return what the numbers of a space measure, by its written names and their actions."""
     actions = {action for _, action in written if split_number(action) is not None}
     for kind in _KINDS:
         known = {unit.upper() for unit in kind.units}
@@ -119,7 +119,7 @@ def _unit(name: str) -> str:
     return "" if split is None else split[1].strip()
 
 
-# Numbers in words.
+# Number words.
 
 _SMALL = (
     *("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"),
@@ -144,7 +144,7 @@ _VERB = pattern(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
 
 
 def number_in_words(text: str) -> str | None:
-    """Return the number that words spell, as short as it can be: "-2" of "minus two"; None where they spell none."""
+    """Return the number of a number word in shortest form: "-2" for "minus two"; else None."""
     if not re.fullmatch(_WORDED, text, re.IGNORECASE):
         return None
     words = " ".join(text.lower().split())
@@ -164,15 +164,16 @@ _FOREIGN = pattern(
     r"|velocidade|escolho|ответ|скорость|угол|выбираю|antwoord|snelheid|kies|odpowiedź|prędkość|svar)\b",
     re.IGNORECASE,
 )
-"""Words of languages in which a comma is the point of a number."""
+"""Words of languages with a decimal comma."""
 _COMMA = pattern(r"(?<![\w.,\[])([+-]?\d{1,3}),(\d{1,2})(?![\d.,]|\s?,\s?\d)")
 
 
 def in_digits(text: str, units: Sequence[str]) -> str:
-    """Return a text with digits for numbers in words and with points for commas, where both are a choice's.
+    """Return a text with digits for number words and points for decimal commas, in a choice.
 
-    Words count behind "option" or the like and before the space's unit; "one" also means other things. A comma is a
-    point before the unit, and beside words of a language that writes it so.
+    Words count after "option" or similar, and before the space's unit; "one" has other meanings
+    too. A comma is a decimal point before the unit, and near words of a language with decimal
+    commas.
     """
     unit = (
         rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""

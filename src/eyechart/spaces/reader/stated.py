@@ -1,4 +1,4 @@
-"""What a reply states in a form of its own: JSON, tags, boxes, and lines that begin with ``action:``."""
+"""Formal statements of a reply: JSON, tags, boxes, and lines that begin with ``action:``."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,7 +47,7 @@ _OWN = (
     r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
     r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
 )
-"""What may stand before the name of an answer; ``previous_action`` or ``forbidden_action`` is another thing."""
+"""Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
 _KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
 _KEY = pattern(_KEY_OF_ANSWER, re.IGNORECASE)
@@ -59,7 +59,7 @@ _ONLY_KEY = pattern(
     r"|content|message|final|name|shape|colou?r|side|count|number",
     re.IGNORECASE,
 )
-"""A key that stands for the answer where it is the only one."""
+"""A key that is the answer if it is the only one."""
 
 _PLAINEST = ("action", "action", "decision", "answer")
 _LOOSE = pattern(
@@ -79,7 +79,7 @@ _FINE = pattern(
 )
 _UNLESS = pattern(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
 _CASE = pattern(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
-"""Under which condition an action holds, and how its words say so."""
+"""A condition under which an action holds, and its words."""
 _OTHERS = pattern(
     r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
     r"|last|history|past"
@@ -91,7 +91,7 @@ _OTHERS = pattern(
     r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
-"""Keys whose objects are about somebody else, or are no choice."""
+"""Keys whose objects are about others, or are no choice."""
 _CUT_OFF = pattern(r"\{[^{}]*\Z")
 _MARKER = pattern(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
@@ -120,7 +120,7 @@ _NO_STATEMENT = pattern(
 )
 _NOT_GIVEN = pattern(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
 _SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
-"""Actions that somebody names who sees nothing."""
+"""Actions that mean that nothing was seen."""
 _END = pattern(r"[.!?\n]\s|\n")
 _CLAUSE = pattern(r",|\bso\b|\bbut\b")
 _CONDITION = pattern(r"\bif\b|\bwould be\b")
@@ -129,7 +129,7 @@ _SHORT_WORDS = 3
 
 @dataclass(frozen=True, slots=True)
 class _Stated:
-    """What one object, tag or box states, and where it stands; ``action`` is None where that is no name."""
+    """A statement of an object, tag or box, with its span; ``action`` None if it is no name."""
 
     start: int
     end: int
@@ -138,26 +138,26 @@ class _Stated:
 
 
 def _prose(text: str, names: Names) -> Decision[str]:
-    """Return the decision of prose, which most replies do not come to."""
+    """Return the decision of prose; most replies do not need it."""
     from eyechart.spaces.reader.prose import read_prose  # noqa: PLC0415 - its patterns take a while to compile
 
     return read_prose(text, names)
 
 
 def _takes_back(text: str, action: str, names: Names) -> bool:
-    """Return whether words take an action back that was stated before them."""
+    """Return whether words withdraw an action that was stated before them."""
     from eyechart.spaces.reader.prose import takes_back  # noqa: PLC0415 - as above
 
     return takes_back(text, action, names)
 
 
 def read_words(visible: str, names: Names) -> Decision[str]:
-    """Return the decision of the words outside thinking; strict, deterministic, and never guessing.
+    """Return the decision of the words outside thinking: strict, and never guessing.
 
-    In order: the whole text as a name; what its JSON objects, answer tags or boxes state; its last line that begins
-    with ``action:`` or the like; its prose. The first of these that is there decides. What several of one form state
-    differently is no decision, unless the words between take one back. A reply that says first that it sees no picture
-    or cannot help is refused, whatever follows.
+    First the whole text as a name. Then the statements of JSON objects, answer tags or boxes, the
+    last line that begins with ``action:`` or similar, and prose. The first form that is present
+    decides. Different statements of one form are no decision, unless words between withdraw one. A
+    reply that first says that it sees no picture or cannot help is refused, whatever follows.
     """
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
@@ -190,13 +190,13 @@ def _find(text: str, names: Names) -> Decision[str]:
 
 
 def _kept(tag: re.Match[str], names: Names) -> str:
-    """Return a tag's words where one of them names an action, as in ``<LEFT>``; else nothing of it."""
+    """Return a tag's words if one names an action, as in ``<LEFT>``; else a space."""
     inner = tag.group().strip("<>/ ")
     return f"\n{inner}\n" if any(names.mentions(inner)) else " "
 
 
 def _phrase(value: str, names: Names) -> Decision[str]:
-    """Return the decision of a value that ought to be a name, and may be a few words: "slow down", "TURN_LEFT"."""
+    """Return the decision of a value that should be a name: "slow down", "TURN_LEFT"."""
     folded = fold(value)
     if (bare := names.whole(folded)) is not None:
         return Decision(bare)
@@ -205,7 +205,7 @@ def _phrase(value: str, names: Names) -> Decision[str]:
 
 
 def _chosen_side(value: str) -> str:
-    """Return the value of an answer; a side with how many cars there are is chosen here, no state."""
+    """Return the value of an answer; a side with a number of cars is a choice here, no state."""
     return f"I choose {value}" if _SIDE_WITH_COUNT.match(value) else value
 
 
@@ -214,7 +214,7 @@ _BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 
 def _in_brackets(value: str, names: Names) -> Decision[str] | None:
-    """Return the mark in brackets behind its meaning, as in "faster (3)"; None where other words are an action too."""
+    """Return the mark after its meaning, "faster (3)"; None if other words are actions."""
     found = _BRACKETS.fullmatch(value)
     action = None if found is None else names.whole(found.group(2))
     if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
@@ -225,7 +225,7 @@ def _in_brackets(value: str, names: Names) -> Decision[str] | None:
 
 
 def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]:
-    """Return the decision of what is stated, where the words around it do not deny it or take it back."""
+    """Return the decision of the statements, unless the words around deny or withdraw it."""
     known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
     if not known:
         return unparsed(stated[0].why or "unknown_action")
@@ -251,13 +251,13 @@ _ANEW = pattern(
 
 
 def _commits_otherwise(before: str, action: str, names: Names) -> bool:
-    """Return whether the words before a statement commit to another action, and nothing says that it was weighed."""
+    """Return whether the words before a statement commit to another action without weighing it."""
     found = _last(_COMMITS, before)
     return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
 
 
 def _is_denied(text: str, one: _Stated, names: Names) -> bool:
-    """Return whether the words around a statement deny it, or say under which condition it would hold."""
+    """Return whether the words around a statement deny it or make it conditional."""
     before = _FENCE.sub("", text[max(0, one.start - 120) : one.start])
     left = _END.split(before.rstrip() if before.rstrip().endswith(":") else before)[-1]
     right = _END.split(text[one.end : one.end + 80].partition("{")[0])[0]
@@ -272,7 +272,7 @@ def _is_denied(text: str, one: _Stated, names: Names) -> bool:
 
 
 def _objects(text: str, names: Names) -> Iterator[_Stated]:
-    """Yield what each JSON object states; where no object is whole, what stands between a key and a comma."""
+    """Yield the statements of JSON objects, or of keys and commas if no object is whole."""
     whole = False
     for start, end, value in json_objects(text, _Pairs):
         whole = whole or bool(value)
@@ -286,18 +286,21 @@ def _objects(text: str, names: Names) -> Iterator[_Stated]:
 
 
 _ANSWER, _OWN_THING, _OTHER_THING = range(3)
-"""What an object stands within: an answer; the own motion or an envelope, where a side is set and a speed is measured;
-or another thing, of which both are said."""
+"""The container of an object.
+
+It is an answer; or the own motion or an envelope, where a side is set and a speed is measured; or
+another thing, where both describe that thing.
+"""
 
 
 class _Pairs(list[tuple[str, object]]):
-    """An object's keys and values in order, so that none that is given twice is lost."""
+    """An object's keys and values in order, so that no repeated key is lost."""
 
 
 def _stated_in(value: object, names: Names, *, within: int = _ANSWER) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that a JSON value states, None and why where what it states is no name.
+    """Yield the actions that a JSON value states, or None and why one is no name.
 
-    ``within`` what it stands decides whether a side, a speed or an angle is the answer.
+    The container ``within`` decides whether a side, a speed or an angle is the answer.
     """
     if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
@@ -322,14 +325,14 @@ def _stated_in(value: object, names: Names, *, within: int = _ANSWER) -> Iterato
 def _stated_under(
     key: str, value: object, names: Names, *, within: int, inside: int
 ) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that the value of a key states which is no answer's, or holds the answer further in."""
+    """Yield the actions in the value of a key that is no answer's, or that contains the answer."""
     if (_KEY.fullmatch(key) or (names.quantity.is_key(key) and not within)) and _is_listed(value, names):
         return _named_in(value, names)
     return _stated_in(value, names, within=inside)
 
 
 def _thing(key: str, *, alone: bool) -> int:
-    """Return what an object under a key is of; under a key that stands ``alone`` it is the own, if not what is seen."""
+    """Return what an object under a key is about: an answer, the own thing, or another."""
     if _HOLDS.fullmatch(key):
         return _ANSWER
     return _OWN_THING if _MOVES.fullmatch(key) or (alone and not _SEEN.search(key)) else _OTHER_THING
@@ -340,30 +343,30 @@ _HOLDS = pattern(
     r"|navigation|steering|step\w*",
     re.IGNORECASE,
 )
-"""Keys whose objects are of what is done."""
+"""Keys whose objects are about the action."""
 _MOVES = pattern(
     r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning|steer|heading"
     r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
     r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content|message)",
     re.IGNORECASE,
 )
-"""Keys whose objects are of the own motion or the own self, or that only envelop another object."""
+"""Keys whose objects are about the own motion or self, or that only wrap another object."""
 _SEEN = pattern(
     r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
 )
-"""Keys whose objects are of what is seen."""
+"""Keys whose objects are about things seen."""
 _LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
 
 
 def _is_listed(value: object, names: Names) -> bool:
-    """Return whether an answer is an option as a list has it: ``{"id": 3, "name": "faster"}``."""
+    """Return whether an answer is an option of a list: ``{"id": 3, "name": "faster"}``."""
     if not isinstance(value, _Pairs) or _answer_key(value, names) is not None:
         return False
     return any(_LISTED.fullmatch(key) for key, _ in value) or {key for key, _ in value} == {"value", "unit"}
 
 
 def _named_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that an option has for its number, letter or name."""
+    """Yield the actions of an option's number, letter or name."""
     for key, inner in value if isinstance(value, _Pairs) else ():
         if _LISTED.fullmatch(key) or key == "value":
             number = isinstance(inner, int | float) and not isinstance(inner, bool)
@@ -374,7 +377,7 @@ def _named_in(value: object, names: Names) -> Iterator[tuple[str | None, str | N
 
 
 def _at_fault(value: _Pairs) -> bool:
-    """Return whether an object says of itself that it is an error, or refused."""
+    """Return whether an object reports an error of its own, or a refusal."""
     return any(
         (isinstance(inner, str) and _ONLY_SHOWN.search(inner))
         or (_FAULT.fullmatch(key) and inner not in (None, False, "", 0, "none", "None", "null"))
@@ -390,14 +393,14 @@ _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
 def _is_contrary(value: _Pairs, names: Names) -> bool:
-    """Return whether an object gives an action and, under another key, the side that it is not of."""
+    """Return whether an object gives an action and, under another key, the opposite side."""
     sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
     return any(_is_of_other_side(action, side, names) for action in keyed if action is not None for side in sides)
 
 
 def _is_of_other_side(action: str, side: str, names: Names) -> bool:
-    """Return whether an action's sign or words say another side than this one."""
+    """Return whether an action's sign or words name another side."""
     if split_number(action) is not None:
         return any(name.startswith("-") for name in names.actions) and is_contrary(action, side)
     words = {word for word in re.split(r"[\W_]+", action.lower()) if word in {"left", "right"}}
@@ -405,14 +408,14 @@ def _is_of_other_side(action: str, side: str, names: Names) -> bool:
 
 
 def _has_other_unit(value: _Pairs, names: Names) -> bool:
-    """Return whether an object says another unit than the space's: ``{"speed": 10, "unit": "km/h"}``."""
+    """Return whether an object has another unit than the space's, as {"unit": "km/h"}."""
     units = {one.upper() for one in names.quantity.units}
     said = [inner for key, inner in value if key.lower() in {"unit", "units"} and isinstance(inner, str)]
     return bool(units) and any(one.strip().upper() not in units for one in said)
 
 
 def _given(key: str, value: object) -> object:
-    """Return a value; what a call of a tool is given may be JSON inside a string."""
+    """Return a value; a tool call's arguments may be JSON inside a string."""
     if key != "arguments" or not isinstance(value, str):
         return value
     return next((inner for _, _, inner in json_objects(value, _Pairs)), None)
@@ -426,16 +429,16 @@ _CORRECTION = pattern(
 
 
 def _is_another(key: str, value: object, names: Names) -> bool:
-    """Return whether a key is of an answer too, as ``final_action`` beside ``action``, and its value a name."""
+    """Return whether a key is an answer's too, as ``final_action``, with a name as its value."""
     if not _CORRECTION.fullmatch(key) and (_ANOTHER.fullmatch(key) is None or _KEY.fullmatch(key) is None):
         return False
     return names.whole(fold(value)) is not None if isinstance(value, str) else _counted(value, names).action is not None
 
 
 def _answer_key(value: _Pairs, names: Names, *, within: int = _ANSWER) -> str | None:
-    """Return the key that holds the answer, the plainest of several; None where an object holds it further in.
+    """Return the key that holds the answer, the plainest of several; None if it is further inside.
 
-    A side or a direction ``within`` an object of another thing is that thing's.
+    A side or a direction ``within`` an object about another thing belongs to that thing.
     """
     known = [key for key, _ in value if _KEY.fullmatch(key) and not (within == _OTHER_THING and _SIDE.fullmatch(key))]
     if not within and all(_SIDE.fullmatch(key) for key in known):
@@ -455,12 +458,12 @@ def _rank(key: str) -> int:
 
 
 def _is_name(value: _Pairs) -> bool:
-    """Return whether an object is one text by another name, as ``{"name": "LEFT"}``."""
+    """Return whether an object is one text under another key, as ``{"name": "LEFT"}``."""
     return len(value) == 1 and isinstance(value[0][1], str) and not _KEY.fullmatch(value[0][0])
 
 
 def _values(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
-    """Yield what the value of an answer's key states; a list states each of its texts."""
+    """Yield the statements in the value of an answer's key; a list states each of its texts."""
     if isinstance(value, _Pairs):
         value = [inner for _, inner in value]
     elif not isinstance(value, list):
@@ -474,19 +477,19 @@ def _values(value: object, names: Names) -> Iterator[tuple[str | None, str | Non
 
 
 def _is_count(key: str, value: object) -> bool:
-    """Return whether a number counts something, as that of ``count``."""
+    """Return whether a number counts something, as under ``count``."""
     return _COUNTS.fullmatch(key) is not None and not isinstance(value, str)
 
 
 def _counted(value: object, names: Names) -> Decision[str]:
-    """Return the decision of a JSON value that is no text: a number is the name that it spells."""
+    """Return the decision of a JSON value that is no text: a number is a name."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     action = names.action(f"{value}") if number else None
     return Decision(action) if action is not None else unparsed("unknown_action")
 
 
 def _flagged(value: _Pairs, names: Names) -> str | None:
-    """Return the one action that is true where actions are the keys and the others are false."""
+    """Return the one true action of an object whose keys are actions and the others false."""
     if not value or not all(isinstance(inner, bool) and names.action(key) for key, inner in value):
         return None
     true = [key for key, inner in value if inner]
@@ -494,14 +497,14 @@ def _flagged(value: _Pairs, names: Names) -> str | None:
 
 
 def _called(value: _Pairs, names: Names) -> str | None:
-    """Return the action that a call of a tool has for its name."""
+    """Return the action that a tool call has as its name."""
     given: Mapping[str, object] = dict(value)
     name = given.get("name")
     return names.action(name) if isinstance(name, str) and ("arguments" in given or "parameters" in given) else None
 
 
 def _without_objects(text: str) -> str:
-    """Return a text without its JSON objects; what they would state was looked for."""
+    """Return a text without its JSON objects, whose statements were read before."""
     parts, done = [], 0
     for start, end, value in json_objects(text, _Pairs):
         if value:
@@ -528,11 +531,11 @@ def _boxes(text: str, names: Names) -> Iterator[_Stated]:
 
 
 _SIGNED_BOX = pattern(r"(?<![\w)])[-\u2012-\u2015\u2212]\$?\Z")
-"""A sign before a box: what is in it is another number."""
+"""A sign before a box: its content is another number."""
 
 
 def _hashes(text: str, names: Names) -> Iterator[_Stated]:
-    """Yield what stands behind four hashes, which end a worked answer."""
+    """Yield the text after four hashes, which end a worked answer."""
     for match in _HASHED.finditer(text):
         if (action := names.whole(fold(match.group(1)))) is not None:
             yield _Stated(match.start(), match.end(), action)
@@ -544,7 +547,7 @@ _VOTE = pattern(
 
 
 def _votes(text: str, names: Names) -> Iterator[_Stated]:
-    """Yield the one action with a yes where each of the space's has a line with a yes or a no."""
+    """Yield the one action with a yes, if every action has a line with yes or no."""
     found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
     voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
     if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
@@ -552,10 +555,10 @@ def _votes(text: str, names: Names) -> Iterator[_Stated]:
 
 
 def _marked(text: str, names: Names) -> Decision[str] | None:
-    """Return the decision of the last line that begins with ``action:``; None where no such line says one.
+    """Return the decision of the last line that begins with ``action:``; None without one.
 
-    One before it that names another action counts as taken back where the last is called final, or other words stand
-    between. What follows the line may take it back.
+    An earlier line with another action is withdrawn if the last is called final, or if other words
+    are between them. Text after the line may withdraw it.
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
     marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
@@ -593,7 +596,7 @@ def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:
 
 
 def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
-    """Return where the rest of a line ends, or the next line that says something, and the decision of its words."""
+    """Return the end of a line's rest, or of the next line with words, and its decision."""
     found = _SAYS.search(text, start)
     if found is None:
         return len(text), unparsed("no_action")

@@ -1,7 +1,7 @@
-"""Version 3 of the rules that read an action's name from words; a run that was begun under them is read by them.
+"""Version 3 of the reading rules, for runs that began with them.
 
-They are changed no more. What is wrong with them is in docs/decisions/replies.md: they take the only name in capitals
-for the decision, whatever is said of it.
+They do not change any more. Their fault is in docs/decisions/replies.md: they take the only name in
+capitals for the decision, whatever the words about it.
 """
 
 import re
@@ -22,15 +22,15 @@ _NEGATED = re.compile(
 _JSON_KEYS = ("action", "decision", "answer")
 _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
 _SHORT = 80
-"""Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
+"""The longest text in which a lower-case action is an answer, unlike "the road is straight"."""
 
 
 def read_words(visible: str, actions: tuple[str, ...]) -> Decision[str]:
     """Return the decision of the words outside thinking.
 
-    The whole text as an action; the ``action`` of its JSON objects; the last ``action: X``; an action in capitals
-    named alone; in a short reply that refuses nothing, an action in any case named alone. The first of these that is
-    there decides, and nothing below it is looked at. Several different candidates, or one that is negated, are
+    The first of these decides: the whole text as an action, the ``action`` of JSON objects, the
+    last ``action: X``, or the only action in capitals. In a short reply without a refusal, the only
+    action in any case is the last resort. Several different candidates, or a negated one, are
     ``unparsed``.
     """
     refused = refuses(visible)
@@ -70,13 +70,13 @@ def _only_one(found: list[re.Match[str]], by_name: Mapping[str, str]) -> Decisio
         text, start = match.string, match.start(1)
         if _NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)):
             return unparsed("negated")
-    # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
+    # get: a case-insensitive pattern takes "İ" for "I", but upper() does not.
     action = by_name.get(found[0].group(1).upper())
     return unparsed("no_action") if action is None else Decision(action)
 
 
 def _json_actions(text: str) -> Iterator[str]:
-    """Yield what each JSON object that states an action states; an empty text where that is no text."""
+    """Yield the action of each JSON object that states one; "" if it is no text."""
     for _, _, value in json_objects(text, dict):
         by_key = {key.lower(): action for key, action in value.items()}
         stated = next((by_key[key] for key in _JSON_KEYS if key in by_key), None)
