@@ -1,4 +1,4 @@
-"""Do scores from elsewhere predict grounding: the correlation of an external score with a statistic, over models."""
+"""Transfer: the correlation of an external score with a statistic of grounding, over models."""
 
 import csv
 import io
@@ -16,16 +16,17 @@ from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Measured, Statistic
 
 MEASURE = "mutual_information.decision"
-"""The statistic that stands for grounding unless another is named: bits that the decisions hold about the gap.
+"""The default statistic for grounding: bits of information in the decisions about the gap.
 
-Drives have it too, about the scene at each step (Table t:degeneracy)."""
+Drives have it too, about the scene at each step (Table t:degeneracy).
+"""
 
 _FILE_BYTES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One model on one ``bank``, or in one simulator: its external score, and its statistic, the mean over ``runs``."""
+    """One model on one ``bank`` or simulator: its external score, and its mean statistic over ``runs``."""
 
     model: str
     bank: str
@@ -49,7 +50,7 @@ class Transfer(Plain):
 def read_scores(path: Path) -> dict[str, float]:
     """Read a CSV file with the columns ``model`` (a SPEC, as a run names it) and ``score`` (a number).
 
-    Raises SpecError naming the file, the row and what is wrong in it.
+    Raises SpecError that names the file, the row and the fault.
     """
     raw = read_at_most(path, _FILE_BYTES, SpecError, "a table of scores")
     with raising(SpecError, f"{path} is no CSV file", of=(UnicodeDecodeError, csv.Error)):
@@ -86,10 +87,11 @@ class Run(Protocol):
 def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
     """Correlate external scores with a statistic over every model of every run, of any study.
 
-    A model on two banks, in two simulators, or under two prompts, is two cells; several runs of a model in one place
-    are replicates, whose values are averaged to one cell, because they are no further evidence about models. Models
-    without a score, scores without a model and statistics that cannot say are left out by name. Raises SpecError where
-    no run has the statistic. Source: paper, section Transfer and deployment characteristics.
+    A model on two banks, in two simulators, or under two prompts is two cells. Several runs of a
+    model in one place are replicates: they are averaged to one cell, since they add no evidence
+    about models. Models without a score, scores without a model and statistics without a value are
+    listed as left out. Raises SpecError if no run has the statistic. Source: paper, section
+    Transfer and deployment characteristics.
     """
     values: dict[tuple[str, str], list[float]] = {}
     left_out, every = [], [one for run in runs for one in run.measured()]

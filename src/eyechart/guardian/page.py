@@ -1,4 +1,4 @@
-"""What a guardian is worth: Table t:positive-guardian of the paper, lines of words around it, and its page."""
+"""A guardian's score: Table t:positive-guardian of the paper, its text, and its page."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -55,7 +55,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
 
 
 def opening(found: GuardianScore) -> Opening:
-    """Return what the page says first: how many hazards it misses, its false alarms, and what it hands back."""
+    """Return the page's opening: missed hazards, false alarms, and abstentions."""
     table, own = found.table, found.rows[found.frozen.point]
     hazards = int(table.hazard.sum())
     alarms = sum(found.answers[frame] == "hazard" and not table.hazard[at] for at, frame in enumerate(table.frames))
@@ -80,7 +80,7 @@ def opening(found: GuardianScore) -> Opening:
 
 @style()
 def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawing:
-    """Draw the share of wrong answers against the share of frames answered, with the operating points on it.
+    """Draw the share of wrong answers by the share of frames answered, with the operating points.
 
     ``size`` is its width and height in inches.
     """
@@ -150,7 +150,7 @@ def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[s
 
 
 def _views(found: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[bytes]:
-    """Return what the models were shown of a frame, or without a known view the picture and its reflection."""
+    """Return the models' view of a frame; without a known view, the picture and its reflection."""
     frame = bank.frame(frame_id)
     image = bank.recorded(frame)
     try:
@@ -184,7 +184,7 @@ def row_names(frozen: Frozen) -> dict[str, str]:
 
 
 def guardian_table(found: GuardianScore) -> Table:
-    """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
+    """Return the rows of Table t:positive-guardian: best single model, three operating points."""
     named, own = row_names(found.frozen), found.frozen.point
     rows = tuple((Mark(name, "", "*" if key == own else ""), *_cells(found.rows[key])) for key, name in named.items())
     caption = "Best single model of the calibration, and the guardian at each operating point"
@@ -256,7 +256,7 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
 
 
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
-    """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
+    """Yield sentences on intervals, test, curve, misses and ``bounds``."""
     corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, Discordant) else (0, 0)
     p, whole = found.mcnemar.p, found.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
@@ -277,7 +277,7 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
 
 
 def _method(found: GuardianScore) -> str:
-    """Return how the intervals of the table were made, by column where they differ, and why a column has none."""
+    """Return the method of the table's intervals, by column if they differ, or why one has none."""
     made = dict[str, list[str]]()
     for row in found.rows.values():
         for name, one in row.items():
@@ -288,7 +288,7 @@ def _method(found: GuardianScore) -> str:
 
 
 def bound_lines(found: Bound) -> Iterator[str]:
-    """Yield in words what is bounded, by how many episodes, and where that holds."""
+    """Yield sentences on each bound, its number of episodes, and where it holds."""
     per_frame = found.frame_rate
     if found.rate.ci is None or found.any_miss.ci is None or not isinstance(per_frame, UpperBound) or not per_frame.ci:
         yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"

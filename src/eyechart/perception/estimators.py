@@ -1,7 +1,8 @@
-"""Known-answer estimators: each makes something of a scene that was read from the picture, and says how it must fail.
+"""Known-answer estimators: each changes the scene read from the picture in a known way.
 
-They are given what the image-only positive control read, never the ground truth: a Query has no field for that, so an
-oracle of the truth cannot exist behind the door of a model. The tests build one that knows the pictures by heart.
+Each declares the clauses of admission that it must fail. They get what the image-only positive
+control read, never the ground truth: a Query has no field for that. So no model, and no estimator,
+can answer from the truth. The tests build one that knows the pictures by heart.
 """
 
 import json
@@ -15,7 +16,7 @@ NO_ROAD = "I'm sorry, I cannot see a road in this picture."
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """What an estimator does in words, the text that it makes of a scene, and the clauses of admission it must fail."""
+    """An estimator: a description, the reply that it makes of a scene, and the clauses it must fail."""
 
     says: str
     tell: Callable[[Scene], str]
@@ -70,4 +71,4 @@ ESTIMATORS: dict[str, Estimator] = {
         "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})
     ),
 }
-"""Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank, whose scenes demand every action."""
+"""Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank."""

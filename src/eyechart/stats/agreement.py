@@ -16,8 +16,9 @@ from eyechart.stats.statistic import Statistic, cannot_say
 def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
     """Return the share k/n with its Wilson score interval (Wilson 1927, without continuity correction).
 
-    ``k`` successes of ``n`` trials, both counts; ``level`` is the two-sided level of the interval. The value
-    is None when ``n`` is 0. ValueError when k is outside 0..n or the level outside (0, 1).
+    ``k`` successes of ``n`` trials, both counts; ``level`` is the two-sided level of the interval.
+    The value is None when ``n`` is 0. ValueError when k is outside 0..n or the level outside (0,
+    1).
     """
     if not 0 <= k <= n:
         raise ValueError(f"a rate needs 0 <= k <= n, got k={k} of n={n}: check what is counted")
@@ -42,12 +43,13 @@ def clears_floor(idi_value: float, s: float) -> bool:
 def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Cohen's kappa of two label sequences with its large-sample interval.
 
-    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by position
-    about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED in agreement);
-    None and NaN are refused with a ValueError. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13);
-    where it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
-    marginals instead, because an interval of no width would claim certainty. The value is None when both
-    sequences are one and the same constant: chance agreement is then 1 and kappa is 0/0.
+    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length,
+    position by position about the same frame. A missing answer must come as a label of its own (the
+    paper keeps UNPARSED in agreement); None and NaN are refused with a ValueError. The standard
+    error is that of Fleiss, Cohen and Everitt (1969, eq. 13); where it is 0 (kappa of 1, a constant
+    rater) the Wilson interval of the raw agreement is mapped through the marginals instead, because
+    an interval of no width would claim certainty. The value is None when both sequences are one and
+    the same constant: chance agreement is then 1 and kappa is 0/0.
     """
     a, b = _label_pair(first, second)
     n = len(a)
@@ -74,14 +76,16 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
 def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
     """Test whether answers that ought to be one answer agree beyond chance by less than ``margin``.
 
-    ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of each frame that
-    call for the same answer; -1 is no answer. ``value`` is (agreement - chance) / (1 - chance): agreement is that of
-    answers to one frame, over all pairs of columns, and chance that of answers to different frames. ``p`` belongs to
-    the null "kappa is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin
-    exactly when p < alpha. Both are those of Wilson's score, chance held fixed, at the effective number of pairs:
-    pairs of one frame may resemble each other, so their number is divided by the design effect, 1 at least (Kish
-    1965). ``n`` counts the frames with a pair. The value is None below two of them, and where all answers are one.
-    ValueError for columns of another shape or kind, or an ``alpha`` outside (0, .5).
+    ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of
+    each frame that call for the same answer; -1 is no answer. ``value`` is (agreement - chance) /
+    (1 - chance): agreement is that of answers to one frame, over all pairs of columns, and chance
+    that of answers to different frames. ``p`` belongs to the null "kappa is ``margin`` or more";
+    the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin exactly when p < alpha.
+    Both are those of Wilson's score, chance held fixed, at the effective number of pairs: pairs of
+    one frame may resemble each other, so their number is divided by the design effect, 1 at least
+    (Kish 1965). ``n`` counts the frames with a pair. The value is None below two of them, and where
+    all answers are one. ValueError for columns of another shape or kind, or an ``alpha`` outside
+    (0, .5).
     """
     given = np.asarray(columns)
     if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
@@ -146,11 +150,12 @@ def swap_test(
 ) -> SwapRate:
     """Return the mirror swap rate, tested against its chance given the marginals.
 
-    ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored answer as a
-    label of its own); ``partner`` maps each directional label to its mirror label and only frames whose real
-    label is in it count; an unparsed mirrored reply is no swap. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the
-    real directional decisions with their mirrored decisions at random. ``chance`` is the expected rate;
-    ``detail``: its exact one-sided ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real one.
+    ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored
+    answer as a label of its own); ``partner`` maps each directional label to its mirror label and
+    only frames whose real label is in it count; an unparsed mirrored reply is no swap. ``p`` is
+    one-sided, (k+1)/(B+1), from re-pairing the real directional decisions with their mirrored
+    decisions at random. ``chance`` is the expected rate; ``detail``: its exact one-sided
+    ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real one.
     """
     a, b = _label_pair(real, mirrored)
     directional = np.isin(a, list(partner))
@@ -196,9 +201,9 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
 def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
     """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
 
-    ``true_rate`` is for example a swap rate, and ``chance`` the rate under the null, below it. The power of an
-    exact test is a saw-tooth: a few larger numbers of trials may fall short again. ValueError unless
-    0 <= chance < true_rate <= 1, or when 100 000 trials do not suffice.
+    ``true_rate`` is for example a swap rate, and ``chance`` the rate under the null, below it. The
+    power of an exact test is a saw-tooth: a few larger numbers of trials may fall short again.
+    ValueError unless 0 <= chance < true_rate <= 1, or when 100 000 trials do not suffice.
     """
     if not 0 <= chance < true_rate <= 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {true_rate=} above {chance=}, {alpha=}, {power=}")
@@ -214,8 +219,8 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
 def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power: float = 0.80) -> float | None:
     """Return the smallest true rate that an exact one-sided binomial test of ``n`` trials finds with this power.
 
-    The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not reject.
-    ValueError for a negative ``n`` or a share outside its range.
+    The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not
+    reject. ValueError for a negative ``n`` or a share outside its range.
     """
     if n < 0 or not 0 <= chance < 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {n=}, {chance=}, {alpha=}, {power=}")
@@ -232,9 +237,9 @@ def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power:
 def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic]:
     """Return accuracy, balanced accuracy, sensitivity and specificity of a confusion matrix.
 
-    Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two rates,
-    carries none. A rate over no frames is None, and ``bal`` with it. ValueError for a negative count. Source: Table
-    t:positive-guardian.
+    Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two
+    rates, carries none. A rate over no frames is None, and ``bal`` with it. ValueError for a
+    negative count. Source: Table t:positive-guardian.
     """
     for name, count in (("tp", tp), ("fn", fn), ("tn", tn), ("fp", fp)):
         if count < 0:

@@ -26,8 +26,8 @@ class Contingency:
 class Bins:
     """Bins of a number: one code per value, the upper inner edges, and how many values each bin got.
 
-    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. Where ``no_lead_bin`` is true the
-    last bin holds the values that were missing or infinite.
+    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. Where ``no_lead_bin``
+    is true the last bin holds the values that were missing or infinite.
     """
 
     codes: npt.NDArray[np.int64]
@@ -39,8 +39,8 @@ class Bins:
 def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
     """Return the contingency table of two label arrays, rows and columns in sorted order.
 
-    One-dimensional string or integer arrays of one length, paired by position. ValueError on anything else:
-    a missing label must be dropped or encoded before.
+    One-dimensional string or integer arrays of one length, paired by position. ValueError on
+    anything else: a missing label must be dropped or encoded before.
     """
     a, b = labels_of(first, "first"), labels_of(second, "second")
     if len(a) != len(b):
@@ -63,9 +63,9 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return the chi-squared statistic of independence and its p.
 
     ``table`` is a matrix of counts; empty rows and columns are dropped, then the defaults of
-    `scipy.stats.chi2_contingency` apply (``correction``: Yates', which acts on 2 x 2 tables only). A table
-    of one row or one column has no dependence to show: value 0, p 1. No observations: value None.
-    ``detail``: degrees of freedom, the shape used and the smallest expected count.
+    `scipy.stats.chi2_contingency` apply (``correction``: Yates', which acts on 2 x 2 tables only).
+    A table of one row or one column has no dependence to show: value 0, p 1. No observations: value
+    None. ``detail``: degrees of freedom, the shape used and the smallest expected count.
     """
     counts = _occupied(table)
     n, method = int(counts.sum()), "chi-squared test of independence" + (", Yates" if correction else "")
@@ -86,8 +86,8 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
 def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return Cramér's V, sqrt(chi2 / (n (min(rows, columns) - 1))), with the p of `chi2_test`.
 
-    ``table``, a matrix of counts, and ``correction`` as there; the paper's V carries Yates' correction. One row or one
-    column: V = 0, p = 1. Source: section The Input-Ablation Battery.
+    ``table``, a matrix of counts, and ``correction`` as there; the paper's V carries Yates'
+    correction. One row or one column: V = 0, p = 1. Source: section The Input-Ablation Battery.
     """
     chi2 = chi2_test(table, correction=correction)
     if chi2.value is None or chi2.detail is None:
@@ -117,8 +117,8 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
 def modal_share(labels: npt.ArrayLike) -> Statistic:
     """Return the share of the most frequent label; None for an empty array.
 
-    ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in a tie.
-    It carries no interval: which label is the mode is itself chosen from the data.
+    ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in
+    a tie. It carries no interval: which label is the mode is itself chosen from the data.
     """
     names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "share of the most frequent label"
@@ -133,9 +133,9 @@ def quantile_bins(
 ) -> Bins:
     """Bin a gap by its quantiles, duplicate edges dropped, so that tied gaps share a bin.
 
-    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean that there is no lead. These count
-    as the farthest gap of all, or, with ``no_lead_bin``, get the last bin to themselves and leave the
-    quantiles to the others. Inner edges belong to the bin below, as in
+    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean that there is no lead.
+    These count as the farthest gap of all, or, with ``no_lead_bin``, get the last bin to themselves
+    and leave the quantiles to the others. Inner edges belong to the bin below, as in
     ``pandas.qcut(values, bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
     """
     gap = np.array([math.nan if value is None else value for value in values], dtype=np.float64)

@@ -1,7 +1,7 @@
 """A committee of models votes on hazards: its answer, the best committee, and the best one without each episode.
 
-Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 where a vote is missing. Source:
-section Symmetry-consensus longitudinal guardian.
+Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 where a vote
+is missing. Source: section Symmetry-consensus longitudinal guardian.
 """
 
 from collections.abc import Iterator
@@ -37,9 +37,10 @@ CLOSE = 1e-12
 class Costs:
     """What a missed hazard and a false alarm cost, and what a frame without an answer does.
 
-    Without a cost of abstention only the two-way point is weighed, and a frame without an answer counts as a false
-    alarm. ``hazard_rate`` is how often frames are hazardous where the guardian will stand; None takes the frames' own
-    share. ValueError for a cost below 0, for no cost at all, and for a rate outside (0, 1).
+    Without a cost of abstention only the two-way point is weighed, and a frame without an answer
+    counts as a false alarm. ``hazard_rate`` is how often frames are hazardous where the guardian
+    will stand; None takes the frames' own share. ValueError for a cost below 0, for no cost at all,
+    and for a rate outside (0, 1).
     """
 
     miss: float
@@ -72,9 +73,10 @@ class Choice:
 class Tally:
     """How often each committee gave each number of votes.
 
-    ``committees`` has shape (committees, size), in lexicographic order; ``counts`` has shape (committees, groups, 2,
-    bins): class 1 is hazard, and bin h + (voters + 1) m holds frames with h hazard votes and m missing ones.
-    ``hazard_votes`` has shape (models, groups): how often each model votes hazard there.
+    ``committees`` has shape (committees, size), in lexicographic order; ``counts`` has shape
+    (committees, groups, 2, bins): class 1 is hazard, and bin h + (voters + 1) m holds frames with h
+    hazard votes and m missing ones. ``hazard_votes`` has shape (models, groups): how often each
+    model votes hazard there.
     """
 
     committees: Ints
@@ -86,11 +88,11 @@ class Tally:
 def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, threshold: int, point: Point) -> Ints:
     """Return what a committee answers to so many hazard votes and missing votes: HAZARD, CLEAR or ABSTAIN.
 
-    With every vote there: ``two_way`` says hazard from ``threshold`` votes on and else clear; ``abstain`` says so too,
-    but only where most votes say the same; ``unanimous`` speaks only where all votes are alike. No answer falls, from
-    hazard over nothing to clear, as hazard votes grow. With votes
-    missing: hazard where it would be said whatever they had been, and else nothing; clear is said by a full committee
-    only. ValueError for an impossible count or threshold.
+    With every vote there: ``two_way`` says hazard from ``threshold`` votes on and else clear;
+    ``abstain`` says so too, but only where most votes say the same; ``unanimous`` speaks only where
+    all votes are alike. No answer falls, from hazard over nothing to clear, as hazard votes grow.
+    With votes missing: hazard where it would be said whatever they had been, and else nothing;
+    clear is said by a full committee only. ValueError for an impossible count or threshold.
     """
     h, m = np.asarray(hazard, dtype=np.int64), np.asarray(missing, dtype=np.int64)
     if not 1 <= threshold <= voters:
@@ -120,8 +122,8 @@ def _full(h: Ints, voters: int, threshold: int, point: Point) -> Ints:
 def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int) -> Tally:
     """Count the votes of every committee of ``size`` models, group by group.
 
-    ``votes`` has shape (models, frames, views), ``hazard`` and ``group`` (frames,); groups are numbered from 0.
-    ValueError where fewer models than ``size`` vote.
+    ``votes`` has shape (models, frames, views), ``hazard`` and ``group`` (frames,); groups are
+    numbered from 0. ValueError where fewer models than ``size`` vote.
     """
     models, frames, views = votes.shape
     if not 1 <= size <= models:
@@ -151,10 +153,11 @@ def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int)
 def select(found: Tally, costs: Costs | None = None) -> Choice:
     """Return the best committee, threshold and operating point on all groups of a tally.
 
-    Best is the highest balanced accuracy of the two-way point, a frame without an answer counting as wrong; or with
-    costs the lowest expected cost. Of equals those go first in which every model votes hazard on some frame here, for
-    a model that never does can only be carried; then the first committee in lexicographic order, the lowest threshold,
-    and the first of ``POINTS``. ValueError where a class has no frame.
+    Best is the highest balanced accuracy of the two-way point, a frame without an answer counting
+    as wrong; or with costs the lowest expected cost. Of equals those go first in which every model
+    votes hazard on some frame here, for a model that never does can only be carried; then the first
+    committee in lexicographic order, the lowest threshold, and the first of ``POINTS``. ValueError
+    where a class has no frame.
     """
     return _choices(found, found.counts.sum(axis=1)[:, None], found.hazard_votes.sum(axis=1)[:, None], costs)[0]
 
@@ -236,7 +239,8 @@ class CoveragePoint:
 def risk_coverage(hazard_votes: Ints, answer: Ints, truth: Bools, *, voters: int) -> Iterator[CoveragePoint]:
     """Yield the risk–coverage curve of answers, from the surest frames to all that were answered.
 
-    How sure a committee is of a frame is its margin: by how many votes one side outweighs the other.
+    How sure a committee is of a frame is its margin: by how many votes one side outweighs the
+    other.
     """
     margin = np.abs(2 * hazard_votes - voters)
     said = answer != ABSTAIN

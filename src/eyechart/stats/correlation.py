@@ -28,8 +28,8 @@ class Correlation(Statistic):
 def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
     """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
 
-    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
-    None below three pairs. ValueError when r is outside [-1, 1].
+    The interval is Fisher's z; None below four pairs or at r = +-1. Equals
+    ``scipy.stats.pearsonr``. p is None below three pairs. ValueError when r is outside [-1, 1].
     """
     if not -1 <= r <= 1:
         raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
@@ -50,10 +50,10 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
 def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Pearson's r of two columns of one length, with Fisher's interval and the two-sided p of the t test.
 
-    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs it has
-    ``p_exact`` besides, over all orders of one column, which takes nothing for normal. Says that it cannot say below
-    four pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics, whose p
-    is that of the t test.
+    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs
+    it has ``p_exact`` besides, over all orders of one column, which takes nothing for normal. Says
+    that it cannot say below four pairs and where a column is constant. Source: paper, section
+    Transfer and deployment characteristics, whose p is that of the t test.
     """
     one, other = _columns(x, y)
     if why := _undefined(one, other):
@@ -68,8 +68,9 @@ def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stati
 def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Spearman's rank correlation, with the interval of Bonett and Wright (2000) and a two-sided p.
 
-    With at most nine pairs p is exact, over all orders of one column; beyond it is that of the t approximation. Ties
-    have mean ranks. Says that it cannot say below four pairs and where a column is constant.
+    With at most nine pairs p is exact, over all orders of one column; beyond it is that of the t
+    approximation. Ties have mean ranks. Says that it cannot say below four pairs and where a column
+    is constant.
     """
     one, other = _columns(x, y)
     exact = len(one) <= EXACT_UP_TO

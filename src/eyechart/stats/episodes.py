@@ -20,8 +20,7 @@ _NODES = 32
 _ANGLE = np.pi / 2 * (np.arange(_NODES) + 0.5) / _NODES
 _CONCENTRATION: Floats = 1 / np.tan(_ANGLE) ** 2
 _PRIOR: Floats = -np.log(np.cos(_ANGLE)) / 3
-"""The correlation within an episode is sin² of these angles, and a + b of the beta distribution 1/correlation - 1; with
-these weights its prior is Beta(1/2, 1/3), but for a constant."""
+"""The correlation within an episode is sin² of these angles, and a + b of the beta distribution 1/correlation - 1; with these weights its prior is Beta(1/2, 1/3), but for a constant."""
 
 _FADES = 6.0
 """How fast degrees of freedom grow towards 0 and 1; measured, as the prior is."""
@@ -37,13 +36,14 @@ _SUMMED = 64
 def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return the share of frames that are hits, with an interval that holds where episodes differ from one another.
 
-    ``hits`` and ``frames``, shape (episodes,), count each episode's; ``n`` counts the frames. Hits are beta-binomial,
-    the correlation within an episode is integrated out of the likelihood over a Beta(1/2, 1/3) prior, and the interval
-    holds the rates whose likelihood ratio stays within that of F(1, episodes - 1), or of more degrees of freedom near 0
-    and 1, where rates have little room to spread. An episode weighs as its frames do, and episodes of unequal length
-    count as Kish's effective number. Where all episodes have the same share, the bound is exact: so many draws without
-    one that differs. Episodes of one frame get Wilson's interval; below two episodes there is none. ValueError for
-    counts that cannot be. Measured in docs/decisions/intervals.md.
+    ``hits`` and ``frames``, shape (episodes,), count each episode's; ``n`` counts the frames. Hits
+    are beta-binomial, the correlation within an episode is integrated out of the likelihood over a
+    Beta(1/2, 1/3) prior, and the interval holds the rates whose likelihood ratio stays within that
+    of F(1, episodes - 1), or of more degrees of freedom near 0 and 1, where rates have little room
+    to spread. An episode weighs as its frames do, and episodes of unequal length count as Kish's
+    effective number. Where all episodes have the same share, the bound is exact: so many draws
+    without one that differs. Episodes of one frame get Wilson's interval; below two episodes there
+    is none. ValueError for counts that cannot be. Measured in docs/decisions/intervals.md.
     """
     k, n = np.asarray(hits, dtype=np.float64), np.asarray(frames, dtype=np.float64)
     if k.ndim != 1 or k.shape != n.shape or not ((k >= 0) & (k <= n)).all() or not 0 < level < 1:
@@ -137,10 +137,11 @@ def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
 def difference_over_episodes(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
     """Return how much larger one share is than another one of the same episodes, with its interval.
 
-    Each is the hits and the frames of every episode, as in `share_over_episodes`, whose ends are combined as if the two
-    were independent: shares of the same frames rise together, so that the interval is rather wide. A second share of 0
-    takes nothing away, and the interval is the first one's. ``n`` counts the frames of the first. No interval below
-    `LEAST_EPISODES` episodes. Source: Zou and Donner 2008.
+    Each is the hits and the frames of every episode, as in `share_over_episodes`, whose ends are
+    combined as if the two were independent: shares of the same frames rise together, so that the
+    interval is rather wide. A second share of 0 takes nothing away, and the interval is the first
+    one's. ``n`` counts the frames of the first. No interval below `LEAST_EPISODES` episodes.
+    Source: Zou and Donner 2008.
     """
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"difference of shares, {100 * level:g}% interval over episodes (ends combined)"
@@ -156,8 +157,8 @@ def difference_over_episodes(first: Counted, second: Counted, *, level: float = 
 def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
     """Return the mean of two shares, as balanced accuracy is, with an interval no surer than theirs.
 
-    Each is the hits and the frames of every episode. Who does well in an episode may do so in both, so the ends are the
-    means of the ends. ``n`` counts the frames of both.
+    Each is the hits and the frames of every episode. Who does well in an episode may do so in both,
+    so the ends are the means of the ends. ``n`` counts the frames of both.
     """
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"mean of two shares, {100 * level:g}% interval over episodes (means of their ends)"
@@ -173,8 +174,8 @@ def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> S
 def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return a median with its interval: the values of which a half may lie at or below, as shares over episodes.
 
-    ``values`` and ``episodes``, shape (n,), are a number a frame and what its episode is called. ``n`` counts the
-    frames. No interval below `LEAST_EPISODES` episodes. Source: Woodruff 1952.
+    ``values`` and ``episodes``, shape (n,), are a number a frame and what its episode is called.
+    ``n`` counts the frames. No interval below `LEAST_EPISODES` episodes. Source: Woodruff 1952.
     """
     given = np.asarray(values, dtype=np.float64)
     method = f"median, {100 * level:g}% interval over episodes (shares inverted)"

@@ -1,9 +1,10 @@
 """Evidence that may be looked at after every frame: betting e-processes, whose sup obeys Ville's inequality.
 
-An e-process is nonnegative, starts at 1 or below, and under its null its expectation at any stopping time is at most 1,
-so the chance that it ever reaches 1/alpha is at most alpha, however long one goes on looking (Ville 1939). Sources:
-Waudby-Smith & Ramdas (2024), Estimating means of bounded random variables by betting; Wasserman, Ramdas &
-Balakrishnan (2020), Universal inference; Krichevsky & Trofimov (1981).
+An e-process is nonnegative, starts at 1 or below, and under its null its expectation at any
+stopping time is at most 1, so the chance that it ever reaches 1/alpha is at most alpha, however
+long one goes on looking (Ville 1939). Sources: Waudby-Smith & Ramdas (2024), Estimating means of
+bounded random variables by betting; Wasserman, Ramdas & Balakrishnan (2020), Universal inference;
+Krichevsky & Trofimov (1981).
 """
 
 import math
@@ -42,11 +43,12 @@ class EProcess(Protocol):
 class MeanProcess:
     """Evidence against "the mean of bounded payoffs over a bank's ``frames`` is 0 or less", frames in random order.
 
-    ``low`` is the smallest payoff that there can be. With m_t = -(sum so far) / (frames left), the mean that the rest
-    would have were the whole bank's mean 0, each bet g multiplies its wealth by 1 + g (payoff - m_t) / (m_t - low).
-    ``bank`` bets against m_t: its null is about these frames alone, drawn without replacement. Otherwise it bets
-    against max(0, m_t), and holds under that null and under "each payoff has mean 0 or less given the past"
-    (frames that are independent draws, or a null within every frame), in whatever order.
+    ``low`` is the smallest payoff that there can be. With m_t = -(sum so far) / (frames left), the
+    mean that the rest would have were the whole bank's mean 0, each bet g multiplies its wealth by
+    1 + g (payoff - m_t) / (m_t - low). ``bank`` bets against m_t: its null is about these frames
+    alone, drawn without replacement. Otherwise it bets against max(0, m_t), and holds under that
+    null and under "each payoff has mean 0 or less given the past" (frames that are independent
+    draws, or a null within every frame), in whatever order.
     """
 
     def __init__(self, frames: int, low: float, *, bank: bool = False) -> None:
@@ -89,8 +91,9 @@ class MeanProcess:
 class SymmetryProcess:
     """Evidence against "the two labels of a frame might as well be exchanged", frames in whatever order.
 
-    Given the past and which two different labels a frame got, either order has chance 1/2 under the null; for each
-    unordered pair of labels it bets on an order by the Krichevsky-Trofimov estimate from the frames before.
+    Given the past and which two different labels a frame got, either order has chance 1/2 under the
+    null; for each unordered pair of labels it bets on an order by the Krichevsky-Trofimov estimate
+    from the frames before.
     """
 
     def __init__(self) -> None:
@@ -109,9 +112,9 @@ class SymmetryProcess:
 class PairingProcess:
     """Evidence against "the second label does not depend on the first", for an answer that is wanted of each first.
 
-    Universal inference: the chance that bets on the wanted answer give to what came, by the Krichevsky-Trofimov
-    estimate from the frames before, over the largest chance that any one distribution of second labels over ``labels``
-    labels gives to it.
+    Universal inference: the chance that bets on the wanted answer give to what came, by the
+    Krichevsky-Trofimov estimate from the frames before, over the largest chance that any one
+    distribution of second labels over ``labels`` labels gives to it.
     """
 
     def __init__(self, labels: int) -> None:

@@ -1,11 +1,13 @@
 """Episode-safe tests: whole episodes' gap series are exchanged, so that time within an episode stays intact.
 
-Frames of an episode resemble each other, and a controller that follows anything else that drifts through an
-episode seems to follow the gap when frames are permuted one by one. Under exchange of whole episodes, aligned
-by step, a follower of the step number or of a nuisance of its own episode keeps the nominal error rate.
+Frames of an episode resemble each other, and a controller that follows anything else that drifts
+through an episode seems to follow the gap when frames are permuted one by one. Under exchange of
+whole episodes, aligned by step, a follower of the step number or of a nuisance of its own episode
+keeps the nominal error rate.
 
-Keep the frames without a decision and mark them: to drop them shifts the series against each other, and a
-follower of the step number, exact but for 10 % missing answers, then passes for a follower of the gap.
+Keep the frames without a decision and mark them: to drop them shifts the series against each other,
+and a follower of the step number, exact but for 10 % missing answers, then passes for a follower of
+the gap.
 """
 
 import itertools
@@ -79,20 +81,21 @@ def exchange_test(
 ) -> Statistic:
     """Test one-sidedly whether braking falls on near gaps, safe for episodes and for time within them.
 
-    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision (integer, 0 or
-    more; -1 where there is no decision, which counts nowhere but keeps its place); ``gap_rank``, the gap or its
-    rank (larger is farther, no NaN); ``stratum``, the scenario; ``episode``, whose labels may repeat in another
-    stratum and mean another episode there; ``step``, a number that is distinct within an episode. ValueError
-    otherwise.
+    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision
+    (integer, 0 or more; -1 where there is no decision, which counts nowhere but keeps its place);
+    ``gap_rank``, the gap or its rank (larger is farther, no NaN); ``stratum``, the scenario;
+    ``episode``, whose labels may repeat in another stratum and mean another episode there;
+    ``step``, a number that is distinct within an episode. ValueError otherwise.
 
-    ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking happens nearer.
-    Null: within each stratum the episodes' gap series are exchanged among the episodes' action series,
-    aligned by step order. Episodes of unequal length are cut to the shortest of their stratum; a stratum
-    whose shortest is below half of its longest, or with fewer than two episodes, is left out. ``p`` is exact
-    where the arrangements number at most `ENUMERATED_ARRANGEMENTS`, else (k+1)/(B+1). Where the smallest
-    attainable p exceeds ``alpha`` the value and p are None and ``detail`` gives that p. ``n`` counts the
-    decisions used. ``detail``: episodes per stratum, truncated frames, frames aligned with another step than
-    their own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
+    ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking
+    happens nearer. Null: within each stratum the episodes' gap series are exchanged among the
+    episodes' action series, aligned by step order. Episodes of unequal length are cut to the
+    shortest of their stratum; a stratum whose shortest is below half of its longest, or with fewer
+    than two episodes, is left out. ``p`` is exact where the arrangements number at most
+    `ENUMERATED_ARRANGEMENTS`, else (k+1)/(B+1). Where the smallest attainable p exceeds ``alpha``
+    the value and p are None and ``detail`` gives that p. ``n`` counts the decisions used.
+    ``detail``: episodes per stratum, truncated frames, frames aligned with another step than their
+    own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
     deviation of T under the null. Source: the rules of the battery, docs/decisions/battery.md.
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
@@ -122,9 +125,10 @@ def exchange_mi_test(
 ) -> Statistic:
     """Test mutual information between action and gap bin with the same null as `exchange_test`.
 
-    ``action`` and ``gap_bin`` are string or integer labels per frame, the rest is as there; an action of ""
-    or below 0 is no decision. ``value`` is the plug-in information in bits over the decisions used; ``p`` is
-    one-sided for large values. It finds dependence of any shape, also with the wrong sign.
+    ``action`` and ``gap_bin`` are string or integer labels per frame, the rest is as there; an
+    action of "" or below 0 is no decision. ``value`` is the plug-in information in bits over the
+    decisions used; ``p`` is one-sided for large values. It finds dependence of any shape, also with
+    the wrong sign.
     """
     actions, bins = _codes(action, "action"), _codes(gap_bin, "gap_bin")
     layout = _layout(stratum, episode, step, (len(actions), len(bins)))
@@ -151,9 +155,10 @@ def iid_trend_test(
 ) -> Statistic:
     """Test the trend T of `exchange_test` by permuting frame by frame, within ``stratum`` if given.
 
-    For frames that are declared independent; on autocorrelated episodes it rejects far too often. The arrays are those
-    of `exchange_test`, one entry per frame; ValueError where their lengths differ. Frames without a decision (level -1)
-    are left out. ``p`` is one-sided for small T, (k+1)/(B+1).
+    For frames that are declared independent; on autocorrelated episodes it rejects far too often.
+    The arrays are those of `exchange_test`, one entry per frame; ValueError where their lengths
+    differ. Frames without a decision (level -1) are left out. ``p`` is one-sided for small T,
+    (k+1)/(B+1).
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     if len(levels) != len(ranks):
@@ -312,8 +317,9 @@ def _gather(pairs: Pairs, orders: Ints) -> Floats:
 def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Counts:
     """Return counts of (action, bin), flat, for each action episode against each gap episode.
 
-    An action of ``shape[0]`` is no decision and is counted nowhere. A count is at most the number of steps, so that
-    the smallest type that holds it keeps a thousand episodes against a thousand within some ten megabytes.
+    An action of ``shape[0]`` is no decision and is counted nowhere. A count is at most the number
+    of steps, so that the smallest type that holds it keeps a thousand episodes against a thousand
+    within some ten megabytes.
     """
     k, steps = actions.shape
     out = np.empty((k, k, shape[0], shape[1]), dtype=np.min_scalar_type(steps))

@@ -22,11 +22,12 @@ FOLLOW_LEVEL = 0.98
 def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test two-sidedly whether paired numbers differ: mean(first) - mean(second).
 
-    Two numeric arrays of one length, paired by world. Where the two of a pair come from the same distribution they
-    may be exchanged, which flips the sign of their difference (Fisher 1935). ``p`` is exact over all sign patterns of
-    the differences that are not 0 where these are at most `ENUMERATED_FLIPS`, else (k+1)/(B+1). ``n`` counts the pairs.
-    ``detail``: how many first values are larger, smaller and equal, both means, and the smallest p that the pairs
-    allow. Without a pair the value is None; where all pairs are equal it is 0 and p is 1. It carries no interval:
+    Two numeric arrays of one length, paired by world. Where the two of a pair come from the same
+    distribution they may be exchanged, which flips the sign of their difference (Fisher 1935).
+    ``p`` is exact over all sign patterns of the differences that are not 0 where these are at most
+    `ENUMERATED_FLIPS`, else (k+1)/(B+1). ``n`` counts the pairs. ``detail``: how many first values
+    are larger, smaller and equal, both means, and the smallest p that the pairs allow. Without a
+    pair the value is None; where all pairs are equal it is 0 and p is 1. It carries no interval:
     bootstrap the pairs. ValueError for other arrays.
     """
     a, b = _numbers(first, "first"), _numbers(second, "second")
@@ -58,11 +59,12 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
 def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *, seed: int) -> Statistic:
     """Return how far answers follow what was moved, as a share of what follows it fully, with a one-sided test.
 
-    Three arrays of one entry a frame: ``gains``, how far the answer goes along the way that something was moved;
-    ``full``, how far it would go if it followed fully; ``episodes``, labels. The value is sum(gains) / sum(full), its
-    interval a t interval over episodes of the ratio, by leaving each out. ``p`` is that of a mean gain over episodes
-    above 0, by flipping the signs of whole episodes: exact up to `ENUMERATED_FLIPS` of them. With fewer than seven
-    episodes it cannot be below .01. None without a frame, and where nothing would follow. ``n`` counts the frames;
+    Three arrays of one entry a frame: ``gains``, how far the answer goes along the way that
+    something was moved; ``full``, how far it would go if it followed fully; ``episodes``, labels.
+    The value is sum(gains) / sum(full), its interval a t interval over episodes of the ratio, by
+    leaving each out. ``p`` is that of a mean gain over episodes above 0, by flipping the signs of
+    whole episodes: exact up to `ENUMERATED_FLIPS` of them. With fewer than seven episodes it cannot
+    be below .01. None without a frame, and where nothing would follow. ``n`` counts the frames;
     ValueError where the lengths differ.
     """
     along, most = _numbers(gains, "gains"), _numbers(full, "full")

@@ -1,7 +1,7 @@
 """Upper bounds on how often a guardian misses, from episodes that nothing else has used.
 
-The unit is the episode, so that frames of one episode may depend on one another in any way; between episodes the
-bounds need independent draws from one source.
+The unit is the episode, so that frames of one episode may depend on one another in any way; between
+episodes the bounds need independent draws from one source.
 """
 
 import math
@@ -21,8 +21,8 @@ STAKES = tuple(2.0**-place for place in range(13))
 def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
     """Bound from above the probability of an event that happened in ``k`` of ``n`` independent episodes.
 
-    ``ci`` is (0, bound): the exact one-sided bound of Clopper and Pearson (1934). The value is k/n, None without
-    episodes. ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    ``ci`` is (0, bound): the exact one-sided bound of Clopper and Pearson (1934). The value is k/n,
+    None without episodes. ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     _check(k, n, confidence)
     method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
@@ -35,9 +35,10 @@ def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
 def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
     """Bound from above the mean of ``losses``, one in [0, 1] for each independent episode.
 
-    ``ci`` is (0, bound): the p value of Hoeffding and Bentkus that Learn-then-Test uses (Angelopoulos et al. 2021;
-    Bates et al. 2021), inverted. Without any loss it is 1 - (1 - confidence)^(1/n), which no bound can beat. The
-    value is the mean, None without episodes. ValueError for a loss outside [0, 1].
+    ``ci`` is (0, bound): the p value of Hoeffding and Bentkus that Learn-then-Test uses
+    (Angelopoulos et al. 2021; Bates et al. 2021), inverted. Without any loss it is 1 - (1 -
+    confidence)^(1/n), which no bound can beat. The value is the mean, None without episodes.
+    ValueError for a loss outside [0, 1].
     """
     given = np.asarray(losses, dtype=np.float64)
     if given.ndim != 1 or not ((given >= 0) & (given <= 1)).all():
@@ -54,11 +55,11 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
 def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, confidence: float = 0.95) -> Statistic:
     """Bound from above the rate per frame, E[events] / E[frames] of an episode, from independent episodes.
 
-    ``events``, shape (episodes,), are of ``frames``, and no episode has more frames than ``longest``. ``ci`` is
-    (0, bound): the wealth of bets against each rate, mixed over `STAKES`, inverted by Ville's inequality
-    (Waudby-Smith and Ramdas 2024). It holds in whatever way events and frames of an episode hang together, as misses
-    that come in the episodes with most hazards do. ``n`` counts frames; the value is None without any. ValueError for
-    counts that cannot be.
+    ``events``, shape (episodes,), are of ``frames``, and no episode has more frames than
+    ``longest``. ``ci`` is (0, bound): the wealth of bets against each rate, mixed over `STAKES`,
+    inverted by Ville's inequality (Waudby-Smith and Ramdas 2024). It holds in whatever way events
+    and frames of an episode hang together, as misses that come in the episodes with most hazards
+    do. ``n`` counts frames; the value is None without any. ValueError for counts that cannot be.
     """
     got, of = np.asarray(events, dtype=np.float64), np.asarray(frames, dtype=np.float64)
     if got.shape != of.shape or got.ndim != 1 or not ((got >= 0) & (got <= of) & (of <= longest)).all():
@@ -98,8 +99,8 @@ def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:
 def episodes_needed(rate: float, misses: int = 0, *, confidence: float = 0.95) -> int:
     """Return how many episodes, ``misses`` of them with a miss, bound the share with a miss by ``rate``.
 
-    299 for 1 % without a miss at confidence .95. ValueError for a rate outside (0, 1), or one that ten million episodes
-    do not reach.
+    299 for 1 % without a miss at confidence .95. ValueError for a rate outside (0, 1), or one that
+    ten million episodes do not reach.
     """
     if not 0 < rate < 1:
         raise ValueError(f"rate={rate} must lie between 0 and 1, for example 0.01")
@@ -118,10 +119,11 @@ def episodes_needed(rate: float, misses: int = 0, *, confidence: float = 0.95) -
 def conformal_threshold(losses: npt.ArrayLike, risk: float) -> tuple[int | None, tuple[float, ...]]:
     """Return the highest threshold whose conformal risk is at most ``risk``, and the conformal risk of each.
 
-    ``losses``, shape (thresholds, episodes), hold each episode's share of missed hazards at threshold 1, 2, …, which
-    does not fall with the threshold. The conformal risk is (n mean + 1)/(n + 1); a threshold that is chosen so keeps
-    the expected loss of a next exchangeable episode at ``risk``, in expectation over the episodes that chose it, and
-    not with a confidence (Angelopoulos et al. 2024). None where not even the lowest threshold does.
+    ``losses``, shape (thresholds, episodes), hold each episode's share of missed hazards at
+    threshold 1, 2, …, which does not fall with the threshold. The conformal risk is (n mean + 1)/(n
+    + 1); a threshold that is chosen so keeps the expected loss of a next exchangeable episode at
+    ``risk``, in expectation over the episodes that chose it, and not with a confidence
+    (Angelopoulos et al. 2024). None where not even the lowest threshold does.
     """
     given = np.asarray(losses, dtype=np.float64)
     if given.ndim != 2 or not ((given >= 0) & (given <= 1)).all() or (np.diff(given, axis=0) < -1e-12).any():

@@ -26,8 +26,8 @@ class Answered(Statistic):
 class Block:
     """Questions of one kind: ``choices`` answers, of which ``dealt`` are right, one a question, no two the same.
 
-    Answers are numbers below ``choices``. ``said`` holds what was answered, and None where that is none of them.
-    Raises ValueError where the deal repeats an answer, or the two differ in length.
+    Answers are numbers below ``choices``. ``said`` holds what was answered, and None where that is
+    none of them. Raises ValueError where the deal repeats an answer, or the two differ in length.
     """
 
     choices: int
@@ -65,10 +65,11 @@ class Block:
 def right(blocks: Iterable[Block]) -> Statistic:
     """Return the share of right replies, with the exact p against guessing and a Clopper–Pearson interval.
 
-    p is the share of all deals of the right answers to the questions under which these very replies are right at least
-    as often: whatever a guesser does, it cannot know the deal (Fisher's randomisation test). Each end of the interval
-    is a one-sided bound of 95 %; binomial bounds hold for questions that differ in difficulty too (Hoeffding 1956).
-    The value is None without questions.
+    p is the share of all deals of the right answers to the questions under which these very replies
+    are right at least as often: whatever a guesser does, it cannot know the deal (Fisher's
+    randomisation test). Each end of the interval is a one-sided bound of 95 %; binomial bounds hold
+    for questions that differ in difficulty too (Hoeffding 1956). The value is None without
+    questions.
     """
     held = tuple(blocks)
     method = "share right; exact randomisation p; Clopper–Pearson, 95 % at each end"

@@ -26,8 +26,7 @@ ENDS = 0.90
 """The level of an interval of which each end is a bound of its own, at .05."""
 
 _SKEW = 0.35
-"""Ends are moved out by this share of the square of their distance, over what lies between the value and the bound.
-Measured, as the other is."""
+"""Ends are moved out by this share of the square of their distance, over what lies between the value and the bound. Measured, as the other is."""
 
 
 def over_tables(
@@ -35,12 +34,13 @@ def over_tables(
 ) -> Statistic:
     """Return a statistic of summed tables, such as information, V or entropy, with an interval over episodes.
 
-    ``tables``, shape (episodes, rows, columns), counts each episode; ``statistic`` maps (m, rows, columns) to (m,) and
-    lies between 0 and ``most``. Such a statistic is biased away from independence, and a resample more so: the interval
-    stands around the jackknife's value, which is not. Its width is that of the values without each episode, with
-    episodes - 1 degrees of freedom, and of what half an episode of answers that depend on nothing would change, so that
-    episodes which do not differ show no certainty. It always holds the value. ``n`` counts episodes; no interval below
-    `LEAST_EPISODES`. Source: Quenouille 1956, Tukey 1958.
+    ``tables``, shape (episodes, rows, columns), counts each episode; ``statistic`` maps (m, rows,
+    columns) to (m,) and lies between 0 and ``most``. Such a statistic is biased away from
+    independence, and a resample more so: the interval stands around the jackknife's value, which is
+    not. Its width is that of the values without each episode, with episodes - 1 degrees of freedom,
+    and of what half an episode of answers that depend on nothing would change, so that episodes
+    which do not differ show no certainty. It always holds the value. ``n`` counts episodes; no
+    interval below `LEAST_EPISODES`. Source: Quenouille 1956, Tukey 1958.
     """
     counts = np.asarray(tables, dtype=np.float64)
     episodes, method = len(counts), f"{100 * level:g}% interval over episodes (jackknife, t)"
@@ -65,8 +65,9 @@ def over_tables(
 def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 0.95) -> Statistic:
     """Return Cramér's V of summed tables, ``value``, with its interval: that of its square, as `over_tables` makes it.
 
-    Yates' correction, which the paper's V of 2 × 2 tables carries, is a matter of the test: it makes a V of 0 of many
-    that are none. The interval is of the V without it, drawn out to the value where that lies below.
+    Yates' correction, which the paper's V of 2 × 2 tables carries, is a matter of the test: it
+    makes a V of 0 of many that are none. The interval is of the V without it, drawn out to the
+    value where that lies below.
     """
     squared = over_tables(tables, lambda each: cramers_v_of_tables(each, correction=False) ** 2, 1.0, level=level)
     if squared.ci is None:
@@ -78,9 +79,9 @@ def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 
 def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: float = 0.95) -> Statistic:
     """Return a statistic with an interval over episodes, where these are what may be left out.
 
-    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,), NaN where it is
-    undefined: a mean, or a difference of two runs. ``n`` counts episodes; no interval below `LEAST_EPISODES`, nor where
-    the episodes do not differ.
+    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,), NaN
+    where it is undefined: a mean, or a difference of two runs. ``n`` counts episodes; no interval
+    below `LEAST_EPISODES`, nor where the episodes do not differ.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     value = float(statistic(np.ones((1, episodes)))[0]) if episodes else np.nan
@@ -113,12 +114,12 @@ def mean_of_frames(
 ) -> Statistic:
     """Return the mean of scores in [-1, 1], one a frame, with an interval over whole episodes that frames hold up.
 
-    ``scores``, shape (frames,), is NaN where a frame has none; ``episodes`` names each frame's. The interval is the
-    jackknife's over the episodes that have scores, with Student's t of one degree less than these. No end is nearer
-    than what a share of frames that was never seen may hide: of ``n`` frames none shows what, at the level of one end,
-    1 - tail^(1/n) of all may show (Clopper and Pearson 1934), and they may all lie at -1 or 1. ``n`` counts the frames
-    with a score. No interval of fewer episodes than
-    ``fewest``, which is two at least.
+    ``scores``, shape (frames,), is NaN where a frame has none; ``episodes`` names each frame's. The
+    interval is the jackknife's over the episodes that have scores, with Student's t of one degree
+    less than these. No end is nearer than what a share of frames that was never seen may hide: of
+    ``n`` frames none shows what, at the level of one end, 1 - tail^(1/n) of all may show (Clopper
+    and Pearson 1934), and they may all lie at -1 or 1. ``n`` counts the frames with a score. No
+    interval of fewer episodes than ``fewest``, which is two at least.
     """
     given, names = np.asarray(scores, dtype=np.float64), np.asarray(episodes)
     have = ~np.isnan(given)
@@ -143,8 +144,9 @@ def half_exceeded(
 ) -> Statistic:
     """Return a rate less half of another, with the jackknife's interval over whole episodes.
 
-    ``first`` and ``second``, shape (2, frames), count what happened and how often it could; ``episodes`` names each
-    frame's. ``n`` counts how often the first could. No interval of fewer episodes than `LEAST_EPISODES`.
+    ``first`` and ``second``, shape (2, frames), count what happened and how often it could;
+    ``episodes`` names each frame's. ``n`` counts how often the first could. No interval of fewer
+    episodes than `LEAST_EPISODES`.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     each = by_episode([*np.asarray(first, dtype=np.float64), *np.asarray(second, dtype=np.float64)], episodes)

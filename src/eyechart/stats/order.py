@@ -1,6 +1,7 @@
 """Whether answers that should fall along a scale do: pairs the wrong way round, and rises in some range of it.
 
-A picture is asked twice: what both answers say alike is no noise, and where they contradict each other it is.
+A picture is asked twice: what both answers say alike is no noise, and where they contradict each
+other it is.
 """
 
 import math
@@ -34,8 +35,9 @@ AT_ONCE = 64
 class Order(Statistic):
     """How often comparisons are the wrong way round, with what it comes from.
 
-    ``lost`` and ``won`` count the comparisons that both answers to either picture lose, or win; ``contradicted`` those
-    that one loses and the other wins. A comparison counts once, as the mean of the two ways to pair the answers.
+    ``lost`` and ``won`` count the comparisons that both answers to either picture lose, or win;
+    ``contradicted`` those that one loses and the other wins. A comparison counts once, as the mean
+    of the two ways to pair the answers.
     """
 
     lost: float
@@ -64,9 +66,10 @@ class Density(Statistic):
 def compared_twice(nearer: npt.ArrayLike, farther: npt.ArrayLike) -> Floats:
     """Return for each frame how much its comparison is lost twice, won twice, and contradicted.
 
-    ``nearer`` and ``farther``, shape (2, frames), are two answers to the picture that calls for more and to the one
-    that calls for less, NaN where there is none; such a frame counts nothing. The answers may be paired in two ways;
-    each counts one half. Shape (3, frames), each of 0, 1/2 and 1; two answers alike are neither lost nor won.
+    ``nearer`` and ``farther``, shape (2, frames), are two answers to the picture that calls for
+    more and to the one that calls for less, NaN where there is none; such a frame counts nothing.
+    The answers may be paired in two ways; each counts one half. Shape (3, frames), each of 0, 1/2
+    and 1; two answers alike are neither lost nor won.
     """
     one, other = np.asarray(nearer, dtype=np.float64), np.asarray(farther, dtype=np.float64)
     found = np.zeros((3, one.shape[1]))
@@ -81,11 +84,12 @@ def compared_twice(nearer: npt.ArrayLike, farther: npt.ArrayLike) -> Floats:
 def wrong_way(lost: float, won: float, contradicted: float) -> float:
     """Return the share h of comparisons the wrong way round in expectation over answers; NaN where noise hides it.
 
-    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Where two pictures are told apart the right way with
-    chance p and the wrong way with q, or in a share h of the comparisons with p and q exchanged, won + lost is p² + q²,
-    contradicted 2pq and won - lost (1 - 2h)(p² - q²): the formula gives h, whatever the noise. Where comparisons have
-    several noises it lies above their share, so that noise widens it and buys nothing. Answers that repeat contradict
-    nothing: h is lost / (lost + won).
+    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Where two pictures are told apart
+    the right way with chance p and the wrong way with q, or in a share h of the comparisons with p
+    and q exchanged, won + lost is p² + q², contradicted 2pq and won - lost (1 - 2h)(p² - q²): the
+    formula gives h, whatever the noise. Where comparisons have several noises it lies above their
+    share, so that noise widens it and buys nothing. Answers that repeat contradict nothing: h is
+    lost / (lost + won).
     """
     rest = (won + lost) ** 2 - contradicted**2
     return math.nan if rest <= 0 else 0.5 - (won - lost) / (2 * math.sqrt(rest))
@@ -94,10 +98,11 @@ def wrong_way(lost: float, won: float, contradicted: float) -> float:
 def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS) -> Statistic:
     """Return the share of comparisons the wrong way round, with an interval over whole episodes that frames hold up.
 
-    ``compared``, shape (3, frames), sums `compared_twice` over a frame's pairs of pictures; ``episodes`` names each
-    frame's. The interval is the jackknife's, with Student's t of one degree less than there are episodes with a
-    comparison. Neither end is nearer than that of a share of so many frames as have a comparison (Clopper and Pearson
-    1934): the comparisons of a frame are not drawn apart. ``n`` counts these frames.
+    ``compared``, shape (3, frames), sums `compared_twice` over a frame's pairs of pictures;
+    ``episodes`` names each frame's. The interval is the jackknife's, with Student's t of one degree
+    less than there are episodes with a comparison. Neither end is nearer than that of a share of so
+    many frames as have a comparison (Clopper and Pearson 1934): the comparisons of a frame are not
+    drawn apart. ``n`` counts these frames.
     """
     counts = np.asarray(compared, dtype=np.float64)
     decided = counts[:2].sum(axis=0) > 0
@@ -129,11 +134,12 @@ def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float =
 def greatest_rise(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:
     """Test whether levels rise anywhere along a scale on which they should fall or stay.
 
-    ``places`` and ``levels`` have shape (pictures, frames), NaN where a frame has no such answer. Two neighbouring
-    windows of equally many answers are compared at every place and at six widths, from six answers to a quarter of all:
-    ``value`` is the greatest rise of the mean, in standard errors of its own place (the pooled variance of the two
-    windows, held up by four answers' worth of the variance of all). ``p`` is of the levels of frames that have the same
-    pictures exchanged as wholes, so that what a frame has of its own is no rise; orders are drawn until `ENOUGH` of
+    ``places`` and ``levels`` have shape (pictures, frames), NaN where a frame has no such answer.
+    Two neighbouring windows of equally many answers are compared at every place and at six widths,
+    from six answers to a quarter of all: ``value`` is the greatest rise of the mean, in standard
+    errors of its own place (the pooled variance of the two windows, held up by four answers' worth
+    of the variance of all). ``p`` is of the levels of frames that have the same pictures exchanged
+    as wholes, so that what a frame has of its own is no rise; orders are drawn until `ENOUGH` of
     them rise as much, or ``resamples`` (Besag and Clifford 1991). ``n`` counts the answers.
     """
     at, of = np.asarray(places, dtype=np.float64), np.asarray(levels, dtype=np.float64)
@@ -194,8 +200,8 @@ def _standardised_rises(levels: Floats, widths: list[int], spread: float) -> Ite
 def density(places: npt.ArrayLike, factor: float) -> Statistic:
     """Return how many of these places, numbers above 0, a window holds whose ends differ by ``factor``.
 
-    ``value`` is that of places spread evenly in their logarithm from the least to the greatest, ``fewest`` the number
-    inside the emptiest window between them. ``n`` counts the places.
+    ``value`` is that of places spread evenly in their logarithm from the least to the greatest,
+    ``fewest`` the number inside the emptiest window between them. ``n`` counts the places.
     """
     at, method = np.sort(np.asarray(places, dtype=np.float64)), f"drawn places in a window a factor of {factor:g} wide"
     at = at[~np.isnan(at)]
@@ -210,9 +216,10 @@ def density(places: npt.ArrayLike, factor: float) -> Statistic:
 def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> float:
     """Return the p of so many pairs lost, where noise alone loses at most half as many as repeats disagree.
 
-    ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Two answers of one law disagree at least twice as often as the
-    second is the greater of them. Given their sum the lost ones are binomial, as they are of rare events; of frequent
-    ones, which vary less, p is too large. Raises ValueError where there are none.
+    ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Two answers of one law disagree at least
+    twice as often as the second is the greater of them. Given their sum the lost ones are binomial,
+    as they are of rare events; of frequent ones, which vary less, p is too large. Raises ValueError
+    where there are none.
     """
     from scipy import special  # noqa: PLC0415 - slow to import
 

@@ -21,11 +21,13 @@ ONE_IN = 20
 def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool_]:
     """Return which numbers lie far from all others of their column, shape (n, d), of ``numbers`` of that shape.
 
-    These are a few numbers that stand out: beyond `FAR` times the distance from the median that 95 of 100 keep, no more
-    than `FEW` of all, or ``at_once`` where one row of a log is that many of them, and so far that the column's spread
-    is `WIDER` times that of the others. A column of which 95 of 100 numbers are equal has none. NaN is none.
+    These are a few numbers that stand out: beyond `FAR` times the distance from the median that 95
+    of 100 keep, no more than `FEW` of all, or ``at_once`` where one row of a log is that many of
+    them, and so far that the column's spread is `WIDER` times that of the others. A column of which
+    95 of 100 numbers are equal has none. NaN is none.
 
-    They may be faults, or moves that are rare, such as a gripper that closes once: `recurs` tells these apart.
+    They may be faults, or moves that are rare, such as a gripper that closes once: `recurs` tells
+    these apart.
     """
     given = np.asarray(numbers, np.float64)
     found = np.zeros(given.shape, dtype=bool)

@@ -49,10 +49,11 @@ class Discordant(Statistic):
 class Place:
     """One part of what was shown, and how braking answers to the lead there.
 
-    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of ``frames`` frames it brakes
-    harder for the nearer lead, on ``lesser`` less hard; ``effect`` is the mean of these signs, with its one-sided
-    bounds ``low`` and ``high``. ``beside`` is what a vehicle of a neighbouring lane does there less half of what the
-    lead does, and ``beside_low`` its bound.
+    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of
+    ``frames`` frames it brakes harder for the nearer lead, on ``lesser`` less hard; ``effect`` is
+    the mean of these signs, with its one-sided bounds ``low`` and ``high``. ``beside`` is what a
+    vehicle of a neighbouring lane does there less half of what the lead does, and ``beside_low``
+    its bound.
     """
 
     of: str
@@ -95,10 +96,10 @@ class LabelSwap(Statistic):
 def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> SignTest:
     """Test exactly and one-sidedly whether ``first`` exceeds ``second`` within frames.
 
-    Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value`` is the
-    share of the discordant pairs in which the first is larger, with its Clopper-Pearson interval; ``n``
-    counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no pair is discordant (the
-    value is then None). ``detail``: the mean difference over all pairs.
+    Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value``
+    is the share of the discordant pairs in which the first is larger, with its Clopper-Pearson
+    interval; ``n`` counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no
+    pair is discordant (the value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """
     a, b = _pair(first, second)
@@ -123,9 +124,10 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
 def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alpha: float = 0.10) -> Statistic:
     """Test whether wins exceed losses by more than ``margin`` of the pairs: an effect that is worth the name.
 
-    ``value`` is (wins - losses) / pairs; ``p`` belongs to the null "``margin`` or less" (Tango's score test,
-    one-sided), and ``ci`` is two-sided at 1 - 2 alpha, so that its lower end is the one-sided bound and reaches the
-    margin exactly when p <= alpha. ValueError where the counts do not fit.
+    ``value`` is (wins - losses) / pairs; ``p`` belongs to the null "``margin`` or less" (Tango's
+    score test, one-sided), and ``ci`` is two-sided at 1 - 2 alpha, so that its lower end is the
+    one-sided bound and reaches the margin exactly when p <= alpha. ValueError where the counts do
+    not fit.
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -140,11 +142,12 @@ def stratified_association(
 ) -> Statistic:
     """Test exactly and one-sidedly whether two 0/1 outcomes go together within groups.
 
-    Three sequences of one length, position by position about the same frame. The margins of each group's table are
-    held, so that a group in which either outcome never varies says nothing. ``value`` is the share of the frames of the
-    other groups in which the outcomes are equal, with its Clopper-Pearson interval, and ``n`` counts these frames;
-    ``p`` is that of the sum of both ones over the groups, each hypergeometric (the exact form of Mantel and Haenszel's
-    test, Birch 1964).
+    Three sequences of one length, position by position about the same frame. The margins of each
+    group's table are held, so that a group in which either outcome never varies says nothing.
+    ``value`` is the share of the frames of the other groups in which the outcomes are equal, with
+    its Clopper-Pearson interval, and ``n`` counts these frames; ``p`` is that of the sum of both
+    ones over the groups, each hypergeometric (the exact form of Mantel and Haenszel's test, Birch
+    1964).
     """
     a, b = _pair(first, second)
     method = "equal within group; p: exact conditional test over the groups' tables, one-sided"
@@ -168,9 +171,9 @@ def stratified_association(
 def mcnemar_exact(b: int, c: int) -> Statistic:
     """Test exactly and two-sidedly whether the two kinds of discordant pair are equally frequent.
 
-    ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the smaller
-    tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; ValueError for a negative
-    count. Source: section Symmetry consensus recovers a longitudinal guardian.
+    ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the
+    smaller tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; ValueError for a
+    negative count. Source: section Symmetry consensus recovers a longitudinal guardian.
     """
     if b < 0 or c < 0:
         raise ValueError(f"discordant counts b={b} and c={c} must not be negative")
@@ -184,11 +187,12 @@ def mcnemar_exact(b: int, c: int) -> Statistic:
 def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test whether two conditions give the same marginal distribution of labels on the same frames.
 
-    String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels of the
-    squared differences of marginal counts; the null swaps the two labels within each frame at random, which
-    needs no assumption about how frames depend on one another beyond that. ``n`` counts the pairs. ``p`` is
-    two-sided: enumerated where the distinct outcomes are at most `ENUMERATED_STATES` (always with 12 or
-    fewer discordant pairs), else (k+1)/(B+1). ``detail``: labels, both marginals, discordant pairs.
+    String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels
+    of the squared differences of marginal counts; the null swaps the two labels within each frame
+    at random, which needs no assumption about how frames depend on one another beyond that. ``n``
+    counts the pairs. ``p`` is two-sided: enumerated where the distinct outcomes are at most
+    `ENUMERATED_STATES` (always with 12 or fewer discordant pairs), else (k+1)/(B+1). ``detail``:
+    labels, both marginals, discordant pairs.
     """
     names, counts = _pair_counts(first, second)
     n, labels = int(counts.sum()), len(names)
@@ -227,9 +231,10 @@ def paired_difference(first: npt.ArrayLike, second: npt.ArrayLike, *, level: flo
 def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95) -> Statistic:
     """Return the paired difference of proportions (b - c)/n with Tango's score interval (1998).
 
-    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval stays honest
-    for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level`` is two-sided; 0.98
-    gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds n.
+    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval
+    stays honest for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level``
+    is two-sided; 0.98 gives two one-sided bounds at .01. The value is None when n is 0; ValueError
+    when b + c exceeds n.
     """
     if b < 0 or c < 0 or b + c > n:
         raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
@@ -248,10 +253,11 @@ def bounded_below(
 ) -> Statistic:
     """Test whether mean(first) - mean(second) lies below ``margin``: a claim of absence that needs evidence.
 
-    Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is ``margin`` or
-    more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that its upper end is the
-    one-sided bound and lies below the margin exactly when p < alpha, which ``detail["bounded"]`` repeats.
-    ValueError for a margin outside (0, 1) or an ``alpha`` outside (0, .5).
+    Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is
+    ``margin`` or more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that
+    its upper end is the one-sided bound and lies below the margin exactly when p < alpha, which
+    ``detail["bounded"]`` repeats. ValueError for a margin outside (0, 1) or an ``alpha`` outside
+    (0, .5).
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -267,8 +273,8 @@ def bounded_below(
 def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: float = 0.01) -> int:
     """Return how many pairs bound a difference below ``margin`` when it is 0 and looks it.
 
-    ``disagreement`` is the share of discordant pairs, split evenly. For an `undecided` verdict: so many
-    frames would decide. ValueError when the disagreement is outside [0, 1].
+    ``disagreement`` is the share of discordant pairs, split evenly. For an `undecided` verdict: so
+    many frames would decide. ValueError when the disagreement is outside [0, 1].
     """
     if not 0 <= disagreement <= 1 or not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"no such design: disagreement={disagreement}, margin={margin}, alpha={alpha}")
@@ -302,8 +308,8 @@ def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, 
 def _fair_coin_tail(k: int, n: int) -> float:
     """Return P(Bin(n, 1/2) >= k) for 0 <= k <= n, exact in integers until the last division.
 
-    The shorter tail is summed, and each number of ways follows from the one before: a `math.comb` for each takes
-    minutes at 50 000 pairs.
+    The shorter tail is summed, and each number of ways follows from the one before: a `math.comb`
+    for each takes minutes at 50 000 pairs.
     """
     complement = 2 * k <= n
     ways, term = 0, 1

@@ -20,10 +20,11 @@ _ROUNDS = 20
 def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, seed: int) -> Places:
     """Return for each frame the place of its partner, shape (n,): of another episode, and with another value.
 
-    ``episodes`` and ``values`` are labels, one a frame. The partners are a random exchange, so that each frame is the
-    partner of one other; where there is no such exchange (an episode of more than half the frames, values of unequal
-    number) the frames that it leaves over get any partner that fits. A frame gets `NOBODY` only where no frame of
-    another episode has another value. ValueError where the lengths differ.
+    ``episodes`` and ``values`` are labels, one a frame. The partners are a random exchange, so that
+    each frame is the partner of one other; where there is no such exchange (an episode of more than
+    half the frames, values of unequal number) the frames that it leaves over get any partner that
+    fits. A frame gets `NOBODY` only where no frame of another episode has another value. ValueError
+    where the lengths differ.
     """
     if len(episodes) != len(values):
         raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
@@ -56,9 +57,10 @@ def matched_partners(
 ) -> Places:
     """Return for each frame the place of the frame of another episode whose state is nearest, shape (n,).
 
-    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. Where ``values`` are
-    given, labels of one a frame, the other frame has another. `NOBODY` where none is similar: nearer than a share
-    ``within`` of the squared distance of two states at random. ValueError where the lengths differ.
+    ``states`` has shape (n, d); each number counts in units of its own spread over the frames.
+    Where ``values`` are given, labels of one a frame, the other frame has another. `NOBODY` where
+    none is similar: nearer than a share ``within`` of the squared distance of two states at random.
+    ValueError where the lengths differ.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
@@ -77,10 +79,11 @@ def near_partners(
 ) -> Places:
     """Return for each frame the place of one of its own episode, as far off in its state as its match, shape (n,).
 
-    ``matched`` are `matched_partners` of the same ``values``. Of all other frames of the episode that have another it
-    is the one that falls least short of the match, number by number of the state: what a smaller change of pose brings
-    about says nothing of a larger one, nor that of a gripper of that of an arm. Of several it is the nearest. `NOBODY`
-    where a frame has no match, or no such frame is there.
+    ``matched`` are `matched_partners` of the same ``values``. Of all other frames of the episode
+    that have another it is the one that falls least short of the match, number by number of the
+    state: what a smaller change of pose brings about says nothing of a larger one, nor that of a
+    gripper of that of an arm. Of several it is the nearest. `NOBODY` where a frame has no match, or
+    no such frame is there.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
@@ -97,9 +100,9 @@ def near_partners(
 def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> npt.NDArray[np.float64]:
     """Return for each number of the state the ratio of two mean squared changes, shape (d,).
 
-    That of ``frames`` to their partners of their own episode over that to their matches; ``states`` has shape (n, d),
-    the others are places in it. Below 1 a change of that number is smaller than the match's. Infinite for a number that
-    no match changes.
+    That of ``frames`` to their partners of their own episode over that to their matches; ``states``
+    has shape (n, d), the others are places in it. Below 1 a change of that number is smaller than
+    the match's. Infinite for a number that no match changes.
     """
     given = np.asarray(states, np.float64)
     own, theirs = (((given[places] - given[frames]) ** 2).mean(axis=0) for places in (near, matched))

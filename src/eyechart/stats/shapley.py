@@ -19,11 +19,12 @@ def subsets(names: Sequence[str]) -> tuple[Subset, ...]:
 def shapley_values(worth: Mapping[Subset, npt.ArrayLike]) -> dict[str, Floats]:
     """Return the Shapley value of each part from the worth of every subset, exactly.
 
-    ``worth`` has an array of one shape for each subset, the empty one too, and the values have that shape. They add up
-    to the worth of all parts less that of none; what two parts are worth only together is halved between them, and so
-    on. ValueError where a subset is missing.
+    ``worth`` has an array of one shape for each subset, the empty one too, and the values have that
+    shape. They add up to the worth of all parts less that of none; what two parts are worth only
+    together is halved between them, and so on. ValueError where a subset is missing.
 
-    Source: Shapley 1953; of shares of variance, Owen 2014 (SIAM/ASA J. Uncertainty Quantification 2, 245-251).
+    Source: Shapley 1953; of shares of variance, Owen 2014 (SIAM/ASA J. Uncertainty Quantification
+    2, 245-251).
     """
     names = sorted(frozenset().union(*worth))
     if missing := set(subsets(names)) - set(worth):

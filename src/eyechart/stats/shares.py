@@ -12,12 +12,13 @@ from eyechart.stats.statistic import Statistic
 class Share(Statistic):
     """A share of what a controller does; what was not looked at is None.
 
-    ``episodes`` is how many bound it, ``lost`` the share of its calls without a motion, ``same`` that of its answers
-    of which not one bit changes. ``scatter`` is by how much of the variation the answers scatter otherwise, with
-    ``scatter_p``; ``carried`` names the numbers and steps of an answer that go with it although their mean does not;
-    ``texts`` holds what was told most often, and in its place; ``still`` the numbers that never change; ``seeds`` how
-    many were asked. ``bytes`` is the share that other bytes of the same pictures change, where that is something: then
-    the lower end is of what goes beyond it. ``alike`` says that all answers are the same.
+    ``episodes`` is how many bound it, ``lost`` the share of its calls without a motion, ``same``
+    that of its answers of which not one bit changes. ``scatter`` is by how much of the variation
+    the answers scatter otherwise, with ``scatter_p``; ``carried`` names the numbers and steps of an
+    answer that go with it although their mean does not; ``texts`` holds what was told most often,
+    and in its place; ``still`` the numbers that never change; ``seeds`` how many were asked.
+    ``bytes`` is the share that other bytes of the same pictures change, where that is something:
+    then the lower end is of what goes beyond it. ``alike`` says that all answers are the same.
     """
 
     episodes: int | None = None
@@ -37,8 +38,9 @@ class Share(Statistic):
 class Followed(Share):
     """How far something that was moved is followed.
 
-    ``smallest_p`` is the least that the episodes allow, ``heading`` the cosine of its way and that of what was moved;
-    ``parts`` tells by what was told and by axis how much it is: ``value``, ``at_most`` and ``episodes``.
+    ``smallest_p`` is the least that the episodes allow, ``heading`` the cosine of its way and that
+    of what was moved; ``parts`` tells by what was told and by axis how much it is: ``value``,
+    ``at_most`` and ``episodes``.
     """
 
     smallest_p: float | None = None
@@ -60,8 +62,9 @@ class Followed(Share):
 class Misfit(Share):
     """How far motions are from logged ones.
 
-    ``offset`` is how many spreads the mean of the number ``offset_of`` is away, ``spread`` by what factor the spread of
-    ``spread_of`` is another; ``far_off`` moments are left out, in which the log's own ``far_off_of`` are far off.
+    ``offset`` is how many spreads the mean of the number ``offset_of`` is away, ``spread`` by what
+    factor the spread of ``spread_of`` is another; ``far_off`` moments are left out, in which the
+    log's own ``far_off_of`` are far off.
     """
 
     offset: float | None = None

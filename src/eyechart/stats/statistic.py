@@ -17,11 +17,12 @@ TIE = 1e-9
 class Statistic:
     """A value with the evidence behind it.
 
-    ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
-    the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``, which holds the value:
-    ValueError where it does not, because it is then of something else. ``p`` is None where no test was made. ``unit``
-    is that of the value, empty for a share or another pure number. ``detail`` holds further plain numbers (a table, bin
-    sizes, a rival variant) for whoever audits the value; numbers that are read by a rule are fields of a kind of
+    ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n``
+    counts the observations that the value rests on. ``ci`` is a two-sided interval of this
+    ``level``, which holds the value: ValueError where it does not, because it is then of something
+    else. ``p`` is None where no test was made. ``unit`` is that of the value, empty for a share or
+    another pure number. ``detail`` holds further plain numbers (a table, bin sizes, a rival
+    variant) for whoever audits the value; numbers that are read by a rule are fields of a kind of
     Statistic, and stand in the JSON of ``detail`` too.
     """
 

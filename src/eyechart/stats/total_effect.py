@@ -1,8 +1,8 @@
 """How much of a controller's own variation goes when one of its channels is exchanged: a total-effect share.
 
-Answers are arrays of shape (answers, frames, …): so many answers of equal standing to each frame, in units of scale.
-One answer is enough of a controller that answers alike whenever it is asked alike; of one that draws its answers, two
-or more let its noise cancel.
+Answers are arrays of shape (answers, frames, …): so many answers of equal standing to each frame,
+in units of scale. One answer is enough of a controller that answers alike whenever it is asked
+alike; of one that draws its answers, two or more let its noise cancel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,8 +40,9 @@ LAST_BITS = 1e-6
 class Pairs:
     """Half the squared distance of two answers, frame by frame, and the episodes that it belongs to.
 
-    ``values``, shape (n,), is in units of scale squared; ``owner`` and ``partner``, shape (n,), number the episode of
-    the frame, and that of the frame whose channel was shown or whose answer it is compared with.
+    ``values``, shape (n,), is in units of scale squared; ``owner`` and ``partner``, shape (n,),
+    number the episode of the frame, and that of the frame whose channel was shown or whose answer
+    it is compared with.
     """
 
     values: Floats
@@ -63,9 +64,9 @@ class Pairs:
 def half_squares(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
     """Return half the mean squared difference of two answers to each frame, shape (n,), net of noise.
 
-    Both have shape (k, n, …), with as many answers. With one answer it is ``½ |r - s|²``; with more, the mean of
-    ``½ ⟨rₐ - sₐ, r_b - s_b⟩`` over a ≠ b, whose expectation has no noise in it, and which may be negative. ValueError
-    where the shapes differ.
+    Both have shape (k, n, …), with as many answers. With one answer it is ``½ |r - s|²``; with
+    more, the mean of ``½ ⟨rₐ - sₐ, r_b - s_b⟩`` over a ≠ b, whose expectation has no noise in it,
+    and which may be negative. ValueError where the shapes differ.
     """
     r, s = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if r.shape != s.shape or r.ndim < 3:
@@ -87,17 +88,18 @@ def total_effect(
 ) -> Statistic:
     """Return the share of a controller's variation that goes with a channel: mean(effect) / mean(variation).
 
-    ``effect`` holds the half squared distances of answers with and without the channel exchanged, ``variation`` those
-    of answers to a frame and to another episode's. Episodes are numbered alike in both. The standard error is a
-    jackknife that leaves each episode out, both as owner and as partner; the interval is t with episodes - 1 degrees of
-    freedom, on the scale of the logarithm. With ``sampled``, where noise can make the share negative, the upper end is
-    never below the plain one, and the lower one of a share below 0 is that share; with ``signed``, of a share that may
-    truly be negative, it is the plain one, both ends.
-    The share is of an intervention: channels that tell the same may each have none, or each all, and it may exceed 1.
-    ``n`` counts the frames. None below three episodes, and where the controller does not vary.
+    ``effect`` holds the half squared distances of answers with and without the channel exchanged,
+    ``variation`` those of answers to a frame and to another episode's. Episodes are numbered alike
+    in both. The standard error is a jackknife that leaves each episode out, both as owner and as
+    partner; the interval is t with episodes - 1 degrees of freedom, on the scale of the logarithm.
+    With ``sampled``, where noise can make the share negative, the upper end is never below the
+    plain one, and the lower one of a share below 0 is that share; with ``signed``, of a share that
+    may truly be negative, it is the plain one, both ends. The share is of an intervention: channels
+    that tell the same may each have none, or each all, and it may exceed 1. ``n`` counts the
+    frames. None below three episodes, and where the controller does not vary.
 
-    Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs (Fafchamps and Gubert
-    2007). Measured in docs/decisions/policies.md.
+    Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs
+    (Fafchamps and Gubert 2007). Measured in docs/decisions/policies.md.
     """
     method = f"share of own variation, jackknife over owners and partners, {100 * level:g}% interval"
     episodes = _count(effect, variation)
@@ -122,8 +124,8 @@ def total_effect(
 def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tuple[int, int]:
     """Return in how many episodes a channel carries ``least`` of the variation or more, and how many were asked.
 
-    An episode responds where the mean of its own frames' half squared distances is so large in any of ``effects``.
-    (0, 0) where the controller does not vary.
+    An episode responds where the mean of its own frames' half squared distances is so large in any
+    of ``effects``. (0, 0) where the controller does not vary.
     """
     whole = float(variation.values.mean()) if len(variation.values) else 0.0
     asked, found = set[int](), set[int]()
@@ -138,9 +140,9 @@ def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tupl
 def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *, level: float = LEVEL) -> Statistic:
     """Return how much larger the second controller's share is than the first's, about the same frames and partners.
 
-    Each is the ``effect`` and the ``variation`` of `total_effect`. The jackknife leaves each episode out of both, so
-    that what is common to them cancels; interval and p are t with episodes - 1 degrees of freedom. None where either
-    share is.
+    Each is the ``effect`` and the ``variation`` of `total_effect`. The jackknife leaves each
+    episode out of both, so that what is common to them cancels; interval and p are t with episodes
+    - 1 degrees of freedom. None where either share is.
     """
     method = f"difference of shares, jackknife over owners and partners, {100 * level:g}% interval"
     effect, n = first[0], len(second[0].values)
@@ -166,13 +168,15 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
 def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float = LEVEL) -> Statistic:
     """Return by how much a share is larger than another one: (mean(effect) - mean(other)) / mean(variation).
 
-    The difference may truly be negative, and both shares are skewed, so that no interval on the scale of its own
-    logarithm, nor a plain one, holds its level. Its ends are the differences d at which the logarithm of ``effect``
-    over ``other`` plus d leaves 0 by t standard errors, of a jackknife that leaves each episode out as owner and as
-    partner, with episodes - 1 degrees of freedom. It holds its own value; without an upper end where that is searched
-    there is none. ``n`` counts the frames. None below three episodes, and where the controller does not vary.
+    The difference may truly be negative, and both shares are skewed, so that no interval on the
+    scale of its own logarithm, nor a plain one, holds its level. Its ends are the differences d at
+    which the logarithm of ``effect`` over ``other`` plus d leaves 0 by t standard errors, of a
+    jackknife that leaves each episode out as owner and as partner, with episodes - 1 degrees of
+    freedom. It holds its own value; without an upper end where that is searched there is none.
+    ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
-    Source: interval of a difference by inversion (Fieller 1954). Measured in docs/decisions/policies.md.
+    Source: interval of a difference by inversion (Fieller 1954). Measured in
+    docs/decisions/policies.md.
     """
     method = f"difference of shares by inversion, jackknife over owners and partners, {100 * level:g}% interval"
     every = (effect, other, variation)
@@ -261,9 +265,9 @@ def _two_sided(t: float, freedom: int) -> float:
 def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:
     """Return the p of the hypothesis that exchanging the channel changes nothing at all; None with one answer each.
 
-    Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame stand in any order, so that they are
-    dealt out anew within each frame; the statistic is the sum over frames of the squared distance of the two means.
-    The test is exact for any noise: (j + 1) / (B + 1).
+    Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame stand in any order,
+    so that they are dealt out anew within each frame; the statistic is the sum over frames of the
+    squared distance of the two means. The test is exact for any noise: (j + 1) / (B + 1).
     """
     r, s = (np.asarray(one, np.float64) for one in (first, second))
     k, n = r.shape[:2]
@@ -287,11 +291,12 @@ def scattering(
 ) -> tuple[float, float] | None:
     """Return by how much of the variation the answers to one moment scatter otherwise, and the p that they do.
 
-    Both have shape (k, n, …), with the channel and with it exchanged; ``variation`` is half the mean squared distance
-    of the answers to two moments. The size is the mean over frames of how far two variances are apart, less what
-    dealing the 2 k answers to a frame out anew brings about, over it; p that of the sum of its squares, (j + 1) /
-    (B + 1). A controller may answer with one mean and another spread, which no difference of means tells. None with one
-    answer each, or without variation.
+    Both have shape (k, n, …), with the channel and with it exchanged; ``variation`` is half the
+    mean squared distance of the answers to two moments. The size is the mean over frames of how far
+    two variances are apart, less what dealing the 2 k answers to a frame out anew brings about,
+    over it; p that of the sum of its squares, (j + 1) / (B + 1). A controller may answer with one
+    mean and another spread, which no difference of means tells. None with one answer each, or
+    without variation.
     """
     r, s = (np.asarray(one, np.float64) for one in (first, second))
     k, n = r.shape[:2]
@@ -317,7 +322,8 @@ def shares_of_parts(
 ) -> Mapping[str, tuple[float | None, ...]]:
     """Return the share by ``dimension`` and by ``step`` of the horizon, None where the controller does not vary.
 
-    Answers of shape (k, frames, steps, dimensions): with the channel, with it exchanged; and of two frames each.
+    Answers of shape (k, frames, steps, dimensions): with the channel, with it exchanged; and of two
+    frames each.
     """
     effect, variation = half_products(first, second).mean(axis=0), half_products(one, other).mean(axis=0)
     least = TIE * max(1.0, float(variation.mean()))
@@ -334,8 +340,9 @@ def shares_of_parts(
 def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike) -> Statistic:
     """Return which share of a controller's variation is there when nothing changes at all.
 
-    ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to another episode's.
-    It is the mean squared distance of the first two over that of ``first`` and ``other``; None where those do not vary.
+    ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to
+    another episode's. It is the mean squared distance of the first two over that of ``first`` and
+    ``other``; None where those do not vary.
     """
     a, b, c = (np.asarray(one, np.float64) for one in (first, again, other))
     method = "squared distance of two answers to one frame, over that to another episode's"
@@ -350,8 +357,9 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
 def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:
     """Return the mean squared error of answers, over the variance of the logged actions: 0 fits, 1 is their mean's.
 
-    Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and dimension. The interval
-    is a jackknife over episodes on the scale of the logarithm. None without logged actions that vary.
+    Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and
+    dimension. The interval is a jackknife over episodes on the scale of the logarithm. None without
+    logged actions that vary.
     """
     a, b = np.asarray(answers, np.float64), np.asarray(logged, np.float64)
     method = f"squared error over the variance of the logged actions, {100 * level:g}% interval over episodes"
@@ -370,7 +378,8 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
 def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]:
     """Return which dimensions are the same in every answer, and are not in the log.
 
-    Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no movement.
+    Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no
+    movement.
     """
     own, theirs = (np.asarray(one, np.float64).reshape(-1, np.shape(one)[-1]).std(axis=0) for one in (answers, logged))
     return tuple(np.flatnonzero((own < ROUNDING) & (theirs > _MOVES)).tolist())
@@ -379,9 +388,9 @@ def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]
 def rounded(answers: npt.ArrayLike) -> Floats:
     """Return how far two answers to one moment may be apart and be the same but for rounding, shape (dimensions,).
 
-    ``answers``, shape (frames, steps, dimensions), are those to different moments: sums in parallel give other last
-    bits each time, of which shares know nothing. Of a dimension that hardly varies it is the last bits of its size in
-    single precision.
+    ``answers``, shape (frames, steps, dimensions), are those to different moments: sums in parallel
+    give other last bits each time, of which shares know nothing. Of a dimension that hardly varies
+    it is the last bits of its size in single precision.
     """
     found = np.asarray(answers, np.float64)
     rows = found.reshape(-1, found.shape[-1])
@@ -391,11 +400,12 @@ def rounded(answers: npt.ArrayLike) -> Floats:
 def unlikeness(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
     """Return how far the numbers of a dimension are from the logged ones as a whole, and of which dimension.
 
-    Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
-    logged spread, of the dimensions of which most answers lie half a spread or more outside all that was logged; then
-    the largest ratio of two spreads, above 1 either way, or of two ranges where that is nearer to 1: who closes a
-    gripper rarely, or always, has another mean and another spread, and no other unit. A dimension that was never moved
-    in the log counts in its unit, and has no ratio, nor has one that the controller never moves.
+    Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two
+    means, in units of the logged spread, of the dimensions of which most answers lie half a spread
+    or more outside all that was logged; then the largest ratio of two spreads, above 1 either way,
+    or of two ranges where that is nearer to 1: who closes a gripper rarely, or always, has another
+    mean and another spread, and no other unit. A dimension that was never moved in the log counts
+    in its unit, and has no ratio, nor has one that the controller never moves.
     """
     a, b = (one.reshape(-1, one.shape[-1]) for one in (answers, logged))
     spread, own = b.std(axis=0), a.std(axis=0)

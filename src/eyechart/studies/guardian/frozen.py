@@ -1,4 +1,4 @@
-"""A frozen guardian: a committee with its threshold, which remembers the frames that chose it and refuses them."""
+"""A frozen guardian: a committee and its threshold, with the frames that chose it."""
 
 import hashlib
 import json
@@ -50,10 +50,11 @@ _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=_NAMES):
     """What chose a guardian: the frames and episodes that it saw, and how.
 
-    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
-    counts the committees with their thresholds and operating points. ``single`` is the best single model on the same
-    frames, by its vote on the original picture. ``pictures`` are the digests of the frames' pictures, where the bank
-    records them. ``tie_breaks`` says in words which of equals was taken.
+    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost;
+    ``candidates`` counts the committees with their thresholds and operating points. ``single`` is
+    the best single model on the same frames, by its vote on the original picture. ``pictures`` are
+    the digests of the frames' pictures, where the bank records them. ``tie_breaks`` says in words
+    which of equals was taken.
     """
 
     costs: Costs | None = None
@@ -86,9 +87,9 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @dataclass(frozen=True, slots=True)
 class Frozen:
-    """A committee of models, its threshold of hazard votes, its operating point, and how all of them were asked.
+    """A committee of models, its threshold of hazard votes, its operating point, and its requests.
 
-    ``selection`` is None in what `export` writes: such a guardian may be asked about pictures, and scores nothing.
+    ``selection`` is None in an exported guardian: that one may judge pictures, but scores nothing.
     ``chosen_as`` is then the digest of the guardian that it was exported from.
     """
 
@@ -126,10 +127,10 @@ class Frozen:
         return replace(self, about=about, selection=None, chosen_as=self.chosen_as or self.digest)
 
     def may_score(self, table: VoteTable) -> None:
-        """Raise GuardianError, naming what it is, where a table must not be scored by this guardian.
+        """Raise GuardianError if this guardian must not score a table, and say why.
 
-        That is a frame that it was chosen on, also one of another name with the same picture or the same name in
-        another spelling; another bank, prompt or view; another version of one of its models.
+        A frame that chose it is refused, also by its picture or its name in another spelling. So
+        are another bank, prompt or view, and another version of a model.
         """
         if self.selection is None:
             raise GuardianError(
@@ -150,21 +151,21 @@ class Frozen:
             )
 
     def unseen(self, table: VoteTable) -> VoteTable:
-        """Return a table without the frames that chose this guardian, known by name or by picture."""
+        """Return a table without the frames that chose this guardian, by name or by picture."""
         if self.selection is None:
             return table
         shared = shared_frames(table, self.selection.frames, self.selection.pictures)
         return table.without([frame for frame, _, _ in shared])
 
     def left_out(self, table: VoteTable) -> dict[str, int]:
-        """Return how many frames of a table ``unseen`` leaves out, by the reason in words; reasons of none are not."""
+        """Return how many frames of a table ``unseen`` leaves out, by reason."""
         if self.selection is None:
             return {}
         known = Counter(how for _, _, how in shared_frames(table, self.selection.frames, self.selection.pictures))
         return {words: known[how] for how, words in _LEFT.items() if known[how]}
 
     def may_show(self, bank: FrameBank) -> None:
-        """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
+        """Raise GuardianError if a bank's pictures differ from those of this guardian's votes."""
         if self.about.bank not in {None, bank.manifest.fingerprint}:
             raise GuardianError(
                 f"the bank differs: this guardian is of {self.about.bank_name}, {bank.root} is {bank.name}"
@@ -217,7 +218,8 @@ class Frozen:
             "view": about.view,
             "mirror_axis": about.axis,
             "reader": about.reader,
-            **({} if about.voting is None else {"voting": about.voting}),  # 0.1.0 had one way, and did not write it
+            # 0.1.0 had one set of rules, and did not record it.
+            **({} if about.voting is None else {"voting": about.voting}),
             "bank": {"name": about.bank_name, "fingerprint": about.bank},
             **(
                 {"selection": {"rule": chosen.rule, **msgspec.to_builtins(chosen)}}
@@ -234,7 +236,7 @@ def write_frozen(path: Path, frozen: Frozen) -> None:
 
 
 def require_own(out: Path, frozen: Frozen) -> None:
-    """Raise OutputError where ``out`` holds another guardian, which would lose the memory of its frames."""
+    """Raise OutputError if ``out`` holds another guardian; overwriting it would lose its frames."""
     if not out.exists() or not out.stat().st_size:
         return
     try:
@@ -246,7 +248,7 @@ def require_own(out: Path, frozen: Frozen) -> None:
 
 
 def read_frozen(path: Path) -> Frozen:
-    """Read a guardian's file, exported or not; raises GuardianError where it is none, or was edited."""
+    """Read a guardian's file, exported or not; GuardianError if it is none or was edited."""
     raw = _read(path)
     said = raw.pop("digest", None)
     if said != hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest():
@@ -271,7 +273,7 @@ def _in_words(error: Exception) -> str:
 
 
 def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
-    """Return what a file has that is not written as this version would, though its digest is its own."""
+    """Return what differs from this version's format in a file whose digest is right."""
     if frozen.made_by != __version__:
         return f"it was written by eyechart {frozen.made_by}, whose guardians this one, {__version__}, cannot read"
     mine = json.loads(json.dumps(frozen.as_dict()))
@@ -343,9 +345,11 @@ def _mode_of(model: str, said: Mapping[str, object]) -> RequestMode:
 
 
 def _frozen(raw: Mapping[str, object]) -> Frozen:
-    said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}  # what else it says, its digest tells
+    # The digest covers the other fields.
+    said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}
     if isinstance(chosen := said.get("selection"), dict):
-        said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}  # in words, for people
+        # The rule is text for people.
+        said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}
     file = build(_File, said)
     about = About(
         bank=file.bank.fingerprint,
@@ -372,10 +376,10 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
 
 
 def shared_frames(table: VoteTable, frames: Sequence[str], pictures: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield each frame of a table that is one of these, which one that is, and in words by what it is known.
+    """Yield each frame of a table that is one of ``frames``, its counterpart, and the match.
 
-    It is known by its name, by the digest of its picture where ``pictures`` has those of ``frames``, or by the same
-    name in another spelling.
+    Frames match by name, by the same name in another spelling, or by the digest of the picture if
+    ``pictures`` has those of ``frames``.
     """
     names, by_picture = set(frames), dict(zip(pictures, frames, strict=False))
     by_spelling = {_spelling(frame): frame for frame in frames}
@@ -389,7 +393,7 @@ def shared_frames(table: VoteTable, frames: Sequence[str], pictures: Sequence[st
 
 
 def _spelling(frame: str) -> str:
-    """Return a frame's name without what a file of the same picture may be written in otherwise: case, form, ending."""
+    """Return a frame's name without case, Unicode form and ending."""
     text = unicodedata.normalize("NFKC", frame).casefold().replace("\\", "/").removeprefix("./")
     return _ENDING.sub("", text)
 

@@ -1,4 +1,4 @@
-"""The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
+"""The page of the hierarchy: what completion shows, both ablations, and the worlds from above."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -44,7 +44,7 @@ def make_hierarchy_page(
 ) -> Page:
     """Return the report of a study; the same study gives the same bytes.
 
-    ``costs`` say what decisions cost and take; ``tell`` is told what is under way.
+    ``costs`` are the prices and times of decisions; ``tell`` receives progress messages.
     """
     tell("figures")
     drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in TITLES}
@@ -120,7 +120,7 @@ def _rates(card: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _control(found: Paired | None) -> dict[str, object] | None:
-    """Return what the positive control shows: whether this arm can tell a side from its mirror image."""
+    """Return the positive control's result: can this arm tell a side from its mirror image?"""
     if found is None:
         return None
     goals = found.differences["success_rate"]
@@ -135,7 +135,7 @@ def _control(found: Paired | None) -> dict[str, object] | None:
 
 
 def _cards(score: HierarchyScore) -> list[dict[str, object]]:
-    """Return a card for each planner in each arm: its goals with real pictures, and with every other beside them."""
+    """Return a card for each planner in each arm: its goals with real and with other pictures."""
     pairs = pairs_of(score)
     goals = {(one.part, one.driver.policy, one.driver.condition): count_of(one.goals) for one in score.sources}
     completions = {(one.part, one.policy): one for one in score.completions}

@@ -1,4 +1,4 @@
-"""score() reads the study's runs and makes no call: who reaches the goal, beside those who see nothing."""
+"""Score the study's runs without calls: the goals of each source, compared with blind ones."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -42,7 +42,7 @@ from eyechart.verdicts.rules import Axis, Rule, compared, fact, p_below
 
 NOT_PERCEPTION = PLANNERS["completion_alone"].says
 NEEDED = ("shuffled", "blank")
-"""The pictures without which fewer worlds must be completed; of shuffled ones the difference says most."""
+"""The pictures under which a model must complete fewer worlds; "shuffled" is the strictest."""
 
 _FEWER = {name: (compared(name, "value", ">", 0.0, untested=False), p_below(name, LEVEL)) for name in NEEDED}
 """That fewer worlds are completed without the own picture, significantly so after Holm."""
@@ -85,17 +85,18 @@ PUBLISHED_MODELS: Mapping[str, Mapping[str, Printed]] = {
         "full VLM intent": ("0/32", "11/32", None, None),
     },
 }
-"""What the paper prints of its model, by ablation: in Table t:mpc-intent, and in the text below it."""
+"""The paper's values for its model, by ablation: from Table t:mpc-intent and its text."""
 
 
 @dataclass(frozen=True)
 class Source(Written):
     """One source of intent in one arm: its rates with exact intervals, and what it emitted.
 
-    ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the fail-safe executed
-    is in neither. ``no_decision`` counts the steps at which it did, by the reason: the kind of failure of the call, or
-    why its reply holds no decision. ``solver_failures`` are plans that braked instead. The intervals of
-    ``distance_m`` and ``stop_share`` resample episodes, and are None where all have the same.
+    ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the
+    fail-safe executed is in neither. ``no_decision`` counts the steps at which it did, by the
+    reason: the kind of failure of the call, or why its reply holds no decision. ``solver_failures``
+    are plans that braked instead. The intervals of ``distance_m`` and ``stop_share`` resample
+    episodes, and are None where all have the same.
     """
 
     written = (
@@ -128,10 +129,10 @@ class Source(Written):
 
 @dataclass(frozen=True)
 class Completion(Written):
-    """How often a model reaches the goal in one arm, beside itself with pictures that show nothing of its world.
+    """How often a model reaches the goal in one arm, with real pictures and with other ones.
 
-    ``goals`` are by condition; it is ``shown`` where both paired differences, from blank and from other worlds'
-    pictures, exclude zero after Holm, upwards.
+    ``goals`` are by condition. It is ``shown`` if both paired differences, real less blank and real
+    less other worlds' pictures, are above zero after Holm.
     """
 
     written = "part source=policy goals shows_perception=shown"
@@ -156,9 +157,10 @@ class Completion(Written):
 
 @dataclass(frozen=True)
 class HierarchyScore:
-    """What the study's runs show, each part computed when it is asked for, from the episodes alone.
+    """The study's results, computed on demand from the episodes alone.
 
-    ``unfinished`` is what the runs lack, by part, and why; ``served`` names the models that more than one answered for.
+    ``unfinished`` gives what the runs lack, by part, with the reason. ``served`` names the models
+    that several served models answered for.
     """
 
     drives: Mapping[str, tuple[Drives, ...]]
@@ -173,19 +175,19 @@ class HierarchyScore:
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """Return a row for each source by its name; MPC-only and the constant STRAIGHT are two names of one."""
+        """Return a row for each source by name; MPC-only and the constant STRAIGHT share one."""
         return tuple(_source(part, name, one, self.outcomes) for part, name, one in self._named())
 
     @cached_property
     def against_mpc_only(self) -> tuple[Paired, ...]:
-        """Return every source of the primary ablation less MPC-only in the same worlds, Holm over all of them."""
+        """Return every source of the primary ablation less MPC-only, same worlds, Holm over all."""
         drives = self._of("primary", "primary-models")
         reference = next((one for one in drives if one.driver.policy == MPC_ONLY), None)
         return () if reference is None else tuple(against(drives, reference, self.outcomes, resamples=self.resamples))
 
     @cached_property
     def oracle_mirrored(self) -> Paired | None:
-        """Return the positive control: the oracle's lateral intent less the same one mirrored, None where undriven."""
+        """Return the positive control, oracle intent less mirrored one; None if not run."""
         drives = {one.driver.policy: one for one in self._of("lateral")}
         if {ORACLE, ORACLE_MIRRORED} - drives.keys():
             return None
@@ -202,7 +204,7 @@ class HierarchyScore:
 
     @cached_property
     def completions(self) -> tuple[Completion, ...]:
-        """Return each model in each arm, its goals with real pictures beside those without."""
+        """Return each model's goals in each arm, with real pictures and with others."""
         found = []
         for part in (name for name in self.drives if PARTS[name].models):
             goals: dict[str, dict[str, Statistic]] = {}
@@ -212,7 +214,7 @@ class HierarchyScore:
             found += [
                 Completion(part, policy, rates, self._label(part, policy))
                 for policy, rates in goals.items()
-                if "real" in rates  # nothing is concluded of a model before it drove with real pictures
+                if "real" in rates  # without real pictures there is nothing to compare with
             ]
         return tuple(found)
 
@@ -274,10 +276,10 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
 
 
 def _fewer(one: Blind | None) -> Statistic:
-    """Return how many more worlds are completed with real pictures, with its p after Holm; None where none differs.
+    """Return how many more worlds are completed with real pictures, with its p after Holm.
 
-    It is None where calls failed so often that the fail-safe, and not the picture, may have made the difference, and
-    where the model never decided under one of the conditions.
+    None if nothing can be concluded: the model never decided under a condition, or calls failed so
+    often that the fail-safe may explain the difference.
     """
     if one is None or one.finding != DIFFERS:
         return Statistic(None, 0)

@@ -1,4 +1,4 @@
-"""The checkpoints of a training side by side: how each channel's share changes, and when a policy stopped looking."""
+"""Compare the checkpoints of a training: the shares, and when a policy stopped looking."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from eyechart.verdicts.uses import used
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""
 LEAST = 0.001
-"""A share differs by this or more: rounding differs in every frame alike, and no test takes that for chance."""
+"""A smaller difference is rounding: it is in every frame, so no test takes it for chance."""
 
 _STEP = re.compile(
     r"(?<![a-z])(?:step|checkpoint|ckpt|iteration|iter|epoch)s?[ _=:-]*(\d[\d_,]*)(k|m)?(?!\w|\.\d)", re.IGNORECASE
@@ -31,7 +31,7 @@ _THOUSANDS = {"": 1, "k": 1000, "m": 1_000_000}
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A policy of a run: how far its training had come (None where it does not say), and what is said of it."""
+    """A policy of a run, its verdict and its training step; None if it declares no step."""
 
     policy: OnePolicy
     verdict: PolicyVerdict
@@ -51,7 +51,7 @@ class Checkpoint:
 
     @property
     def looks(self) -> bool | None:
-        """Return whether its cameras count, None where that is not settled: a guard failed, or no margin is passed."""
+        """Return whether its cameras count; None if a guard failed or no margin is passed."""
         if self.verdict.guards:
             return None
         if not (label := CAMERA[self.verdict.camera.label]).is_open:
@@ -72,9 +72,10 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Change(Plain):
-    """One checkpoint and the next: the labels that changed, and each channel's difference with its p after Holm.
+    """The changes from one checkpoint to the next: labels, and shares with their p after Holm.
 
-    Of one whose guard failed no share is compared; ``failed`` names the guards, with whose they are.
+    If a guard failed for one of the two, no share is compared. ``failed`` names each failed guard
+    and its policy.
     """
 
     before: str
@@ -86,7 +87,7 @@ class Change(Plain):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return the channels whose share differs significantly, after correction, and by more than rounding."""
+        """Return the channels whose share differs significantly and by more than rounding."""
         return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA and self._differs(name))
 
     def _differs(self, name: str) -> bool:
@@ -104,7 +105,7 @@ class Change(Plain):
 
 @dataclass(frozen=True)
 class Course:
-    """Checkpoints in their order, which of them are compared, and what changed from each of these to the next."""
+    """Checkpoints in order, the pairs of them that are compared, and the changes in each pair."""
 
     checkpoints: tuple[Checkpoint, ...]
     compared: tuple[tuple[Checkpoint, Checkpoint], ...]
@@ -137,7 +138,7 @@ class Course:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Return the channels of which any policy has a share."""
+        """Return the channels for which any policy has a share."""
         return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.shares))
 
     def tables(self) -> list[Table]:
@@ -172,12 +173,13 @@ class Course:
 
 
 def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = None) -> Course:
-    """Return the policies of runs on one bank in the order of their steps; as they were asked where one has none.
+    """Return the checkpoints of runs on one bank, in the order of their steps.
 
-    Of runs that all ask the same policies, such as one and its replication, each is then compared with itself.
-    A step is ``given`` by SPEC, else declared (``step``), else read from the version that a policy declares of itself
-    ("step 20000", "checkpoint-020000", "ckpt_20k"). Raises SpecError where there are fewer than two policies, they were
-    not asked about the same frames, or a step is given to a policy that is none of them.
+    Without a step for each, they keep the order of the runs. If all runs have the same policies, as
+    in a replication, each policy is compared with itself. A step is ``given`` by SPEC, else
+    declared (``step``), else read from the policy's version ("step 20000", "checkpoint-020000",
+    "ckpt_20k"). Raises SpecError for fewer than two policies, for runs on different frames, or for
+    a step of an unknown policy.
     """
     found = [one for score in scores for one in _checkpoints(score, given or {})]
     asked = {one.policy.model for one in found}
@@ -191,7 +193,7 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
 
 
 def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[tuple[Checkpoint, Checkpoint]]:
-    """Put policies in their order, and yield which of them are compared; ``specs`` are those of each run."""
+    """Sort the policies, and yield the pairs to compare; ``specs`` are those of each run."""
     again = len(specs) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
     if all(one.step is not None for one in found):
         found.sort(key=lambda one: one.step or 0)
@@ -204,9 +206,10 @@ def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[t
 
 
 def _require_same_frames(found: Sequence[Checkpoint]) -> None:
-    """Raise SpecError where policies were not asked about the same frames, or for motions that mean something else.
+    """Raise SpecError if the policies have different frames or different definitions of a motion.
 
-    Two banks of one fingerprint may say otherwise what a motion is, as after an import with another ``--kind``.
+    Two banks with one fingerprint may define motions differently, as after imports with two
+    ``--kind``.
     """
     first = found[0].policy.motions.plan
     for one in found[1:]:
@@ -222,10 +225,10 @@ def _require_same_frames(found: Sequence[Checkpoint]) -> None:
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
-    """Return the course of the policies of a report where they are checkpoints of a training; None where they are not.
+    """Return the course of a report's policies if they are checkpoints of one training, else None.
 
-    They are where each has a step and was asked about the same frames. Raises SpecError where steps are ``given`` and
-    they are none.
+    They are checkpoints if each has a step and all have the same frames. Raises SpecError if steps
+    are ``given`` and they are not.
     """
     try:
         found = course_of(scores, given)
@@ -241,7 +244,7 @@ def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Cour
 
 
 def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int | None:
-    """Return how far a policy's training had come: as given, as it declares, or as its declared version says."""
+    """Return a policy's training step: as given, else as declared, else as its version says."""
     facts, version = manifest.facts.get(spec, {}), manifest.models[spec]
     if spec in given:
         return given[spec]

@@ -1,4 +1,4 @@
-"""The page of policies: for each what is said of it and why, its shares, two moments; then all numbers."""
+"""The page of policies: verdict and reason, shares and two moments of each, then all numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +30,7 @@ Shown = tuple[PolicyScore, FrameBank | None]
 
 
 def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
-    """Return the report of runs of policies; those of a training with its course, by ``steps`` or as they declare."""
+    """Return the report of runs of policies, with the course of a training if there is one."""
     course = training_of([score for score, _ in runs], steps or {})
     first = _opening(runs)
     shown = "" if first.figure is None else first.figure.title
@@ -53,7 +53,7 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
 
 
 def _opening(runs: Sequence[Shown]) -> Opening:
-    """Return what the page says first: who looks, what each does, what to do next, and one moment of the first."""
+    """Return the opening: the answer for each policy, its next step, and one figure."""
     judged = [(spec, one, score) for score, _ in runs for spec, one in judge(score).items()]
     said = [
         Said(
@@ -102,7 +102,7 @@ def _does(one: PolicyVerdict) -> str:
 
 
 def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
-    """Return of how many policies each answer holds, in the order in which they stand, by name where they are few."""
+    """Return how many policies have each answer, in their order, with names if there are few."""
     by_answer: dict[str, list[str]] = {}
     for spec, does in found:
         by_answer.setdefault(does, []).append(spec)
@@ -114,12 +114,12 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
 
 
 def _tone(one: PolicyVerdict) -> str:
-    """Return what a policy is shown as: by its cameras, and no better than in part where more is amiss."""
+    """Return the severity: by the cameras, "partly" at best for a deaf or unfit policy."""
     return "partly" if _does(one) in {"deaf", "unfit"} else CAMERA[one.camera.label].family
 
 
 def _tables(score: PolicyScore) -> list[Table]:
-    """Return what is written beside the page."""
+    """Return the tables that are written next to the page."""
     verdicts = judge(score)
     costs = costs_table(score.accounting, every=True)
     parts = [parts_table(score), steps_table(score)]
@@ -127,7 +127,7 @@ def _tables(score: PolicyScore) -> list[Table]:
 
 
 def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alone: bool) -> Iterator[Section]:
-    """Yield a section a policy, and the tables; the figure of the title ``shown`` is above already."""
+    """Yield a section a policy, then the tables; the figure titled ``shown`` is already above."""
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
         others = [drawn for drawn in moments(spec, score.models[spec], pictures) if drawn.title != shown]
@@ -147,7 +147,7 @@ _EVERY = (
 
 
 def _shares(score: PolicyScore, one: PolicyVerdict) -> Iterator[Drawing]:
-    """Draw the shares of a policy, none of one whose guard failed: nothing is said of what it uses."""
+    """Draw the shares of a policy; nothing if a guard failed, since then it has no verdict."""
     if not one.guards:
         yield from shares(one, score.models[one.model])
 
@@ -162,7 +162,7 @@ def _labels_of(one: PolicyVerdict) -> str:
 
 
 def _answer(one: PolicyVerdict) -> str:
-    """Return in a few sentences what is said of a policy."""
+    """Return a policy's verdict in a few sentences."""
     if one.guards:
         return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " Nothing else is said of it."
     said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
@@ -179,7 +179,7 @@ def is_unfit(one: PolicyVerdict) -> bool:
 
 
 def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
-    """Yield what to do next, why, axis by axis, and what stands in the way of more, once for all axes that share it."""
+    """Yield next steps, the reason for each label, and what prevents a stronger claim."""
     yield from (f"Next: {advice}" for advice in _next(one, score))
     yield from (f"{name}: {why}." for name, why in one.guards.items())
     axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
@@ -195,7 +195,7 @@ def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
 
 
 def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
-    """Return what somebody who trains this policy could do next, the first thing first."""
+    """Return next steps for the person who trains this policy, the most urgent first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
     found = [GUARDS[name].advice for name in one.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
@@ -213,7 +213,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
 
 
 def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
-    """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
+    """Return a label's advice, or to check the connection if a channel may have none."""
     label = USES[one.label]
     unconnected = one.may_be_unconnected and label.is_absence
     return named(str(ASK_ROAD) if unconnected else label.advice, score, CHANNEL_OF[axis])

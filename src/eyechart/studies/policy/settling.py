@@ -1,4 +1,4 @@
-"""What would settle an axis of a policy that is undecided: more episodes, other questions, or a look at the road."""
+"""What would decide an undecided axis of a policy: more episodes, other conditions, or a check."""
 
 import shlex
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
 
 class Advice(NamedTuple):
-    """What to ``do``, and what may be said ``besides``; as text it is one sentence."""
+    """What to ``do``, and an optional second clause; as text it is one sentence."""
 
     do: str
     besides: str = ""
@@ -89,7 +89,7 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
 
 
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
-    """Yield the conditions that a label of a channel rests on, that the bank can show and the run did not ask."""
+    """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
     able, asked = conditions_of(score.bank)[0], score.manifest.conditions
     wanted = ["real_repeat", f"swapped{OVER}{channel}"]
     if channel not in {STATE, INSTRUCTION}:

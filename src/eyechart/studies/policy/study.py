@@ -25,7 +25,7 @@ _OPEN = f"T.matched@{CAMERAS}"
 
 
 class Policies(OfFrames[PolicyScore]):
-    """Policies asked about every frame with each of their channels exchanged."""
+    """Policies: every frame with each of their channels exchanged."""
 
     names = (STUDY,)
     runs_are = "policies"

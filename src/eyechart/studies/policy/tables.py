@@ -1,4 +1,4 @@
-"""Tables of policies: a verdict a row, the share of every channel and condition, and what every statistic is."""
+"""Tables of policies: verdicts, the share of every channel and condition, and all statistics."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ Verdicts = Mapping[str, PolicyVerdict]
 
 
 def mark(label: str) -> Mark:
-    """Return a label in the colours of its family; the names of guards that failed, as what is open."""
+    """Return a label in the colours of its family; failed guards are marked as open."""
     return Mark(label, USES[label].family if label in USES else "open")
 
 
@@ -56,7 +56,7 @@ def channel_table(verdicts: Verdicts) -> Table:
 
 
 def _counts(channels: Mapping[str, Statistic]) -> str | int | None:
-    """Return of how many frames the shares are; where they are of unlike numbers, the usual one and the others."""
+    """Return the number of frames of the shares; exceptions are listed."""
     usual = Counter(one.n for one in channels.values()).most_common(1)
     if not usual:
         return None
@@ -91,7 +91,7 @@ def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: Poli
 
 
 _MAIN = ("misfit", "noise", "T.swapped@cameras", "T.matched@cameras", "T.blank", "T.swapped@state")
-"""What stands beside the statistics that decided."""
+"""What is listed after the statistics that decided."""
 _SHOWN = 5
 
 
@@ -127,7 +127,7 @@ MEANINGS: Mapping[str, str] = {
     "mirror": "how far the answer to the mirrored moment is from the reflected answer, over the variation",
     "shapley": "the channel's Shapley share; those of cameras, state and instruction sum to 1",
 }
-"""What each statistic is, by its name up to its channel; docs/policy-reference.md says how it is made."""
+"""The meaning of each statistic, by its name without channel; see docs/policy-reference.md."""
 
 
 def meaning_table(score: PolicyScore) -> Table:
@@ -155,7 +155,7 @@ def parts_table(score: PolicyScore) -> Table:
 
 
 def steps_table(score: PolicyScore) -> Table:
-    """Return the share of every channel by step of the horizon; of a long one, so many steps of all its parts."""
+    """Return each channel's share by step of the horizon; a long one is sampled evenly."""
     space = score.bank.manifest.motion
     horizon = 0 if space is None else space.horizon
     kept = sorted({round(turn * (horizon - 1) / max(1, _STEPS - 1)) for turn in range(min(horizon, _STEPS))})
@@ -175,7 +175,7 @@ P = TypeVar("P", list[float], dict[str, float])
 
 
 def _parts(score: PolicyScore, by: str, kind: type[P]) -> Iterator[tuple[tuple[str, str], P]]:
-    """Yield the parts of every share of every policy whose guards hold, with its SPEC and condition."""
+    """Yield the parts of each share, with SPEC and condition, if the guards hold."""
     for spec, one in judge(score).items():
         for name, share in score.models[spec].statistics.items() if not one.guards else ():
             parts = (share.detail or {}).get(by)
