@@ -40,7 +40,7 @@ class Bicycle:
     aside_mps2: float = 4.0
 
     def most_steer(self, speed_mps: float) -> float:
-        """Return the largest steering angle, by the wheels or the lateral acceleration, in radians."""
+        """Return the largest steering angle that wheels and grip allow, in radians."""
         fast = speed_mps * speed_mps
         if fast * math.tan(self.steer_rad) <= self.aside_mps2 * self.wheelbase_m:
             return self.steer_rad
@@ -119,7 +119,7 @@ class Detour:
         self._half = half_width
 
     def aim(self, x: float, y: float, offset: float) -> float:
-        """Return the offset to steer for at a place: the target's own if no detour is needed or free."""
+        """Return the offset to steer for: the target's own without need or room for a detour."""
         if not self._discs:
             return offset
         ahead = [disc for disc in self._discs if -disc[2] < disc[0] - x < _LOOK_M]
@@ -179,7 +179,7 @@ class Mpc:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set what no state changes: bounds of inputs and slack, and the slack's place in the rows."""
+        """Set what no state changes: bounds of inputs and slack, and the slack's rows."""
         car, h = self._bicycle, HORIZON
         inputs = 2 * h
         self._lower[:h], self._upper[:h] = -car.brake_mps2, car.accel_mps2
@@ -215,7 +215,7 @@ class Mpc:
         return Plan(float(x[0]), float(x[HORIZON]), solved=True, flag=int(flag), path=path)
 
     def _roll_out(self, state: State, target: Target, discs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return states (9, 4), inputs (16,) and aimed offsets (8,) of a driver that takes detours."""
+        """Return states (9, 4), inputs (16,) and offsets (8,) of a driver with detours."""
         around = Detour(discs, state.x_m, self._road.half_width_m)
         car, h = self._bicycle, HORIZON
         states, inputs, aims = np.empty((h + 1, 4)), np.empty(2 * h), np.empty(h)

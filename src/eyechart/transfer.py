@@ -26,7 +26,7 @@ _FILE_BYTES = 10_000_000
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One model on one ``bank`` or simulator: its external score, and its mean statistic over ``runs``."""
+    """One model on one ``bank`` or simulator: its external score, and its mean over ``runs``."""
 
     model: str
     bank: str
@@ -48,7 +48,7 @@ class Transfer(Plain):
 
 
 def read_scores(path: Path) -> dict[str, float]:
-    """Read a CSV file with the columns ``model`` (a SPEC, as a run names it) and ``score`` (a number).
+    """Read a CSV file with the columns ``model`` (a SPEC as in runs) and ``score`` (a number).
 
     Raises SpecError that names the file, the row and the fault.
     """

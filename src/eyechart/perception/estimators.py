@@ -16,7 +16,7 @@ NO_ROAD = "I'm sorry, I cannot see a road in this picture."
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """An estimator: a description, the reply that it makes of a scene, and the clauses it must fail."""
+    """An estimator: its description, the reply that it makes of a scene, and what it must fail."""
 
     says: str
     tell: Callable[[Scene], str]

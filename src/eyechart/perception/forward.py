@@ -1,4 +1,4 @@
-"""A reader of forward pictures by their pixels: the road's edges, the obstacles, and their distances.
+"""A reader of forward pictures by their pixels: road edges, obstacles and their distances.
 
 The camera is a level pinhole at a known height over a flat road of known width. The road is grey
 with white marks; a coloured thing that stands on it is an obstacle. The two edges give the camera's
@@ -105,7 +105,7 @@ class ForwardReading:
 
 
 def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
-    """Return the reading of a picture (h, w, 3) of this view; None without a road and own vehicle."""
+    """Return the reading of a picture (h, w, 3) of this view; None without road and own vehicle."""
     ground = np.ascontiguousarray(rgb[view.horizon :].transpose(2, 0, 1)).astype(np.int16)
     # The own vehicle is in the middle of the lowest row.
     middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]
@@ -297,7 +297,7 @@ def _fronts(x: _Floats, depth: _Floats) -> _Floats:
 
 
 def _nearest_in(points: _Contacts, track: int, view: ForwardView) -> float | None:
-    """Return the distance of the nearest body in a track's corridor, in metres; None without one."""
+    """Return the distance of the nearest body in a track's corridor, in metres, or None."""
     if not 0 <= track < len(view.tracks_m):
         return None
     fronts = points.front[np.abs(points.y - view.tracks_m[track]) < view.beside_m]

@@ -91,7 +91,7 @@ class Reading:
 
     @property
     def place(self) -> int:
-        """Return the kind of road: 0 with a ramp or at most two lanes, 1 with three, 2 with more."""
+        """Return the kind of road: 0 with a ramp or up to two lanes, 1 with three, 2 with more."""
         return 0 if self.ramp or self.lanes <= 2 else 1 if self.lanes == 3 else 2
 
     def mirrored(self) -> "Reading":
@@ -118,7 +118,7 @@ class _Body(NamedTuple):
 
 
 class _Road(NamedTuple):
-    """Lanes at the ego's column; ``upper`` and ``lower`` are the own lane's lines in half pixels."""
+    """Lanes at the ego's column; ``upper`` and ``lower`` are its lane's lines in half pixels."""
 
     upper: int
     lower: int
@@ -129,7 +129,7 @@ class _Road(NamedTuple):
 
 
 def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
-    """Return the reading of a picture (150, 600, 3); None if it is no highway picture with an ego."""
+    """Return the reading of a picture (150, 600, 3); None if it is no such picture with an ego."""
     if rgb.shape != (HEIGHT_PX, WIDTH_PX, 3) or rgb.dtype != np.uint8:
         return None
     codes = _pack(rgb)
@@ -166,7 +166,7 @@ def _pack(rgb: npt.NDArray[np.uint8]) -> _Codes:
 
 
 def _find_bodies(codes: _Codes) -> list[_Body]:
-    """Return every vehicle: a connected area of one colour with its lights, inside a dark outline."""
+    """Return every vehicle: an area of one colour with its lights, inside a dark outline."""
     flat = codes.ravel()
     # Grey, white and dark have equal channels.
     places = np.flatnonzero((flat >> 16) != (flat & 255))

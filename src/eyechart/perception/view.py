@@ -83,7 +83,7 @@ class View:
         return f"{self.name}@{hashlib.sha256(words.encode()).hexdigest()[:8]}"
 
     def show(self, pixels: RGB, name: str = "picture") -> RGB:
-        """Return the view of a picture, shape (h, w, 3); BankError that names one of another size."""
+        """Return the view of a picture, shape (h, w, 3); BankError for one of another size."""
         if pixels.shape != (*self.shape, 3):
             (high, wide), (height, width) = pixels.shape[:2], self.shape
             raise BankError(
@@ -217,7 +217,7 @@ _TICKS_M = (2, 3, 4, 5, 8, 15)
 
 
 def forward(name: str, camera: ForwardView) -> View:
-    """Return the view of a forward camera: the whole picture, with its ground's distances beside it."""
+    """Return the view of a forward camera: the whole picture with distances at its sides."""
     width, floor = camera.width * _FACTOR + 2 * _BESIDE, _ABOVE + camera.height * _FACTOR
     near = camera.distances
 

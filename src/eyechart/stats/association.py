@@ -1,4 +1,4 @@
-"""Does one column of labels tell something about another: tables, Cramér's V and mutual information."""
+"""The association of two columns of labels: tables, Cramér's V and mutual information."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Contingency:
-    """Counts of two labels together: ``table[i, j]`` frames carry ``rows[i]`` and ``columns[j]``."""
+    """Joint counts of two labels: ``table[i, j]`` frames have ``rows[i]`` and ``columns[j]``."""
 
     table: npt.NDArray[np.int64]
     rows: tuple[str | int, ...]
@@ -24,10 +24,10 @@ class Contingency:
 
 @dataclass(frozen=True, slots=True)
 class Bins:
-    """Bins of a number: one code per value, the upper inner edges, and how many values each bin got.
+    """Bins of a number: one code per value, the upper inner edges, and each bin's number of values.
 
-    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. Where ``no_lead_bin``
-    is true the last bin holds the values that were missing or infinite.
+    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. If ``no_lead_bin`` is
+    true, the last bin holds the missing or infinite values.
     """
 
     codes: npt.NDArray[np.int64]
@@ -54,7 +54,7 @@ def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
 
 @dataclass(frozen=True, slots=True)
 class Association(Statistic):
-    """An association of answers with the groups that they were given to: how many groups there are."""
+    """An association of answers with groups, and the number of groups."""
 
     groups: int = field(default=0, repr=False)
 
@@ -157,9 +157,9 @@ def quantile_bins(
 
 
 def cramers_v_of_tables(tables: Floats, *, correction: bool = True) -> Floats:
-    """Return Cramér's V of each table, shape (m, rows, columns), as `cramers_v` does; NaN where one is empty.
+    """Return Cramér's V of each table, shape (m, rows, columns); NaN for an empty one.
 
-    Tables of 2 × 2 carry Yates' ``correction``.
+    It equals `cramers_v`. Tables of 2 × 2 have Yates' ``correction``.
     """
     if correction and tables.shape[1:] == (2, 2):
         return _phi(tables)
@@ -181,7 +181,7 @@ def _phi(tables: Floats) -> Floats:
 
 
 def information_of_tables(tables: Floats) -> Floats:
-    """Return the plug-in mutual information of each table, shape (m, rows, columns), in bits; NaN if empty."""
+    """Return the plug-in mutual information of tables (m, rows, columns) in bits; NaN if empty."""
     n = tables.sum(axis=(1, 2))
     inner = (
         _xlogx(tables).sum(axis=(1, 2))
@@ -192,7 +192,7 @@ def information_of_tables(tables: Floats) -> Floats:
 
 
 def entropy_of_counts(counts: Floats) -> Floats:
-    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN where a row is empty."""
+    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN if empty."""
     n = counts.sum(axis=1)
     return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
 
@@ -202,7 +202,7 @@ def _xlogx(counts: Floats) -> Floats:
 
 
 def labels_of(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
-    """Return one label per frame; ValueError where these are no strings or integers of one dimension."""
+    """Return one label per frame; ValueError unless strings or integers of one dimension."""
     array = np.asarray(values)
     if array.ndim != 1:
         raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")
@@ -225,7 +225,7 @@ def _occupied(table: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def pair_table(first: npt.NDArray[np.generic], second: npt.NDArray[np.generic]) -> tuple[list[object], Ints]:
-    """Return the labels of two columns of one length, and the square table of their pairs, first by second."""
+    """Return the labels of two columns of one length, and the square table of their pairs."""
     names, codes = np.unique(np.concatenate([first, second]), return_inverse=True)
     flat = codes[: len(first)] * len(names) + codes[len(first) :]
     counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))

@@ -1,7 +1,7 @@
-"""A committee of models votes on hazards: its answer, the best committee, and the best one without each episode.
+"""A committee of models votes on hazards: its answers, the best committee, and that by fold.
 
-Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 where a vote
-is missing. Source: section Symmetry-consensus longitudinal guardian.
+Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 for a missing
+vote. Source: section Symmetry-consensus longitudinal guardian.
 """
 
 from collections.abc import Iterator
@@ -58,7 +58,7 @@ class Costs:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A committee by the numbers of its models, its threshold and operating point, and what it was worth.
+    """A committee by its models' numbers, its threshold and operating point, and its worth.
 
     ``worth`` is the balanced accuracy, or with costs minus the expected cost of a frame.
     """
@@ -86,13 +86,14 @@ class Tally:
 
 
 def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, threshold: int, point: Point) -> Ints:
-    """Return what a committee answers to so many hazard votes and missing votes: HAZARD, CLEAR or ABSTAIN.
+    """Return a committee's answer to these numbers of votes: HAZARD, CLEAR or ABSTAIN.
 
-    With every vote there: ``two_way`` says hazard from ``threshold`` votes on and else clear;
-    ``abstain`` says so too, but only where most votes say the same; ``unanimous`` speaks only where
-    all votes are alike. No answer falls, from hazard over nothing to clear, as hazard votes grow.
-    With votes missing: hazard where it would be said whatever they had been, and else nothing;
-    clear is said by a full committee only. ValueError for an impossible count or threshold.
+    Without missing votes, ``two_way`` answers hazard from ``threshold`` votes on, else clear.
+    ``abstain`` answers so only if most votes agree with it, ``unanimous`` only if all votes are
+    equal. As hazard votes grow, the answer only goes from clear over none to hazard.
+
+    With missing votes, it answers hazard if no value of them can change that, else abstains. Only a
+    full committee answers clear. ValueError for an impossible count or threshold.
     """
     h, m = np.asarray(hazard, dtype=np.int64), np.asarray(missing, dtype=np.int64)
     if not 1 <= threshold <= voters:
@@ -153,17 +154,17 @@ def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int)
 def select(found: Tally, costs: Costs | None = None) -> Choice:
     """Return the best committee, threshold and operating point on all groups of a tally.
 
-    Best is the highest balanced accuracy of the two-way point, a frame without an answer counting
-    as wrong; or with costs the lowest expected cost. Of equals those go first in which every model
-    votes hazard on some frame here, for a model that never does can only be carried; then the first
-    committee in lexicographic order, the lowest threshold, and the first of ``POINTS``. ValueError
-    where a class has no frame.
+    Best is the highest balanced accuracy of the two-way point, with a frame without an answer as
+    wrong; or with costs the lowest expected cost. Among equals, committees in which every model
+    votes hazard on some frame come first, since another model adds nothing. Then the first
+    committee in lexicographic order, the lowest threshold, and the first of ``POINTS`` decide.
+    ValueError if a class has no frame.
     """
     return _choices(found, found.counts.sum(axis=1)[:, None], found.hazard_votes.sum(axis=1)[:, None], costs)[0]
 
 
 def select_without_each(found: Tally, costs: Costs | None = None) -> tuple[Choice, ...]:
-    """Return, for each group, what `select` chooses on all the others. ValueError where these lack a class."""
+    """Return `select`'s choice without each group. ValueError if the others lack a class."""
     spoken = found.hazard_votes
     others = spoken.sum(axis=1)[:, None] - spoken
     return _choices(found, found.counts.sum(axis=1)[:, None] - found.counts, others, costs)
@@ -208,7 +209,10 @@ def _answer_table(found: Tally, bins: int, options: list[tuple[int, Point]]) -> 
 
 
 def _balanced(counts: Ints, table: Ints, sizes: Ints) -> Ints:
-    """Return balanced accuracies, times twice both class sizes so that ties are exact; (committees, sets, options)."""
+    """Return balanced accuracies (committees, sets, options), times twice both class sizes.
+
+    With these factors they are integers, so ties are exact.
+    """
     hits = counts[:, :, 1] @ (table == HAZARD).astype(np.int64)
     passes = counts[:, :, 0] @ (table == CLEAR).astype(np.int64)
     both = hits * sizes[None, :, 0, None] + passes * sizes[None, :, 1, None]
@@ -228,7 +232,7 @@ def _expected(counts: Ints, table: Ints, sizes: Ints, costs: Costs) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class CoveragePoint:
-    """One point of a risk–coverage curve: frames answered of all, and how many of these were wrong."""
+    """One point of a risk–coverage curve: frames, those answered, and those answered wrong."""
 
     margin: int
     answered: int

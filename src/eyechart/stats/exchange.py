@@ -1,13 +1,13 @@
-"""Episode-safe tests: whole episodes' gap series are exchanged, so that time within an episode stays intact.
+"""Episode-safe tests: they exchange gap series of whole episodes, so time within one stays intact.
 
-Frames of an episode resemble each other, and a controller that follows anything else that drifts
-through an episode seems to follow the gap when frames are permuted one by one. Under exchange of
-whole episodes, aligned by step, a follower of the step number or of a nuisance of its own episode
-keeps the nominal error rate.
+Frames of an episode resemble each other. If frames are permuted one by one, a controller that
+follows anything that drifts through an episode seems to follow the gap. If whole episodes are
+exchanged, aligned by step, a follower of the step number or of its own episode's nuisance keeps the
+nominal error rate.
 
-Keep the frames without a decision and mark them: to drop them shifts the series against each other,
-and a follower of the step number, exact but for 10 % missing answers, then passes for a follower of
-the gap.
+Keep the frames without a decision and mark them: dropping them shifts the series against each
+other. Then a follower of the step number with 10 % missing answers passes for a follower of the
+gap.
 """
 
 import itertools
@@ -33,7 +33,7 @@ ENUMERATED_ARRANGEMENTS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Per exchangeable stratum the frame numbers (episodes, steps), and what could not be exchanged."""
+    """Frame numbers (episodes, steps) of each exchangeable stratum, and the excluded strata."""
 
     strata: tuple[Ints, ...]
     excluded: tuple[str, ...]
@@ -55,7 +55,7 @@ class _Layout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exchanged(Statistic):
-    """A test by exchanging episodes, with the smallest p that it can attain; None where frames are permuted."""
+    """A test by exchanging episodes, with the smallest possible p; None if frames are permuted."""
 
     smallest_p: float | None = field(default=None, repr=False)
 
@@ -79,24 +79,27 @@ def exchange_test(
     alpha: float = 0.01,
     resamples: int = 5000,
 ) -> Statistic:
-    """Test one-sidedly whether braking falls on near gaps, safe for episodes and for time within them.
+    """Test one-sidedly whether braking falls on near gaps, safe for episodes and time in them.
 
-    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision
-    (integer, 0 or more; -1 where there is no decision, which counts nowhere but keeps its place);
-    ``gap_rank``, the gap or its rank (larger is farther, no NaN); ``stratum``, the scenario;
-    ``episode``, whose labels may repeat in another stratum and mean another episode there;
-    ``step``, a number that is distinct within an episode. ValueError otherwise.
+    Five arrays of one length, one entry per frame. ``level`` is the braking level of the decision,
+    an integer of 0 or more; -1 is no decision, which counts nowhere but keeps its place.
+    ``gap_rank`` is the gap or its rank (larger is farther, no NaN). ``stratum`` is the scenario.
+    ``episode`` is a label within its stratum. ``step`` is a number, distinct within an episode.
+    ValueError otherwise.
 
     ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking
     happens nearer. Null: within each stratum the episodes' gap series are exchanged among the
-    episodes' action series, aligned by step order. Episodes of unequal length are cut to the
-    shortest of their stratum; a stratum whose shortest is below half of its longest, or with fewer
-    than two episodes, is left out. ``p`` is exact where the arrangements number at most
-    `ENUMERATED_ARRANGEMENTS`, else (k+1)/(B+1). Where the smallest attainable p exceeds ``alpha``
-    the value and p are None and ``detail`` gives that p. ``n`` counts the decisions used.
-    ``detail``: episodes per stratum, truncated frames, frames aligned with another step than their
-    own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
-    deviation of T under the null. Source: the rules of the battery, docs/decisions/battery.md.
+    episodes' action series, aligned by step order. Episodes are cut to the shortest of their
+    stratum. A stratum is left out if its shortest is below half of its longest, or with fewer than
+    two episodes.
+
+    ``p`` is exact with at most `ENUMERATED_ARRANGEMENTS` arrangements, else (k+1)/(B+1). If the
+    smallest attainable p exceeds ``alpha``, value and p are None and ``detail`` gives that p. ``n``
+    counts the decisions used. ``detail`` has the episodes per stratum, truncated frames, excluded
+    strata, and T's mean and deviation under the null. Its ``shifted_frames`` are aligned with
+    another step than their own; the note names them, since the test trusts alignment.
+
+    Source: the rules of the battery, docs/decisions/battery.md.
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     layout = _layout(stratum, episode, step, (len(levels), len(ranks)))
@@ -186,7 +189,7 @@ def iid_trend_test(
 
 
 def smallest_p(episodes: int | Sequence[int]) -> float:
-    """Return the smallest p that exchanging episodes can attain: 1 / (k! of each stratum, multiplied).
+    """Return the smallest p of an exchange of episodes: 1 / (the product of k! over strata).
 
     ``episodes`` counts the episodes of each stratum. Without any it is 1.
     """
@@ -194,7 +197,7 @@ def smallest_p(episodes: int | Sequence[int]) -> float:
 
 
 def episodes_needed(strata: int, *, alpha: float = 0.01) -> int:
-    """Return how many episodes each of ``strata`` strata needs for `smallest_p` to be at most ``alpha``.
+    """Return how many episodes each of ``strata`` needs for a `smallest_p` of at most ``alpha``.
 
     ValueError for no stratum or an ``alpha`` outside (0, 1).
     """
@@ -234,7 +237,7 @@ def _arrangements(episodes: Sequence[int]) -> int:
 
 
 def _layout(stratum: npt.ArrayLike, episode: npt.ArrayLike, step: npt.ArrayLike, lengths: tuple[int, int]) -> _Layout:
-    """Return the frame numbers of each exchangeable stratum in step order, cut to a common length."""
+    """Return each exchangeable stratum's frame numbers in step order, cut to a common length."""
     codes, episodes, steps = _codes(stratum, "stratum"), _codes(episode, "episode"), _numbers(step, "step")
     if len({len(codes), len(episodes), len(steps), *lengths}) > 1:
         found = [*lengths, len(codes), len(episodes), len(steps)]
@@ -267,7 +270,7 @@ def _in_order(rows: Ints, step: Floats) -> Ints:
 
 
 def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str) -> Statistic | None:
-    """Return why the test cannot be made: even the most extreme arrangement could not reach alpha."""
+    """Return why the test is impossible: even the most extreme arrangement cannot reach alpha."""
     if not 0 < alpha < 1 or resamples < 1:
         raise ValueError(f"alpha={alpha} must lie in (0, 1) and resamples={resamples} be at least 1")
     sampled = _arrangements(layout.sizes) > ENUMERATED_ARRANGEMENTS

@@ -27,14 +27,14 @@ class SignTest(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoxedTurns(Statistic):
-    """How often it turns where neither side is clear, less half of how often where one is; it ``turned`` so often."""
+    """The rate of turns with no side clear, less half of that with one; ``turned`` counts them."""
 
     turned: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discordant(Statistic):
-    """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first outcome, ``c`` only the second."""
+    """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first, ``c`` the second."""
 
     b: int
     c: int
@@ -47,13 +47,12 @@ class Discordant(Statistic):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One part of what was shown, and how braking answers to the lead there.
+    """One part of the pictures, and how braking depends on the lead there.
 
-    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of
-    ``frames`` frames it brakes harder for the nearer lead, on ``lesser`` less hard; ``effect`` is
-    the mean of these signs, with its one-sided bounds ``low`` and ``high``. ``beside`` is what a
-    vehicle of a neighbouring lane does there less half of what the lead does, and ``beside_low``
-    its bound.
+    ``of`` is the kind of part: the scenario, the range, the lanes. On ``harder`` of ``frames``
+    frames it brakes harder for the nearer lead, on ``lesser`` less hard. ``effect`` is the mean of
+    these signs, with one-sided bounds ``low`` and ``high``. ``beside`` is the effect of a vehicle
+    in a neighbouring lane less half of the lead's, and ``beside_low`` its bound.
     """
 
     of: str
@@ -122,12 +121,11 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
 
 
 def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alpha: float = 0.10) -> Statistic:
-    """Test whether wins exceed losses by more than ``margin`` of the pairs: an effect that is worth the name.
+    """Test whether wins exceed losses by more than ``margin`` of the pairs: a relevant effect.
 
-    ``value`` is (wins - losses) / pairs; ``p`` belongs to the null "``margin`` or less" (Tango's
-    score test, one-sided), and ``ci`` is two-sided at 1 - 2 alpha, so that its lower end is the
-    one-sided bound and reaches the margin exactly when p <= alpha. ValueError where the counts do
-    not fit.
+    ``value`` is (wins - losses) / pairs. ``p`` belongs to the null "``margin`` or less" (Tango's
+    score test, one-sided). ``ci`` is two-sided at 1 - 2 alpha, so its lower end is the one-sided
+    bound and reaches the margin exactly when p <= alpha. ValueError if the counts do not fit.
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -188,11 +186,12 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
     """Test whether two conditions give the same marginal distribution of labels on the same frames.
 
     String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels
-    of the squared differences of marginal counts; the null swaps the two labels within each frame
-    at random, which needs no assumption about how frames depend on one another beyond that. ``n``
-    counts the pairs. ``p`` is two-sided: enumerated where the distinct outcomes are at most
-    `ENUMERATED_STATES` (always with 12 or fewer discordant pairs), else (k+1)/(B+1). ``detail``:
-    labels, both marginals, discordant pairs.
+    of the squared differences of marginal counts. The null swaps the two labels within each frame
+    at random, and assumes nothing else about the dependence of frames.
+
+    ``n`` counts the pairs. ``p`` is two-sided. It is exact with at most `ENUMERATED_STATES`
+    distinct outcomes (always so with 12 or fewer discordant pairs), else (k+1)/(B+1). ``detail``
+    has the labels, both marginals and the discordant pairs.
     """
     names, counts = _pair_counts(first, second)
     n, labels = int(counts.sum()), len(names)
@@ -251,11 +250,11 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
 def bounded_below(
     first: npt.ArrayLike, second: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01
 ) -> Statistic:
-    """Test whether mean(first) - mean(second) lies below ``margin``: a claim of absence that needs evidence.
+    """Test whether mean(first) - mean(second) lies below ``margin``: evidence of absence.
 
     Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is
-    ``margin`` or more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that
-    its upper end is the one-sided bound and lies below the margin exactly when p < alpha, which
+    ``margin`` or more" (Tango's score test, one-sided). ``ci`` is two-sided at 1 - 2 alpha, so its
+    upper end is the one-sided bound. It lies below the margin exactly when p < alpha, which
     ``detail["bounded"]`` repeats. ValueError for a margin outside (0, 1) or an ``alpha`` outside
     (0, .5).
     """
@@ -320,7 +319,7 @@ def _fair_coin_tail(k: int, n: int) -> float:
 
 
 def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:
-    """Return the chances of each number of both, from the least on, where ``n`` frames hold these of either kind."""
+    """Return the hypergeometric chances of each overlap of two subsets of ``n`` frames."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
     both = np.arange(max(0, ones + others - n), min(ones, others) + 1)
@@ -343,7 +342,7 @@ def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[obje
 
 
 def _moves(counts: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
-    """Return for each pair of labels that ever exchange: i, j, moves from i to j, moves from j to i."""
+    """Return for each pair of exchanged labels: i, j, moves from i to j, moves from j to i."""
     pairs = zip(*np.triu_indices(len(counts), k=1), strict=True)
     moves = [(int(i), int(j), int(counts[i, j]), int(counts[j, i])) for i, j in pairs]
     return [move for move in moves if move[2] + move[3]]
@@ -360,7 +359,7 @@ def _squared_difference(
 
 
 def _net_moves(sizes: list[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Return every outcome of the swaps: net moves, shape (states, pairs), and their probabilities."""
+    """Return every outcome of the swaps: net moves, shape (states, pairs), and probabilities."""
     nets, weights = np.zeros((1, 0), dtype=np.int64), np.ones(1)
     for size in sizes:
         net = 2 * np.arange(size + 1) - size

@@ -25,10 +25,10 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     """Test mutual information by i.i.d. permutation of the labels (the paper's rule).
 
     ``tables`` is a matrix of counts, or a stack of shape (strata, rows, columns) over the same rows
-    and columns: labels are then permuted within each stratum and the information is that of the
-    summed table. ``value`` is the plug-in information in bits, ``p`` one-sided (k+1)/(B+1). One row
-    or one column: value 0, p 1; no observations: None. It treats frames as independent: across
-    autocorrelated episodes it rejects far too often, see `exchange.exchange_mi_test`.
+    and columns. With a stack, labels are permuted within each stratum, and the information is that
+    of the summed table. ``value`` is the plug-in information in bits, ``p`` one-sided (k+1)/(B+1).
+    One row or one column: value 0, p 1; no observations: None. It treats frames as independent.
+    Across autocorrelated episodes it rejects far too often, see `exchange.exchange_mi_test`.
     """
     stack = _stack(tables)
     total = stack.sum(axis=0)
@@ -51,13 +51,13 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
 
 
 def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
-    """Return how often two series of one set of labels agree when one of them stands in random order.
+    """Return the expected agreement of two series with one of them in random order.
 
     ``table``, shape (k, k), counts how often label i of one meets label j of the other. ``value``
-    is what is expected of a random order (exact), ``ci`` holds 95 % of the ``resamples`` orders,
-    and ``p`` is one-sided, (k+1)/(B+1): of an order that agrees at least as often as the observed
-    one, which is in ``detail``. None of an empty table. Source: paper, section Results
-    (decision-level replay).
+    is the exact expectation over random orders, and ``ci`` holds 95 % of the ``resamples`` orders.
+    ``p`` is one-sided, (k+1)/(B+1): for an order that agrees at least as often as the observed one,
+    which is in ``detail``. None for an empty table. Source: paper, section Results (decision-level
+    replay).
     """
     counts = np.asarray(table, dtype=np.int64)
     n, method = int(counts.sum()), f"the same decisions in random order, 95% of {resamples} orders"
@@ -76,9 +76,9 @@ def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000)
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return Holm's adjusted p values in the given order (Holm 1979).
 
-    A None, a test that was not made, stays None and does not count in the size of the family; a
-    constant model that belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on
-    the others. ValueError for a p outside [0, 1].
+    A None (no test) stays None and does not count in the size of the family. A constant model that
+    belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on the others.
+    ValueError for a p outside [0, 1].
     """
     made = [(p, place) for place, p in enumerate(p_values) if p is not None]
     for p, place in made:
@@ -112,7 +112,7 @@ def _stack(tables: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _random_tables(stack: npt.NDArray[np.int64], resamples: int, seed: int) -> npt.NDArray[np.int64]:
-    """Return tables of the same margins, stratum by stratum, summed; shape (resamples, rows, columns)."""
+    """Return tables with the same margins, summed over strata; (resamples, rows, columns)."""
     if resamples < 1:
         raise ValueError(f"resamples={resamples}: ask for at least one")
     from scipy import stats  # noqa: PLC0415 - slow to import

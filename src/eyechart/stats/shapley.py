@@ -1,4 +1,4 @@
-"""Shapley values: what an interaction of several parts is worth is divided among them, alike for all."""
+"""Shapley values: a fair division of an interaction's worth among its parts."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""The two-rate hierarchy: does a competent low-level controller rescue a planner that is blind?
+"""The two-rate hierarchy tests whether a competent controller rescues a blind planner.
 
 Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an ungrounded intent
 layer, Table mpc_intent_ablation.

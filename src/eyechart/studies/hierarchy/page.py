@@ -120,7 +120,7 @@ def _rates(card: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _control(found: Paired | None) -> dict[str, object] | None:
-    """Return the positive control's result: can this arm tell a side from its mirror image?"""
+    """Return the positive control's result: whether this arm tells a side from its mirror image."""
     if found is None:
         return None
     goals = found.differences["success_rate"]
