@@ -154,7 +154,7 @@ class Course:
         ]
         head = (Column("policy", "word"), Column("step", "count"), Column("camera", "word"))
         shares = columns("estimate", *self.channels)
-        note = "the share of its own variation that goes with each channel; 98 % intervals"
+        note = "the share of a policy's own variation that goes with each channel; 98 % intervals"
         named = (*(Column(name, "word") for name in ("from", "to", "channel")), *STATISTIC_COLUMNS, Column("Holm", "p"))
         changed = tuple(
             (one.before, one.after, name, *statistic_cells(apart), one.holm[name])
@@ -184,7 +184,7 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
     found = [one for score in scores for one in _checkpoints(score, given or {})]
     asked = {one.policy.model for one in found}
     if unknown := [spec for spec in given or {} if spec not in asked]:
-        raise SpecError(f"--step names '{unknown[0]}', and these runs asked {', '.join(sorted(asked))}")
+        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(asked))}")
     if len(found) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
     _require_same_frames(found)
@@ -217,11 +217,11 @@ def _require_same_frames(found: Sequence[Checkpoint]) -> None:
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
             banks = "" if same else f": their banks are {first.bank.name} and {plan.bank.name}"
-            raise SpecError(f"{two} were not asked about the same frames{banks}")
+            raise SpecError(f"{two} have different frames{banks}; compare runs on one bank with one --limit")
         spaces = first.bank.manifest.motion, plan.bank.manifest.motion
         if None not in spaces and (apart := spaces[0].apart(spaces[1])):  # type: ignore[union-attr,arg-type]
             said = "; ".join(f"{name}: {mine} and {theirs}" for name, (mine, theirs) in apart.items())
-            raise SpecError(f"{two} answer with other motions, which no test compares: {said}; ask both on one bank")
+            raise SpecError(f"{two} answer with different motions, which cannot be compared: {said}; use one bank")
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
@@ -238,8 +238,8 @@ def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Cour
         return None
     if given and not found.stepped:
         without = [one.policy.model for one in found.checkpoints if one.step is None]
-        lacking = f"{', '.join(without)}: no step" if without else "all policies it is one"
-        raise SpecError(f"--step gives no order, since of {lacking}; give --step SPEC=N for each")
+        lacking = f"{', '.join(without)} has no step" if without else "all policies have the same step"
+        raise SpecError(f"--step gives no order, since {lacking}; give --step SPEC=N for each")
     return found if found.stepped else None
 
 

@@ -70,12 +70,10 @@ _LINES: Sequence[tuple[str, Any]] = (
 _OWN, _OWN_WIDTH = "its answer", 2.6
 _MOMENTS = 2
 STRETCHED = "The axis is stretched near 0 (square root)."
-MARGINS = (
-    f"Shaded, 0 to {USED:g}: too little to be called used. Dashed line, {IGNORED:g}: what stays below it is ignored."
-)
+MARGINS = f"Shaded, 0 to {USED:g}: too small to count as used. Below the dashed line, {IGNORED:g}: ignored."
 ABOVE_ONE = (
-    "The share is of the policy's own variation between moments: one above 1 says that the exchange changes its answer "
-    "more than another moment does."
+    "The share is of the policy's own variation between moments. Above 1, the exchange changes its answer more than "
+    "another moment does."
 )
 
 
@@ -183,12 +181,12 @@ def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
     axes = _axes(judged)
     found = [one.removeprefix(CAMERA) for one in axes if one in channels and USES[axes[one].label].is_open]
     if found:
-        yield f"Open whatever the interval is, because the verdict on it is: {_all(found)}; its line below says why."
+        yield f"Hollow because the verdict is undecided, whatever the interval: {_all(found)}. The line below says why."
 
 
 def _of_similar(names: Sequence[str]) -> Iterator[str]:
     if any(name.endswith(_SIMILAR) for name in names):
-        yield "At a similar state: of another episode's moments the one whose state is nearest."
+        yield "At a similar state: the moment of another episode with the nearest state."
 
 
 def _all(names: Sequence[str]) -> str:
@@ -313,7 +311,7 @@ def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
 
 
 _MOST = "It is the moment at which other pictures change its answer most."
-_MIDDLE = "At half of the moments or more other pictures change its answer more than at this one."
+_MIDDLE = "At half of the moments or more, other pictures change its answer more than here."
 
 
 def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
@@ -348,7 +346,7 @@ def _moment(
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
     told = f"told “{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "without an instruction"
-    says = "Its motion as it was, and with one thing changed of what it is shown: "
+    says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(
         _slug(f"{kind}-{spec}-{frame.id}"),
@@ -374,9 +372,7 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
     """Return what the figure draws of a motion and how to read it."""
     steps = counted(space.horizon, "step")
     rate = f", {space.rate_hz:g} a second" if space.rate_hz else ""
-    exchanged = (
-        "Thick: its answer as things were. Every other line: with that one thing changed, and all else as it was."
-    )
+    exchanged = "Thick: its own answer. Every other line: its answer with that one input changed."
     if on_a_plane:
         down = space.axes[1]
         return (
@@ -386,7 +382,7 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
     alone = len(space.dimensions) == 1
     what = "the number of its motion" if alone else "one number of its motion"
     names = {one.name for one in space.dimensions if space.kind in PLACES and one.state is not None}
-    relative = " Places are drawn from the state on that it is shown." if names else ""
+    relative = " Places are drawn relative to its state." if names else ""
     units = "" if any(one.unit for one in space.dimensions) else " The bank names no units."
     units = f" All are in {_unit(space)}." if _unit(space) else units
     return f"Each curve is {what} over {steps}{rate}; each axis has a scale of its own.{relative}{units} {exchanged}"
@@ -395,7 +391,7 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
 def _of_answers(found: Motions) -> str:
     """Return in words which of several answers are drawn."""
     real = found.of("real")
-    return f"Of {len(real)} answers the first is drawn." if real is not None and len(real) > 1 else ""
+    return f"The first of {len(real)} answers is drawn." if real is not None and len(real) > 1 else ""
 
 
 _ONE_COLUMN, _WIDE = 2, 4.4

@@ -133,7 +133,7 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alo
         others = [drawn for drawn in moments(spec, score.models[spec], pictures) if drawn.title != shown]
         drawings = [*_shares(score, one), *others]
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
-    intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
+    intro = "The share of a policy's own variation that goes with each channel, and the verdicts."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
     every = [meaning_table(score), *statistics_table(score).split(), parts_table(score), steps_table(score)]
     yield Section(f"Every statistic{of}", _EVERY, tables=every, folded=True)
@@ -141,8 +141,8 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alo
 
 
 _EVERY = (
-    "Every number of every policy, with its interval, n and p; — means that the data cannot say, and the note why. "
-    "The first table says what each statistic is; 'What is measured' of docs/policy-reference.md says how."
+    "Every number of every policy, with its interval, n and p. — means that the data cannot say; the note says why. "
+    "The first table defines each statistic; 'What is measured' in docs/policy-reference.md says how it is computed."
 )
 
 
@@ -164,7 +164,7 @@ def _labels_of(one: PolicyVerdict) -> str:
 def _answer(one: PolicyVerdict) -> str:
     """Return a policy's verdict in a few sentences."""
     if one.guards:
-        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " Nothing else is said of it."
+        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " It gets no other verdict."
     said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
     unfit = [f"Its error is {one.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(one) else []
     return " ".join([*unfit, *(label.says for label in said)])
@@ -203,12 +203,12 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     found += dict.fromkeys(str(settling(score, one.model, CHANNEL_OF[name])) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
     if len(spare) == 1 and not one.guards:
-        found.append(f"leave out the {spare[0]} camera, or find out why: a crop, a dark picture, another key.")
+        found.append(f"leave out the {spare[0]} camera, or find out why it is ignored: crop, dark picture, wrong key.")
     elif spare and not one.guards:
-        found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may tell the same.")
+        found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may show the same.")
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "undecided" != one.camera.label:
-            found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
+            found.append(f"the use of the {name} camera is undecided: {settling(score, one.model, f'camera:{name}')}")
     return found or [named(UNFIT, score) if is_unfit(one) else FINE]
 
 
@@ -220,10 +220,10 @@ def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
 
 
 FINE = (
-    "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
-    "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
+    "no fault was found. Check the next checkpoint with 'eyechart gate RUN --require camera:camera_content', and "
+    "test it in closed loop, which no run of frames replaces."
 )
 UNFIT = (
-    "it uses what it is given, and does something else than was logged: look at its actions beside the logged ones, "
-    "and ask 'eyechart doctor SPEC --frames {bank}' for other forms of its pictures, before it is driven."
+    "it uses its inputs but does something else than was logged. Before you drive it, compare its actions with the "
+    "logged ones, and let 'eyechart doctor SPEC --frames {bank}' try other forms of its pictures."
 )

@@ -76,9 +76,9 @@ class PolicyRun(Battery):
         calls, finished, _ = self.counts()
         size = self._counted("policy", str(calls - finished))
         yield from (*self._left_out(), *notes(self.plan.bank))
-        yield f"{size}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
+        yield f"{size}; a policy that draws its answers gets each call {self.plan.answers} times"
         if self.of_shapley:
-            yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
+            yield f"of these, {self.of_shapley} calls are for Shapley shares alone; more if a policy draws its answers"
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
         """Yield which policies answer with no motion, and how the calls ended."""
@@ -124,7 +124,9 @@ def plan(
     unknown policy, channel or condition, and LedgerError if ``out`` holds another run.
     """
     if extent.answers < 2:
-        raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one cannot tell noise from what was shown")
+        raise SpecError(
+            f"--answers takes 2 or more, got {extent.answers}: one answer cannot show a policy's noise"
+        )
     opened = {one.mode.spec: one for one in (open_policy(each, timeout_s) for each in specs)}
     if not opened:
         raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
@@ -164,7 +166,7 @@ def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -
     supplied, left_out = conditions_of(bank)
     every, further = subset_conditions(bank), further_conditions(bank)
     if shapley and not every:
-        raise BankError(f"the bank {bank.root} has no channel but its cameras, and --shapley divides among several")
+        raise BankError(f"the bank {bank.root} has no channel but its cameras; --shapley needs several")
     asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
     for name in asked:
         find_condition(name, "policy")
@@ -184,7 +186,7 @@ def _unknown(name: str, bank: FrameBank) -> str:
 
 
 def _require_asked(bank: FrameBank) -> None:
-    """Raise BankError where a bank says too little to ask a policy about it."""
+    """Raise BankError if a bank has no definition of a motion, or too few episodes."""
     if bank.manifest.motion is None:
         raise BankError(
             f"the bank {bank.root} does not say what a motion is; 'frames build tabletop' makes a bank that does"
@@ -192,8 +194,8 @@ def _require_asked(bank: FrameBank) -> None:
     episodes = {frame.drive for frame in bank}
     if len(episodes) < LEAST_EPISODES or "episode" in bank.manifest.absent:
         raise BankError(
-            f"the bank {bank.root} has {len(episodes)} episodes, and a policy is shown what other episodes have: "
-            f"it needs {LEAST_EPISODES} or more"
+            f"the bank {bank.root} has {len(episodes)} episodes; a run exchanges channels between episodes and "
+            f"needs {LEAST_EPISODES} or more"
         )
 
 

@@ -49,9 +49,9 @@ def channel_table(verdicts: Verdicts) -> Table:
         found = {} if one.guards else one.channels
         rows.append((spec, *(found.get(name) for name in names), _counts(found)))
     head = (Column("policy", "word"), *columns("estimate", *names), Column("n", "count"))
-    note = "the share of the policy's own variation that goes when the channel is another episode's; 98 % intervals"
+    note = "the share of the policy's own variation that goes with a channel of another episode; 98 % intervals"
     if failed := [f"{spec} ({', '.join(one.guards)})" for spec, one in verdicts.items() if one.guards]:
-        note = f"{note}; none of whose guard failed: {', '.join(failed)}"
+        note = f"{note}; not computed where a guard failed: {', '.join(failed)}"
     return Table("channels", "how much each channel carries", head, tuple(rows), note)
 
 
@@ -99,31 +99,31 @@ MEANINGS: Mapping[str, str] = {
     "motions": "the share of calls that came back with a motion: finite, and of the bank's shape",
     "misfit": "squared error to the logged motions over their variance; 1 is what the log's mean has",
     "variation": "how much the policy varies between episodes, over how much the log does",
-    "noise": "the share of the variation that is there when nothing changes at all",
+    "noise": "the share of the variation without any change",
     "memory": "the share of the noise that goes with the call before",
     "T.swapped": "the share of the policy's own variation that goes when the channel is another episode's",
-    "T.matched": "the same, of the moment of another episode whose state is nearest",
-    "T.near": "the same, of a moment of its own episode, as far off in its state as the matched one or farther",
-    "T.kept": "the same, when this channel is its own and all others are another episode's",
-    "T.alone": "the same, when this channel alone is that of the moment whose pictures swapped@cameras shows",
+    "T.matched": "the same, with the moment of another episode that has the nearest state",
+    "T.near": "the same, with a moment of its own episode, at least as far off in its state as the matched one",
+    "T.kept": "the same, with this channel its own and all others another episode's",
+    "T.alone": "the same, with this channel alone from the moment that lends its pictures in swapped@cameras",
     "T.blank": "the same, with grey pictures, of all cameras or of one",
     "T.nudged": "the same, with one value of one pixel one level off: other bytes, the same pictures",
     "T.noise": "the same, with noise for pictures, of all cameras or of one",
     "T.exchanged": "the same, with the objects' colours exchanged in the pictures, or in those of one camera",
     "T.recoloured": "the same, on another table",
     "T.decoys": "the same, with further objects in the pictures",
-    "reads": "of places: the share of the answers as they are, not relative to the state, that goes with another state",
-    "beyond": "the share with pictures at a similar state, less that of its own episode: what is not the pose",
-    "swapped.alike": "the share with any other episode's pictures, of the moments that have one at a similar state",
-    "responds": "the share of episodes in which the channel carries .10 or more under any condition of its label, "
-    "and at most how many of the whole data set may",
+    "reads": "for places: the share of the raw answers, not relative to the state, that goes with another state",
+    "beyond": "the share with pictures at a similar state, less that with its own episode's: the part without the pose",
+    "swapped.alike": "the share with any other episode's pictures, on the moments that have one at a similar state",
+    "responds": "the share of episodes in which the channel carries .10 or more under any condition of its label; "
+    "its upper bound holds for the whole data set",
     "responds.shown": "the same, without grey pictures",
     "responds.alike": "the same, at a similar state alone",
     "follow.named": "how far the answer goes along with the named object, as a share of the oracle's way",
     "follow.other": "the same, of the other object",
-    "follow.told": "how much farther it goes with what is named, over both instructions",
+    "follow.told": "how much farther it goes with the named object, over both instructions",
     "follow.rather": "how much farther it goes with the named object than with the other",
-    "follow.logged": "how much nearer its own instruction brings the answer to what was logged than another one",
+    "follow.logged": "how much nearer its own instruction brings the answer to the log than another one",
     "mirror": "how far the answer to the mirrored moment is from the reflected answer, over the variation",
     "shapley": "the channel's Shapley share; those of cameras, state and instruction sum to 1",
 }
@@ -134,7 +134,7 @@ def meaning_table(score: PolicyScore) -> Table:
     """Return what each statistic of a run is, a row each."""
     names = dict.fromkeys(meant_by(name) for one in score.models.values() for name in one.statistics)
     rows = tuple((name, MEANINGS[name]) for name in names if name in MEANINGS)
-    note = "behind @ stands the channel or the camera that is exchanged"
+    note = "the name after @ is the exchanged channel or camera"
     return Table("meanings", "what each statistic is", (Column("statistic", "word"), Column("what it is")), rows, note)
 
 
