@@ -166,7 +166,7 @@ def test_what_is_no_picture_is_abstained_from(table: study.VoteTable, tmp_path: 
         for picture in (b"", b"\x89PNG broken", NEAR[:60]):
             found = guardian.assess(picture)
             assert (found.answer, len(found.missing)) == ("abstain", 4)
-            assert found.why.startswith("no picture that can be shown")
+            assert found.why.startswith("no picture for the models")
         with pytest.raises(GuardianError, match="deadline_s=0"):
             guardian.assess(NEAR, deadline_s=0)
     with pytest.raises(GuardianError, match="was closed"):
@@ -212,7 +212,7 @@ def test_a_stack_that_is_not_as_the_guardian_was_chosen_is_refused_by_name(
     refused(replace(frozen.about, axis="none"), "mirror axis 'none'")
     study.write_frozen(path, frozen)
     other = {"voter:sees": RequestMode("voter:sees", max_tokens=9)}
-    with pytest.raises(GuardianError, match="'voter:sees' would be asked otherwise"):
+    with pytest.raises(GuardianError, match="'voter:sees' would get other requests"):
         Guardian.load(path, modes=other)
     with pytest.raises(GuardianError, match="has no model 'voter:prose'"):
         Guardian.load(path, modes={"voter:prose": RequestMode("voter:prose")})

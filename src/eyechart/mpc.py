@@ -344,7 +344,7 @@ def _normals(nominal: Floats, discs: Floats) -> Floats:
 def _discs(obstacles: npt.ArrayLike) -> Floats:
     discs = np.asarray(obstacles, dtype=np.float64)
     if discs.size and (discs.ndim != 2 or discs.shape[1] != 3):
-        raise StateError(f"obstacles have shape {discs.shape}: each is x, y and radius, so that n of them are (n, 3)")
+        raise StateError(f"obstacles have shape {discs.shape}: each is x, y and radius, so n of them have shape (n, 3)")
     discs = discs.reshape(-1, 3)
     bad = ~np.isfinite(discs).all(axis=1)
     if bad.any():
@@ -356,4 +356,4 @@ def _discs(obstacles: npt.ArrayLike) -> Floats:
 def _require_finite(state: State, target: Target) -> None:
     for name, value in {**asdict(state), **{f"target {name}": one for name, one in asdict(target).items()}}.items():
         if not math.isfinite(value):
-            raise StateError(f"{name} is {value}: the controller cannot plan from a state that is not finite")
+            raise StateError(f"{name} is {value}: the controller needs a finite state")

@@ -72,7 +72,7 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
         if not math.isfinite(score):
             raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a finite number")
         if model in scores:
-            raise SpecError(f"{path}, row {number}: '{model}' has a score already; give each model one")
+            raise SpecError(f"{path}, row {number}: '{model}' has two scores; give each model one")
         scores[model] = score
     return scores
 
@@ -109,7 +109,7 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
         else:
             values.setdefault((one.model, one.where), []).append(found.value)
     asked = {one.model for one in every}
-    left_out += [f"{spec}: a score, but no run asked it" for spec in scores if spec not in asked]
+    left_out += [f"{spec}: a score, but no run has it" for spec in scores if spec not in asked]
     cells = [Cell(spec, where, scores[spec], fmean(each), len(each)) for (spec, where), each in values.items()]
     columns = [one.score for one in cells], [one.measured for one in cells]
     waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]

@@ -92,7 +92,7 @@ class Guardian:
             mode, other = frozen.about.modes.get(spec), given.get(spec)
             if mode is not None and other is not None and not mode.differs_in_address_only(other):
                 raise GuardianError(
-                    f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, "
+                    f"'{spec}' would get other requests than when the guardian was chosen: only base_url, key_env, "
                     "headers and timeout_s of its mode may differ"
                 )
             models[spec] = open_model(spec, other or mode)
@@ -238,13 +238,13 @@ class Guardian:
             async with asyncio.timeout(_left(start, limit)):
                 pictures = await asyncio.get_running_loop().run_in_executor(self._pool, self.show, image)
         except TimeoutError:
-            return self._silent(start, "the picture was not ready to be shown by the deadline")
+            return self._silent(start, "the picture was not prepared by the deadline")
         except BankError as error:
-            return self._silent(start, f"no picture that can be shown: {error}")
+            return self._silent(start, f"no picture for the models: {error}")
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does
-            return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
+            return self._silent(start, f"the picture could not be prepared: {type(error).__name__}: {error}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:

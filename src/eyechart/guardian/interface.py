@@ -81,8 +81,8 @@ def interface_of(frozen: Frozen) -> Interface:
         raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
     if about.voting not in {None, VOTE_READER}:
         raise GuardianError(
-            f"what counts as a vote differs: this guardian was chosen under version {about.voting} of its rules, here "
-            f"is {VOTE_READER}; choose a guardian with 'eyechart guardian fit'"
+            f"the rules for votes differ: this guardian was chosen under version {about.voting}, here "
+            f"is version {VOTE_READER}; choose a guardian with 'eyechart guardian fit'"
         )
     view, axis = find_view(about.view), about.axis
     axis = view.axis if view is not None else axis
@@ -92,7 +92,7 @@ def interface_of(frozen: Frozen) -> Interface:
     close_m = close_m_of(prompt)
     if close_m is None:
         raise GuardianError(
-            f"the prompt '{prompt.name}' does not say which leads are close, so that no reply can be held to it"
+            f"the prompt '{prompt.name}' does not say which leads are close, so no reply can be checked"
         )
 
     def views(picture: bytes) -> Pictures:

@@ -72,7 +72,7 @@ def opening(found: GuardianScore) -> Opening:
         f"Balanced accuracy {shown(balanced)} over the {balanced.n} frames that it answers; the best single model of "
         f"the calibration has {shown(single)} over its own {single.n}."
     )
-    bound = "" if found.bound is not None else "How often it misses at most was not bounded: no episodes were kept."
+    bound = "" if found.bound is not None else "Its misses have no upper bound: no episodes were kept for one."
     who = " + ".join(found.frozen.committee)
     drawn = replace(curve(found, (4.2, 2.9)), name="in-short")
     return Opening(sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=drawn)
@@ -247,12 +247,12 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
         worth = f"expected cost {-chosen.worth:.4g}" if costs else f"balanced accuracy {chosen.worth:.3f}"
         yield (
             f"chosen on {len(chosen.frames)} frames of {len(chosen.episodes)} episodes among {chosen.candidates} "
-            f"candidates: {worth} there, which flatters; best single model there: {chosen.single}"
+            f"candidates: {worth} there, which is too good; best single model there: {chosen.single}"
         )
         if not costs and chosen.worth <= 0.5:
-            yield "that is no better than chance: none of these committees is worth a place in a stack"
+            yield "that is no better than chance: use none of these committees in a stack"
     if lacking := frozen.about.unrecorded(frozen.committee):
-        yield f"not recorded, so that a change of it would not be found: {', '.join(lacking)}"
+        yield f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}"
 
 
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
@@ -328,7 +328,7 @@ def nested_lines(found: Nested) -> Iterator[str]:
 
 
 def replay_lines(found: Replay) -> Iterator[str]:
-    """Yield in words how a modular replay compares."""
+    """Yield sentences on how a modular replay compares."""
     yield (
         f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n}); where the "
         f"guardian answered {number(found.agreement_answered.value)} (n {found.agreement_answered.n})"
@@ -339,13 +339,13 @@ def replay_lines(found: Replay) -> Iterator[str]:
         f"{found.ceiling_answered.n})"
     )
     yield (
-        f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains "
-        "the renderer policy acts, and so agrees with itself"
+        f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains, "
+        "the renderer policy acts and agrees with itself"
     )
     yield (
-        f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n}), which is of the "
-        "deterministic reader and the policy: the votes on a frame and its reflection are exchanged"
+        f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n}), for the reader "
+        "and the policy alone: the votes on a frame and its reflection are exchanged"
     )
-    yield f"The renderer policy turns on {found.directional} of these frames; nothing more is said of lateral control"
+    yield f"The renderer policy turns on {found.directional} of these frames; lateral control is not tested further"
     if found.unread:
-        yield f"{len(found.unread)} pictures could not be read and count in neither share"
+        yield f"{len(found.unread)} pictures could not be read and count in no share"

@@ -58,17 +58,17 @@ ESTIMATORS: dict[str, Estimator] = {
         frozenset({"directional"}),
     ),
     "scene_one_sided": Estimator(
-        "measures the gap, and takes the left for clear and the right for taken",
+        "measures the gap, and reports the left clear and the right taken",
         lambda scene: str(Estimate.of(replace(scene, left_clear=True, right_clear=False))),
         frozenset({"scene_equivariance", "action_equivariance"}),
     ),
     "scene_distance_blind": Estimator(
-        "sees the sides, and every lead midway between close and free",
+        "sees the sides, and reports every lead midway between close and free",
         lambda scene: str(Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2))),
         _CLOSE,
     ),
     "scene_silent_when_free": Estimator(
-        "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})
+        "measures the scene, and leaves out a field if the road is free", _silent_when_free, frozenset({"parse"})
     ),
 }
 """Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank."""

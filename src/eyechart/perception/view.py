@@ -284,7 +284,7 @@ def view_for(choice: str | None, simulator: str) -> View | None:
     if simulator not in VIEWS:
         raise SpecError(
             f"there is no calibrated view of pictures from '{simulator}', only of {', '.join(VIEWS)}; "
-            f"show them as they are with --view {NONE}"
+            f"use --view {NONE} for the pictures themselves"
         )
     return VIEWS[simulator]
 

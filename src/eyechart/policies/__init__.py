@@ -77,7 +77,7 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
             f"unknown policy '{spec}';{meant(spec, REFERENCES)} known are {', '.join(REFERENCES)}, and any model's SPEC"
         )
     if name and kind in BARE:
-        raise SpecError(f"'{spec}': policy '{kind}' stands alone")
+        raise SpecError(f"'{spec}': policy '{kind}' takes nothing after its name")
     if lacking := [action for action in BARE.get(kind, ()) if action not in space.actions]:
         raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
     module, _, function = REFERENCES[kind].partition(":")

@@ -74,11 +74,11 @@ def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError if the run has no decision of these actions."""
     if not name:
         raise SpecError(
-            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with who drives beside"
+            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with another driver"
         )
     counts = dict(recorded(Path(name)))
     if strange := sorted(counts.keys() - set(space.actions)):
-        raise SpecError(f"{name} holds decisions that are none of {', '.join(space.actions)}: {', '.join(strange)}")
+        raise SpecError(f"{name} holds decisions other than {', '.join(space.actions)}: {', '.join(strange)}")
     if not counts:
         raise SpecError(f"{name} holds no decision, so there is nothing to sample from")
     return drawn_like(counts, space)

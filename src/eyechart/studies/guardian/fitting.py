@@ -32,7 +32,7 @@ def fit(
     """
     names = _candidates(table, size, models)
     if point is not None and costs is not None and costs.abstention is not None:
-        raise GuardianError("with a cost of abstention the operating point is chosen by the costs: leave out --point")
+        raise GuardianError("with a cost of abstention the costs choose the operating point: leave out --point")
     _require_ready(table, names)
     votes, whole = table.of(names), np.zeros(len(table.frames), dtype=np.int64)
     found = tally(votes, table.hazard, whole, size=size)
@@ -69,11 +69,11 @@ def _require_ready(table: VoteTable, models: Sequence[str]) -> None:
     """Raise GuardianError unless a table has both classes, a finished run, and a vote."""
     require_both(table)
     if words := table.unfinished_words(models):
-        raise GuardianError(f"{words[0]}; finish it, or name the models that are with --model")
+        raise GuardianError(f"{words[0]}; finish it, or name the finished models with --model")
     if (table.of(models) == MISSING).all():
         raise GuardianError(
-            f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so there is nothing "
-            "to choose by; where votes are scene estimates, 'eyechart score' counts why replies hold none"
+            f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so nothing can be "
+            "chosen; for votes from scene estimates, 'eyechart score' counts the reasons"
         )
 
 

@@ -68,16 +68,16 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def __post_init__(self) -> None:
         if self.tie_breaks not in {TIE_BREAKS, _IN_ORDER}:
-            raise ValueError("its ties were broken by a rule that no eyechart has")
+            raise ValueError("its rule for ties is unknown to this eyechart")
         if len(set(self.frames)) != len(self.frames) or not self.frames:
-            raise ValueError("the frames that chose it are none, or stand there twice")
+            raise ValueError("the frames that chose it are missing or repeated")
         if self.pictures and len(self.pictures) != len(self.frames):
             raise ValueError(
                 f"it remembers {len(self.pictures)} pictures of {len(self.frames)} frames, so that some would not be "
                 "known again"
             )
         if not (self.worth <= 0 if self.costs else 0 <= self.worth <= 1) or not math.isfinite(self.worth):
-            raise ValueError(f"its worth on the frames that chose it is {self.worth:g}, which nothing is")
+            raise ValueError(f"its worth on the frames that chose it is {self.worth:g}, which is impossible")
 
     @property
     def rule(self) -> str:
@@ -181,8 +181,8 @@ class Frozen:
                 )
         if None is not self.about.voting != table.about.voting is not None:
             raise GuardianError(
-                f"what counts as a vote differs: this guardian was chosen under version {self.about.voting} of its "
-                f"rules, {table.name} is read under {table.about.voting}; choose one with 'eyechart guardian fit'"
+                f"the rules for votes differ: this guardian was chosen under version {self.about.voting}, {table.name} "
+                f"is read under version {table.about.voting}; choose a guardian with 'eyechart guardian fit'"
             )
         for model in self.models:
             mine, theirs = (
@@ -197,8 +197,8 @@ class Frozen:
             chosen, here = self.about.modes.get(model), table.about.modes.get(model)
             if chosen is not None and here is not None and not chosen.differs_in_address_only(here):
                 raise GuardianError(
-                    f"the mode of '{model}' differs: {table.name} has votes that were asked for otherwise than those "
-                    "that chose this guardian; choose a guardian for this mode with 'eyechart guardian fit'"
+                    f"the mode of '{model}' differs: {table.name} has votes from other requests than those that "
+                    "chose this guardian; choose a guardian for this mode with 'eyechart guardian fit'"
                 )
 
     def _content(self) -> dict[str, object]:
@@ -268,7 +268,7 @@ def _in_words(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"it has no '{error.args[0]}'"
     if isinstance(error, TypeError | AttributeError | RecursionError):
-        return f"a value in it is of another kind than a guardian's ({error})"
+        return f"a value in it has the wrong type ({error})"
     return str(error)
 
 

@@ -110,8 +110,8 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
             "pictures of highway-env, of the rover and of the drone"
         )
     few = [
-        f"{model}: {missing} of {2 * len(table.frames)} votes are missing; where the guardian abstains for want of "
-        "them, the renderer policy agrees with itself"
+        f"{model}: {missing} of {2 * len(table.frames)} votes are missing; if the guardian abstains because of "
+        "that, the renderer policy agrees with itself"
         for model in frozen.committee
         if (missing := table.missing(model))
     ]

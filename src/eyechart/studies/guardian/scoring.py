@@ -164,7 +164,7 @@ def bound(
             raise GuardianError(f"the {name} must lie between 0 and 1, for example 0.95; got {value}")
     frozen.may_score(table)
     if words := table.unfinished_words(frozen.committee):
-        raise GuardianError(f"{words[0]} and could not be missed hazards: finish it before a bound is taken from it")
+        raise GuardianError(f"{words[0]} and cannot be missed hazards: finish the run before you take a bound from it")
     seen = set(frozen.selection.episodes) if frozen.selection else set()
     spent = {*used, *(scored.episodes if scored is not None else ())}
     for what, names in (("chose this guardian", seen), ("is scored", spent)):
@@ -263,8 +263,8 @@ class GuardianScore:
 
 
 LAX = (
-    "eyechart {version} chose this guardian, and took for votes what is none today: replies that contradict "
-    "themselves, or say something else around their estimate; choose a guardian anew with 'eyechart guardian fit'"
+    "eyechart {version} chose this guardian and accepted replies that are no votes today. These contradict "
+    "themselves, or have other words around their estimate; choose a guardian again with 'eyechart guardian fit'"
 )
 WORDS = {HAZARD: "hazard", CLEAR: "clear", ABSTAIN: "abstain"}
 
@@ -324,13 +324,13 @@ def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:
     if shared:
         found.append(
             f"{len(shared)} of {len(set(table.episodes))} scored episodes also gave frames that chose the guardian "
-            f"({', '.join(shared[:3])}{', …' if len(shared) > 3 else ''}): neighbouring frames are alike, so the score "
-            "flatters"
+            f"({', '.join(shared[:3])}{', …' if len(shared) > 3 else ''}): neighbouring frames resemble each "
+            "other, so the score is too good"
         )
     if len(set(table.episodes)) < 2:
-        found.append("all frames are of one episode: no interval over episodes can be given")
+        found.append("all frames are of one episode, so there is no interval over episodes")
     if frozen.about.lax:
         found.append(LAX.format(version=frozen.made_by))
     if lacking := frozen.about.unrecorded(frozen.committee):
-        found.append(f"not recorded, so that a change of it would not be found: {', '.join(lacking)}")
+        found.append(f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}")
     return tuple(found)

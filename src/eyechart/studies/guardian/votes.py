@@ -101,7 +101,7 @@ class VoteTable:
     def __post_init__(self) -> None:
         if len(set(self.frames)) != len(self.frames):
             twice = next(frame for frame in self.frames if self.frames.count(frame) > 1)
-            raise VoteError(f"{self.name}: frame '{twice}' stands there twice; a frame is one row")
+            raise VoteError(f"{self.name}: frame '{twice}' is there twice; a frame is one row")
         if self.votes.shape != (len(self.models), len(self.frames), 2) or not np.isin(self.votes, (1, 0, -1)).all():
             raise VoteError(
                 f"{self.name}: votes have shape {self.votes.shape}; they are 1, 0 or -1 of (models, frames, 2)"
@@ -148,7 +148,7 @@ class VoteTable:
     def unfinished_words(self, models: Sequence[str]) -> list[str]:
         """Return a sentence if the run has still to make calls of these models."""
         left = self.left(models)
-        words = f"{self.name} is a run that is not finished: {left} calls are left, whose votes count as missing"
+        words = f"{self.name} is a run that is not finished: {left} calls are left; their votes count as missing"
         return [words] if left else []
 
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
@@ -283,7 +283,7 @@ def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
     if any(column in frame.truth for frame in bank):
         return {one.id: hazard_of(one.truth.get(column), f"frame '{one.id}': '{column}'") for one in bank}
     if gap is None or column != HAZARD_COLUMN:
-        raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which says what is a hazard")
+        raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which marks the hazards")
     found = {}
     for frame in bank:
         value = frame.truth.get(gap.column)

@@ -86,18 +86,18 @@ def read_vote(reply: Answer, close_m: float) -> Vote:
 def _beside(said: Beside) -> Vote | None:
     """Return why the text around an estimate makes it no vote, if it does."""
     if said.objects != 1:
-        return Vote(None, "several_objects", f"{said.objects} objects stand in it")
+        return Vote(None, "several_objects", f"{said.objects} objects in one reply")
     if said.thinking_after:
         return Vote(None, "thinking_after")
     if extra := [name for name in said.names if name not in FIELDS]:
-        return Vote(None, "extra_field", f"'{extra[0][:40]}' was not asked for")
+        return Vote(None, "extra_field", f"'{extra[0][:40]}' is no field of the question")
     if len(said.names) != len(FIELDS):
         return Vote(None, "repeated_field")
     around = f"{said.before} {said.after}"
     if refuses(around):
-        return Vote(None, "refused", "it declines in words, and gives an estimate all the same")
+        return Vote(None, "refused", "it declines in words, but gives an estimate")
     strange = _strange(said.before, LEAD_IN) or _strange(said.after)
-    return Vote(None, "words_around", f"'{strange}' stands beside its estimate") if strange else None
+    return Vote(None, "words_around", f"'{strange}' is next to its estimate") if strange else None
 
 
 def _strange(text: str, words: frozenset[str] = frozenset()) -> str:

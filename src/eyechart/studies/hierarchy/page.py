@@ -102,7 +102,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
         for card in cards
     ]
     if not said:
-        return Opening("No planner was studied: only scripted sources drove, which see no pictures.")
+        return Opening("No planner drove: only scripted sources did, and these see no pictures.")
     of_camera = [one for _, one in score.blind if one.of_camera]
     shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
     return Opening(

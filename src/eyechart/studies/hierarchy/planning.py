@@ -206,9 +206,9 @@ def plan(
             planned[name] = replace(made, again=again)
     if models and not any(chosen[name].models for name in planned):
         arms = ", ".join(name.removesuffix(MODELS) for name, part in PARTS.items() if part.models)
-        raise SpecError(f"no model drives in this choice: models are in the arms {arms}")
+        raise SpecError(f"no model drives in this choice: models drive in the arms {arms}")
     if not planned:
-        raise SpecError("nobody is left to drive: this choice leaves no source in any of its arms and worlds")
+        raise SpecError("no source is left: this choice has none in any of its arms and worlds")
     _require_arms(choice, planned)
     return planned
 
@@ -219,7 +219,7 @@ def _require_arms(choice: Choice, planned: Mapping[str, Episodes]) -> None:
     for arm in choice.arms or ():
         if arm not in driven:
             mine = ", ".join(f"{name!r} ({policy})" for name, (part, policy) in SCRIPTED.items() if part == arm)
-            raise SpecError(f"nobody drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
+            raise SpecError(f"no source drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
 
 
 @dataclass(frozen=True)

@@ -293,7 +293,7 @@ def shows(one: Blind) -> bool:
 
 
 def unless_shown(one: Blind) -> str:
-    """Return the caveat, where a pair does not show perception."""
+    """Return the caveat if a pair does not show perception, else nothing."""
     return "" if shows(one) else f" So here {NOT_PERCEPTION}."
 
 

@@ -21,7 +21,7 @@ def why_not(many: Sequence[Blind]) -> str:
     """Return why sight is not shown for a planner; empty if it is shown."""
     held = {one.condition: one for one in many}
     if lacking := [name for name in NEEDED if name not in held]:
-        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, which show what it needs."
+        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, so nothing can be compared."
     unshown = [held[name] for name in NEEDED if not shows(held[name])]
     if not unshown:
         return ""
@@ -29,7 +29,7 @@ def why_not(many: Sequence[Blind]) -> str:
         return told_of(unshown[0], "success_rate")[1]
     names = " and ".join(one.condition for one in unshown)
     return (
-        f"It drives otherwise with {names} pictures, but it is not shown that it completes fewer worlds with them: "
+        f"It drives differently with {names} pictures, but it does not complete significantly fewer worlds: "
         f"{bounds(unshown[0].paired, 'success_rate')} in {unshown[0].paired.worlds} worlds."
     )
 

@@ -124,9 +124,7 @@ def plan(
     unknown policy, channel or condition, and LedgerError if ``out`` holds another run.
     """
     if extent.answers < 2:
-        raise SpecError(
-            f"--answers takes 2 or more, got {extent.answers}: one answer cannot show a policy's noise"
-        )
+        raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one answer cannot show a policy's noise")
     opened = {one.mode.spec: one for one in (open_policy(each, timeout_s) for each in specs)}
     if not opened:
         raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
