@@ -70,7 +70,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where a bicycle is: metres, radians, metres a second."""
+    """The state of a bicycle: metres, radians, metres a second."""
 
     x_m: float
     y_m: float
@@ -141,7 +141,7 @@ Floats = npt.NDArray[np.float64]
 HORIZON = 8
 STEP_S = 0.2
 _NEAREST = 4
-"""Half-planes a stage: farther obstacles cannot be reached within the horizon."""
+"""Half-planes a stage; farther obstacles are out of reach within the horizon."""
 
 _AIM_M = 4.0
 _GRAZE_M = 0.1
@@ -196,9 +196,9 @@ class Mpc:
         self._b[:, 3, 0] = STEP_S
 
     def plan(self, state: State, target: Target, obstacles: npt.ArrayLike = ()) -> Plan:
-        """Return the command for the next 0.2 s. Equal input gives equal bits.
+        """Return the command for the next 0.2 s; equal input gives equal bits.
 
-        Raises StateError, by name, for a state, a target or an obstacle that is not finite.
+        Raises StateError that names the fault for a non-finite state, target or obstacle.
         """
         discs = _discs(obstacles)
         _require_finite(state, target)

@@ -37,7 +37,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Transfer(Plain):
-    """The cells, both correlations over them, and what was left out, in words."""
+    """The cells, both correlations over them, and what was left out, with reasons."""
 
     measure: str
     cells: tuple[Cell, ...]
@@ -78,10 +78,10 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
 
 
 class Run(Protocol):
-    """A run that is scored, of any study."""
+    """A scored run of any study."""
 
     def measured(self) -> Sequence[Measured]:
-        """Return what was measured of each model in each place."""
+        """Return the statistics of each model in each place."""
 
 
 def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:

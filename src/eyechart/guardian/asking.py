@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 DEADLINE_S = 2.0
 _MARGIN_S = 0.02
-"""So much of the deadline, a tenth at most, is kept for putting the answer together."""
+"""Part of the deadline, a tenth at most, that is kept to put the answer together."""
 _CLOSING_S = 5.0
 MOST_AT_ONCE = 64
 """Pictures at one time; another one gets an abstention, so a blocked loop holds no memory."""
@@ -132,7 +132,7 @@ class Guardian:
         return self._interface.views(image)
 
     async def ask_async(self, pictures: Pictures, *, deadline_s: float | None = None) -> Assessment:
-        """Return what the committee says of what `show` returned."""
+        """Return the committee's judgement of a picture that `show` returned."""
         start, limit = time.perf_counter(), self._limit(deadline_s)
         return await self._awaited(self._ask(pictures, start, limit), start, limit)
 
@@ -154,7 +154,7 @@ class Guardian:
         return {spec: now - self._voted[spec] if spec in self._voted else None for spec in self.models}
 
     def close(self) -> None:
-        """Let the models go, within a few seconds at most. Closing twice is no error."""
+        """Close the models, within a few seconds at most. A second call has no effect."""
         with self._lock:
             loop, self._loop, self._closed = self._loop, None, True
             self._pool.shutdown(wait=False, cancel_futures=True)
@@ -177,7 +177,7 @@ class Guardian:
         return limit
 
     def _submit(self, work: Coroutine[Any, Any, T]) -> Future[T] | None:
-        """Let the models' loop do some work; None where it has too much to do already."""
+        """Start work in the models' loop; None if it has too much work already."""
         with self._lock:
             if self._closed:
                 work.close()
@@ -267,7 +267,7 @@ class Guardian:
     async def _votes(
         self, asked: Mapping[T, Coroutine[Any, Any, tuple[Vote, str]]], limit_s: float, late: str
     ) -> dict[T, tuple[Vote, str]]:
-        """Return the votes that come within so many seconds; of the others why they are missing."""
+        """Return the votes that come within a number of seconds, and why the others are missing."""
         tasks = {key: asyncio.create_task(one) for key, one in asked.items()}
         self._tasks.update(tasks.values())
         for task in tasks.values():
@@ -284,7 +284,7 @@ class Guardian:
     async def _vote(
         self, spec: str, model: Model, picture: bytes, view: str, read: Callable[[Reply], tuple[Vote, str]]
     ) -> tuple[Vote, str]:
-        """Ask for one vote; whatever goes wrong is a missing vote with its reason."""
+        """Call for one vote; any failure is a missing vote with its reason."""
         try:
             seed = key_seed("guardian", self.frozen.digest, spec, view)
             reply = await model.answer(self._interface.query(picture, seed))

@@ -16,7 +16,7 @@ from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, Frozen, read_vo
 Answer = Literal["hazard", "clear", "abstain"]
 Vote = bool | None
 Pictures = tuple[bytes, bytes]
-"""What the models are shown: the view of a picture, and of its reflection."""
+"""The models' input: the view of a picture, and of its reflection."""
 
 _PICTURE = "the picture"
 
@@ -40,10 +40,10 @@ class Interface:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What a guardian says of a picture.
+    """A guardian's judgement of a picture.
 
     ``votes`` maps each model to its votes on the picture and on its reflection: True is hazard,
-    False clear, and None missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is
+    False clear. None is missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is
     one line for a log.
     """
 

@@ -29,7 +29,7 @@ class Member(Plain):
 
     @property
     def doubtful(self) -> bool:
-        """Return whether anything speaks against it."""
+        """Return whether the member has any known fault."""
         return bool(self.missing or self.clauses or self.guards)
 
     @property

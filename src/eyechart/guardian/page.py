@@ -111,7 +111,7 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
 
 
 def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
-    """Return the frames episode by episode, each with its votes and what became of it."""
+    """Return the frames by episode, each with its votes and its outcome."""
     table, own = found.table, found.table.of(found.frozen.committee)
     episodes: dict[str, list[dict[str, object]]] = {}
     for place, frame in enumerate(table.frames[:MOST_ROWS]):
@@ -130,7 +130,7 @@ def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
 
 
 def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[str, object]], str]:
-    """Return the views of the first frames that were missed, and what has to be said about them."""
+    """Return the views of the first missed frames, and notes on them."""
     if not found.missed:
         return [], ""
     if bank is None:
@@ -170,7 +170,7 @@ _SHOWN = 10
 
 
 def row_names(frozen: Frozen) -> dict[str, str]:
-    """Return the rows of a score in the paper's order, each with its name in words."""
+    """Return the names of a score's rows in the paper's order."""
     at = {"voters": frozen.voters, "threshold": frozen.threshold}
     ties = [h for h in range(frozen.voters + 1) if answers(h, 0, point="abstain", **at) == ABSTAIN]
     tie = " to ".join(f"{h}–{frozen.voters - h}" for h in dict.fromkeys((ties[0], ties[-1])))
@@ -238,7 +238,7 @@ def _cells(row: Mapping[str, Statistic]) -> tuple[Cell, ...]:
 
 
 def choice_lines(frozen: Frozen) -> Iterator[str]:
-    """Yield in words what was chosen, on what, and what was not recorded."""
+    """Yield sentences on the choice, its frames, and facts that were not recorded."""
     votes = f"hazard from {frozen.threshold} of {frozen.voters} votes"
     yield f"committee: {', '.join(frozen.committee)}; {votes}; {frozen.point}"
     if frozen.selection is not None:
@@ -319,7 +319,7 @@ def bound_lines(found: Bound) -> Iterator[str]:
 
 
 def nested_lines(found: Nested) -> Iterator[str]:
-    """Yield in words what the folds chose."""
+    """Yield sentences on the choices of the folds."""
     kinds: dict[tuple[tuple[str, ...], int, str], list[str]] = {}
     for episode, chosen in found.folds.items():
         kinds.setdefault(chosen, []).append(episode)

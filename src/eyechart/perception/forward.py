@@ -47,7 +47,7 @@ def worlds_distances(bank: FrameBank) -> Distances:
 
 
 def view_of(rgb: _Pixels) -> ForwardView | None:
-    """Return the view that took a picture, by its size and its sky; None for any other."""
+    """Return the view of a picture, by its size and its sky; None for an unknown one."""
     if rgb.dtype != np.uint8 or rgb.ndim != 3:
         return None
     for view in FORWARD.values():
@@ -58,14 +58,14 @@ def view_of(rgb: _Pixels) -> ForwardView | None:
 
 @dataclass(frozen=True, slots=True)
 class ForwardReading:
-    """What one forward picture shows, by its pixels alone.
+    """The contents of one forward picture, by its pixels alone.
 
     ``ego_colour`` is a name among the view's bodies (green drives, red has crashed), ``scenery``
-    one among its verges. ``y_m`` and ``yaw`` are where the eye is across the road, from its middle
-    to the left, and how it is turned. ``nearest_side`` is where the nearest obstacle stands as seen
-    from the own track: left, right, centre, or None. ``stripe_phase`` in [0, 1) is how much of a
-    dash's period has passed; None where no dashes are seen. ``others`` are the nearest obstacles of
-    each track.
+    one among its verges. ``y_m`` is the camera's distance from the road's middle, to the left, and
+    ``yaw`` its direction. ``nearest_side`` is the side of the nearest obstacle, seen from the own
+    track: left, right, centre, or None. ``stripe_phase`` in [0, 1) is the share of a dash's period
+    that has passed; None without visible dashes. ``others`` are the nearest obstacles of each
+    track.
     """
 
     scene: Scene
@@ -91,7 +91,7 @@ class ForwardReading:
         return None
 
     def mirrored(self, tracks: int) -> "ForwardReading":
-        """Return the reading of the flipped picture, where the view has so many tracks."""
+        """Return the reading of the flipped picture, with the view's number of tracks."""
         sides = {"left": "right", "right": "left"}
         return replace(
             self,
@@ -151,7 +151,7 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
 
 @dataclass(frozen=True, slots=True)
 class _Pose:
-    """Where the eye is across the road, and the sine and cosine of its yaw."""
+    """The camera's position across the road, and the sine and cosine of its yaw."""
 
     y: float
     sin: float
@@ -160,11 +160,10 @@ class _Pose:
 
 @dataclass(frozen=True, slots=True)
 class _Contacts:
-    """Where obstacles meet the ground, by column: shape (width,), nan where a column shows none.
+    """Where obstacles meet the ground, by column, shape (width,); nan for a column without one.
 
-    ``x`` is ahead of the eye along the road and ``y`` across it, from its middle; ``front`` is the
-    smallest x of the body that a column belongs to, and ``row`` the ground row of the contact, -1
-    where there is none.
+    ``x`` is the distance along the road and ``y`` across it, from its middle. ``front`` is the
+    smallest x of the column's body. ``row`` is the ground row of the contact, -1 without one.
     """
 
     x: _Floats
@@ -197,13 +196,13 @@ class _Edge:
         return float(((self.q - self.q.mean()) ** 2).sum()) if self.q.size >= _LEAST_EDGE_ROWS else 0.0
 
     def vanishing(self) -> float:
-        """Return the tangent in which the edge vanishes."""
+        """Return the tangent of the edge's vanishing point."""
         from_mean = self.q - self.q.mean()
         slope = float((from_mean * self.u).sum()) / self.spread
         return float(self.u.mean()) - slope * float(self.q.mean())
 
     def without_outliers(self, pixel: float) -> "_Edge":
-        """Return the edge without rows that lie more than this off its own line."""
+        """Return the edge without rows that lie farther than this from its own line."""
         if not self.spread:
             return self
         start = self.vanishing()
@@ -305,7 +304,7 @@ def _nearest_in(points: _Contacts, track: int, view: ForwardView) -> float | Non
 
 
 def _side_of_nearest(points: _Contacts, track: int, view: ForwardView) -> str | None:
-    """Return on which side of the own corridor the nearest body stands."""
+    """Return the side of the own corridor on which the nearest body stands."""
     if np.isnan(points.front).all():
         return None
     nearest = points.front == np.nanmin(points.front)

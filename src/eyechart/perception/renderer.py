@@ -324,7 +324,7 @@ def _own_lane(lines: list[int]) -> int | None:
 
 
 def _walk(lines: list[int], dashed: list[bool]) -> int:
-    """Return how many lanes follow outwards from the own lane's line, each behind a dashed line."""
+    """Return the number of lanes outwards from the own lane's line, each behind a dashed line."""
     count = 0
     for n, crossable in enumerate(dashed):
         if not crossable or (n and not _is_lane(lines[n - 1], lines[n])):
@@ -334,9 +334,10 @@ def _walk(lines: list[int], dashed: list[bool]) -> int:
 
 
 def _is_dashed(white: _Bools, grey: _Bools) -> bool:
-    """Return whether a line (600,) has a gap between two dashes within a dash of the ego's column.
+    """Return whether a line (600,) has a gap between two dashes close to the ego's column.
 
-    What a vehicle hides counts for nothing in the distance: the ego itself may stand on the line.
+    Close is within a dash. Parts hidden by a vehicle do not count in that distance, since the ego
+    itself may stand on the line.
     """
     edges = np.flatnonzero(np.diff(grey, prepend=False, append=False))
     starts, ends = edges[0::2], edges[1::2]

@@ -21,7 +21,7 @@ from eyechart.frames import RGB, MirrorAxis, Stimulus, decode, encode
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
 
 NONE = "none"
-"""What ``--view`` takes for the picture as it is."""
+"""The value of ``--view`` for the picture itself."""
 
 Colour = tuple[int, int, int]
 BLACK, GREY, RED, BLUE = (0, 0, 0), (110, 110, 110), (200, 0, 0), (0, 70, 200)
@@ -123,7 +123,7 @@ class View:
 
 @cache
 def _surround(view: View) -> RGB:
-    """Return the view without a scene, shape (h, w, 3); it is not to be written to."""
+    """Return the view without a scene, shape (h, w, 3), read-only."""
     height, width = view.size
     sheet = Image.new("RGB", (width, height), _WHITE)
     draw = ImageDraw.Draw(sheet)
@@ -222,7 +222,7 @@ def forward(name: str, camera: ForwardView) -> View:
     near = camera.distances
 
     def row(metres: float) -> int:
-        """Return the row of the view in which the ground lies so far ahead."""
+        """Return the row of the view in which the ground at a distance lies."""
         return _ABOVE + round(_FACTOR * (camera.horizon + camera.focal_px * camera.eye_m / metres))
 
     marks: list[Mark] = [

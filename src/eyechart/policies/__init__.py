@@ -67,9 +67,9 @@ def is_policy(spec: str) -> bool:
 
 
 def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
-    """Open the policy of a SPEC for these actions; what it returns can be sent to another process.
+    """Open the policy of a SPEC for these actions; the result can be sent to another process.
 
-    Raises SpecError for an unknown name, and for what the policy cannot do with these actions.
+    Raises SpecError for an unknown name, and for a policy that needs other actions.
     """
     kind, _, name = spec.partition(":")
     if kind not in REFERENCES:

@@ -13,7 +13,7 @@ from eyechart.spaces.space import MISSING, Decision, Missing
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """Decides the same at every moment."""
+    """Decides the same action at every moment."""
 
     action: str
 

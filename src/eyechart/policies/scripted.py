@@ -28,7 +28,7 @@ class Oracle:
     """
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the action; raises SpecError where the simulator tells no scene."""
+        """Return the action; raises SpecError if the simulator gives no scene."""
         truth = observation.truth
         if missing := [name for name in NEEDS if truth.get(name) is None]:
             raise SpecError(f"'oracle' needs a simulator that tells {', '.join(NEEDS)}; here {missing[0]} is missing")
@@ -44,7 +44,7 @@ class PositiveControl:
     """Reads the scene from the pixels alone and acts safely: proof that the picture suffices."""
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the safe action, or a refusal where the picture shows no road."""
+        """Return the safe action, or a refusal if the picture shows no road."""
         picture = observation.picture()
         scene = None if picture is None else read_scene(picture)
         return Decision(None, "refused") if scene is None else Decision(safe_action(scene))
@@ -98,7 +98,7 @@ class Mirrored:
     policy: Policy
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the other side of the policy's action, or the reason why it has none."""
+        """Return the policy's action with sides exchanged, or its reason for none."""
         decision = self.policy.decide(observation)
         return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
 

@@ -31,8 +31,8 @@ def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
 def clears_floor(idi_value: float, s: float) -> bool:
     """Return whether IDI > 1.5 s, strictly; ValueError unless both are rates between 0 and 1.
 
-    A flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section The
-    Input-Ablation Battery.
+    It is a flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section
+    The Input-Ablation Battery.
     """
     for name, share in (("IDI", idi_value), ("s", s)):
         if not 0 <= share <= 1:

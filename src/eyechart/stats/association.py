@@ -131,12 +131,12 @@ def modal_share(labels: npt.ArrayLike) -> Statistic:
 def quantile_bins(
     values: Sequence[float | None] | npt.NDArray[np.float64], bins: int = 4, *, no_lead_bin: bool = False
 ) -> Bins:
-    """Bin a gap by its quantiles, duplicate edges dropped, so that tied gaps share a bin.
+    """Bin a gap by its quantiles, without duplicate edges, so that equal gaps share a bin.
 
-    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean that there is no lead.
-    These count as the farthest gap of all, or, with ``no_lead_bin``, get the last bin to themselves
-    and leave the quantiles to the others. Inner edges belong to the bin below, as in
-    ``pandas.qcut(values, bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
+    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean no lead. Without a lead a
+    frame counts as the farthest gap. With ``no_lead_bin`` such frames have the last bin, and the
+    quantiles are of the others. Inner edges belong to the bin below, as in ``pandas.qcut(values,
+    bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
     """
     gap = np.array([math.nan if value is None else value for value in values], dtype=np.float64)
     if bins < 1:

@@ -18,16 +18,16 @@ Floats = npt.NDArray[np.float64]
 
 Point = Literal["two_way", "abstain", "unanimous"]
 POINTS: tuple[Point, ...] = ("two_way", "abstain", "unanimous")
-"""The operating points, in the order in which ties between them are broken."""
+"""The operating points, in their order in ties."""
 
 HAZARD, CLEAR, ABSTAIN = 1, 0, -1
 MISSING = -1
 
 CHUNK = 4_000_000
-"""Committee-frames that are counted at a time."""
+"""Committee-frames counted at a time."""
 
 _DEAREST = 1e30
-"""Sums of dearer costs are infinite."""
+"""The largest cost; sums of larger ones overflow."""
 
 CLOSE = 1e-12
 """Costs this close are equal, and the tie-break decides."""
@@ -35,12 +35,12 @@ CLOSE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """What a missed hazard and a false alarm cost, and what a frame without an answer does.
+    """The costs of a missed hazard, a false alarm, and an abstention.
 
-    Without a cost of abstention only the two-way point is weighed, and a frame without an answer
-    counts as a false alarm. ``hazard_rate`` is how often frames are hazardous where the guardian
-    will stand; None takes the frames' own share. ValueError for a cost below 0, for no cost at all,
-    and for a rate outside (0, 1).
+    Without a cost of abstention only the two-way point is considered, and a frame without an answer
+    counts as a false alarm. ``hazard_rate`` is the share of hazardous frames in deployment; None
+    takes the frames' own share. ValueError for a negative cost, for no cost at all, and for a rate
+    outside (0, 1).
     """
 
     miss: float
@@ -73,10 +73,10 @@ class Choice:
 class Tally:
     """How often each committee gave each number of votes.
 
-    ``committees`` has shape (committees, size), in lexicographic order; ``counts`` has shape
-    (committees, groups, 2, bins): class 1 is hazard, and bin h + (voters + 1) m holds frames with h
-    hazard votes and m missing ones. ``hazard_votes`` has shape (models, groups): how often each
-    model votes hazard there.
+    ``committees`` has shape (committees, size), in lexicographic order. ``counts`` has shape
+    (committees, groups, 2, bins). Class 1 is hazard, and bin h + (voters + 1) m holds frames with h
+    hazard votes and m missing ones. ``hazard_votes`` has shape (models, groups): each model's
+    hazard votes by group.
     """
 
     committees: Ints
@@ -109,7 +109,7 @@ def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, thres
 
 
 def _full(h: Ints, voters: int, threshold: int, point: Point) -> Ints:
-    """Return what a full committee answers to each number of hazard votes."""
+    """Return a full committee's answer to each number of hazard votes."""
     if point == "unanimous":
         return np.where(h == voters, HAZARD, np.where(h == 0, CLEAR, ABSTAIN)).astype(np.int64)
     two_way = np.where(h >= threshold, HAZARD, CLEAR)
@@ -200,7 +200,7 @@ def _choices(found: Tally, counts: Ints, spoken: Ints, costs: Costs | None) -> t
 
 
 def _answer_table(found: Tally, bins: int, options: list[tuple[int, Point]]) -> Ints:
-    """Return what each option answers in each bin, shape (bins, options)."""
+    """Return each option's answer in each bin, shape (bins, options)."""
     m, h = np.divmod(np.arange(bins), found.voters + 1)
     possible = h + m <= found.voters
     h, m = np.where(possible, h, 0), np.where(possible, m, 0)
@@ -241,10 +241,10 @@ class CoveragePoint:
 
 
 def risk_coverage(hazard_votes: Ints, answer: Ints, truth: Bools, *, voters: int) -> Iterator[CoveragePoint]:
-    """Yield the risk–coverage curve of answers, from the surest frames to all that were answered.
+    """Yield the risk–coverage curve of answers, from the surest frames to all answered ones.
 
-    How sure a committee is of a frame is its margin: by how many votes one side outweighs the
-    other.
+    A committee's certainty about a frame is its margin, the difference of votes between the two
+    sides.
     """
     margin = np.abs(2 * hazard_votes - voters)
     said = answer != ABSTAIN

@@ -27,14 +27,14 @@ distribution is 1/correlation - 1. With these weights the correlation's prior is
 """
 
 _FADES = 6.0
-"""How fast degrees of freedom grow towards 0 and 1; measured, as the prior is."""
+"""How fast degrees of freedom grow towards 0 and 1; measured, like the prior."""
 
 _UNEVEN = 2.0
 """How much slower if long episodes dominate, by the share that Kish's number takes away."""
 
 _EDGE = 1e-9
 _SUMMED = 64
-"""Up to so many frames an episode logarithms are summed; beyond, log gamma is faster."""
+"""Up to this number of frames an episode logarithms are summed; beyond, log gamma is faster."""
 
 
 def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: float = 0.95) -> Statistic:

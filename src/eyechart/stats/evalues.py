@@ -36,7 +36,7 @@ class EValue(Statistic):
 
 
 class EProcess(Protocol):
-    """Evidence against a null; ``log_e`` is its natural logarithm, infinite for an impossible null."""
+    """Evidence against a null; ``log_e`` is its logarithm, infinite for an impossible null."""
 
     log_e: float
 
@@ -129,7 +129,7 @@ class PairingProcess:
         self.log_e = 0.0
 
     def add(self, wanted: Hashable, second: Hashable) -> None:
-        """Add the second label of the next frame, and the one that was wanted of its first."""
+        """Add the second label of the next frame, and the wanted one for its first."""
         share = (self._hits + 0.5) / (self._hits + self._misses + 1)
         hit = wanted == second
         self._log_bet += math.log(share if hit else (1 - share) / (self._labels - 1))

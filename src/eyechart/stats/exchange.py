@@ -28,7 +28,7 @@ Counts = npt.NDArray[np.unsignedinteger]
 Pairs = Floats | Counts
 
 ENUMERATED_ARRANGEMENTS = 20_000
-"""Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
+"""Up to this number of exchanges of episodes the null distribution is enumerated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class _Layout:
     shifted: int
 
     def count(self, decided: npt.NDArray[np.bool_]) -> int:
-        """Return how many of the frames used carry a decision."""
+        """Return how many of the used frames have a decision."""
         return sum(int(np.count_nonzero(decided[rows])) for rows in self.strata)
 
     @property
@@ -49,7 +49,7 @@ class _Layout:
         return tuple(len(rows) for rows in self.strata)
 
     def detail(self) -> dict[str, object]:
-        """Return what a reader must know to trust the test."""
+        """Return the facts that a reader needs to judge the test."""
         return picked(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
 
 
@@ -62,7 +62,7 @@ class Exchanged(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend(Exchanged):
-    """What was compared with its own null, and the mean and deviation of that."""
+    """A trend with the mean and deviation of its null distribution."""
 
     null_mean: float
     null_sd: float
@@ -126,12 +126,12 @@ def exchange_mi_test(
     alpha: float = 0.01,
     resamples: int = 5000,
 ) -> Statistic:
-    """Test mutual information between action and gap bin with the same null as `exchange_test`.
+    """Test mutual information between action and gap bin with the null of `exchange_test`.
 
-    ``action`` and ``gap_bin`` are string or integer labels per frame, the rest is as there; an
-    action of "" or below 0 is no decision. ``value`` is the plug-in information in bits over the
-    decisions used; ``p`` is one-sided for large values. It finds dependence of any shape, also with
-    the wrong sign.
+    ``action`` and ``gap_bin`` are string or integer labels per frame; the other arguments are as
+    there. An action of "" or below 0 is no decision. ``value`` is the plug-in information in bits
+    over the used decisions; ``p`` is one-sided for large values. The test finds dependence of any
+    shape, also with the wrong sign.
     """
     actions, bins = _codes(action, "action"), _codes(gap_bin, "gap_bin")
     layout = _layout(stratum, episode, step, (len(actions), len(bins)))
@@ -158,10 +158,10 @@ def iid_trend_test(
 ) -> Statistic:
     """Test the trend T of `exchange_test` by permuting frame by frame, within ``stratum`` if given.
 
-    For frames that are declared independent; on autocorrelated episodes it rejects far too often.
-    The arrays are those of `exchange_test`, one entry per frame; ValueError where their lengths
-    differ. Frames without a decision (level -1) are left out. ``p`` is one-sided for small T,
-    (k+1)/(B+1).
+    Use it only for frames that are declared independent; on autocorrelated episodes it rejects far
+    too often. The arrays are those of `exchange_test`, one entry per frame; ValueError if their
+    lengths differ. Frames without a decision (level -1) are left out. ``p`` is one-sided for small
+    T, (k+1)/(B+1).
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     if len(levels) != len(ranks):
@@ -284,7 +284,7 @@ def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str)
 
 
 def _aligned(pairs: Sequence[Pairs]) -> Floats:
-    """Return the summed pair values of the arrangement that was observed, shape (m,)."""
+    """Return the summed pair values of the observed arrangement, shape (m,)."""
     return np.asarray(sum(np.trace(each, dtype=np.float64) for each in pairs), dtype=np.float64)
 
 
@@ -320,9 +320,9 @@ def _gather(pairs: Pairs, orders: Ints) -> Floats:
 def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Counts:
     """Return counts of (action, bin), flat, for each action episode against each gap episode.
 
-    An action of ``shape[0]`` is no decision and is counted nowhere. A count is at most the number
-    of steps, so that the smallest type that holds it keeps a thousand episodes against a thousand
-    within some ten megabytes.
+    An action of ``shape[0]`` is no decision and does not count. A count is at most the number of
+    steps, so the smallest sufficient type is used. A thousand episodes against a thousand then take
+    some ten megabytes.
     """
     k, steps = actions.shape
     out = np.empty((k, k, shape[0], shape[1]), dtype=np.min_scalar_type(steps))

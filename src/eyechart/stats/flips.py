@@ -13,22 +13,23 @@ from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 Floats = npt.NDArray[np.float64]
 
 ENUMERATED_FLIPS = 14
-"""Up to so many differences other than 0 all sign patterns are enumerated instead of sampled."""
+"""Up to this number of nonzero differences all sign patterns are enumerated."""
 
 FOLLOW_LEVEL = 0.98
-"""Each end of the interval of `follow` is passed with a chance of .01."""
+"""Each end of `follow`'s interval is exceeded with a chance of .01."""
 
 
 def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test two-sidedly whether paired numbers differ: mean(first) - mean(second).
 
-    Two numeric arrays of one length, paired by world. Where the two of a pair come from the same
-    distribution they may be exchanged, which flips the sign of their difference (Fisher 1935).
-    ``p`` is exact over all sign patterns of the differences that are not 0 where these are at most
-    `ENUMERATED_FLIPS`, else (k+1)/(B+1). ``n`` counts the pairs. ``detail``: how many first values
-    are larger, smaller and equal, both means, and the smallest p that the pairs allow. Without a
-    pair the value is None; where all pairs are equal it is 0 and p is 1. It carries no interval:
-    bootstrap the pairs. ValueError for other arrays.
+    Two numeric arrays of one length, paired by world. If both of a pair have the same distribution,
+    they may be exchanged, which flips the sign of their difference (Fisher 1935). ``p`` is exact
+    over all sign patterns of the nonzero differences if these are at most `ENUMERATED_FLIPS`, else
+    (k+1)/(B+1). ``n`` counts the pairs. ``detail`` has the numbers of larger, smaller and equal
+    first values, both means, and the smallest p that the pairs allow.
+
+    Without a pair the value is None; if all pairs are equal it is 0 and p is 1. There is no
+    interval: bootstrap the pairs. ValueError for other arrays.
     """
     a, b = _numbers(first, "first"), _numbers(second, "second")
     if len(a) != len(b):

@@ -151,7 +151,7 @@ def _clopper_pearson(k: int, n: int, confidence: float) -> float:
 
 
 def _lowest(holds: Callable[[float], bool], low: float) -> float:
-    """Return, to 1e-9 from above, the lowest number up to 1 from which on a condition holds."""
+    """Return the lowest number up to 1 from which a condition holds, to 1e-9 from above."""
     high = 1.0
     while high - low > 1e-9:
         middle = (low + high) / 2

@@ -82,11 +82,11 @@ def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 
 
 
 def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: float = 0.95) -> Statistic:
-    """Return a statistic with an interval over episodes, where these are what may be left out.
+    """Return a statistic with an interval over episodes, by leaving each episode out.
 
-    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,), NaN
-    where it is undefined: a mean, or a difference of two runs. ``n`` counts episodes; no interval
-    below `LEAST_EPISODES`, nor where the episodes do not differ.
+    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,). It
+    may be a mean, or a difference of two runs, and is NaN if undefined. ``n`` counts episodes.
+    There is no interval below `LEAST_EPISODES`, nor if the episodes do not differ.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     value = float(statistic(np.ones((1, episodes)))[0]) if episodes else np.nan
@@ -151,9 +151,9 @@ def half_exceeded(
 ) -> Statistic:
     """Return a rate less half of another, with the jackknife's interval over whole episodes.
 
-    ``first`` and ``second``, shape (2, frames), count what happened and how often it could;
-    ``episodes`` names each frame's. ``n`` counts how often the first could. No interval of fewer
-    episodes than `LEAST_EPISODES`.
+    ``first`` and ``second``, shape (2, frames), count events and chances for them; ``episodes``
+    names each frame's. ``n`` counts the chances of the first. No interval below `LEAST_EPISODES`
+    episodes.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     each = by_episode([*np.asarray(first, dtype=np.float64), *np.asarray(second, dtype=np.float64)], episodes)

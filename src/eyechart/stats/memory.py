@@ -7,7 +7,7 @@ from eyechart.stats.statistic import Statistic, cannot_say
 
 RESAMPLES = 999
 _LEAST = 20
-"""Calls for each number of the one before, below which a fit says nothing."""
+"""Calls needed for each number that describes the call before; fewer give no fit."""
 
 
 def memory_share(apart: npt.ArrayLike, before: npt.ArrayLike, *, seed: int) -> Statistic:

@@ -17,26 +17,26 @@ from eyechart.stats.statistic import Statistic, cannot_say
 Floats = npt.NDArray[np.float64]
 
 FEWEST = 6
-"""No window of `greatest_rise` is narrower."""
+"""The fewest answers in a window of `greatest_rise`."""
 WIDEST = 1 / 4
-"""Nor wider than this share of the answers."""
+"""The widest window, as a share of the answers."""
 WIDTHS = 6
-"""So many widths of windows are tried."""
+"""The number of window widths."""
 SPREAD_OF = 4
-"""A place's own variance is held up by so many answers of the variance of all."""
+"""A place's own variance is mixed with this many answers of the variance of all."""
 ENOUGH = 20
-"""After so many orders with as great a rise p is known to be large, and no more are drawn."""
+"""After this many orders with as great a rise, p is known to be large, and drawing stops."""
 AT_ONCE = 64
-"""So many orders of some hundred answers stay in a processor's cache."""
+"""This many orders of some hundred answers fit a processor's cache."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order(Statistic):
-    """How often comparisons are the wrong way round, with what it comes from.
+    """How often comparisons are the wrong way round, with the counts behind it.
 
-    ``lost`` and ``won`` count the comparisons that both answers to either picture lose, or win;
-    ``contradicted`` those that one loses and the other wins. A comparison counts once, as the mean
-    of the two ways to pair the answers.
+    ``lost`` and ``won`` count the comparisons that both answers to a picture lose, or win.
+    ``contradicted`` counts those that one loses and the other wins. A comparison counts once, as
+    the mean of the two ways to pair the answers.
     """
 
     lost: float
@@ -46,9 +46,9 @@ class Order(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rise(Statistic):
-    """The greatest rise along a scale: levels are less in the range ``nearer`` than in ``farther``.
+    """The greatest rise along a scale: levels are lower in range ``nearer`` than in ``farther``.
 
-    Both are None where nothing rises, and in the unit of the scale.
+    Both ranges are in the unit of the scale, and None without a rise.
     """
 
     nearer: tuple[float, float] | None = None

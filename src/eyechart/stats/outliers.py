@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 FAR = 5.0
-"""So many times the distance from the median within which 95 of 100 numbers lie."""
+"""Multiple of the distance from the median within which 95 of 100 numbers lie."""
 FEW = 0.025
 """The largest share of exceptions; a fast move in a log that mostly stands has more."""
 WIDER = 1.5
-"""So much wider all numbers spread than the others: fewer change no scale."""
+"""The column's spread over that of its other numbers, from which numbers are far."""
 LEAST = 20
-"""Numbers below which none is far from the others."""
+"""With fewer numbers none counts as far."""
 ONE_IN = 20
 """Far numbers in more than one of so many episodes recur: a rare move, and no fault."""
 

@@ -1,4 +1,4 @@
-"""Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
+"""Exact tests and intervals on pairs: whether the same frames got other answers."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
 ENUMERATED_STATES = 20_000
-"""Up to so many distinct outcomes a null distribution is enumerated instead of sampled."""
+"""Up to this number of distinct outcomes a null distribution is enumerated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignTest(Statistic):
-    """A sign test with its counts of frames in which the first is larger, smaller, and the same."""
+    """A sign test, with the numbers of frames in which the first is larger, smaller and equal."""
 
     wins: int
     losses: int
@@ -68,7 +68,7 @@ class Place:
 
     @property
     def where(self) -> str:
-        """Return in words where it is."""
+        """Return the part's name in words."""
         if self.of == "range":
             return f"from {self.name}"
         return f"in `{self.name}`" if self.of == "scenario" else f"where {self.of} is {self.name}"
@@ -79,14 +79,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Places(Statistic):
-    """How many parts of what was shown are of one kind, out of ``n``; ``places`` are these."""
+    """The number of parts of one kind with a property, out of ``n``; ``places`` lists them."""
 
     places: tuple[Place, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelSwap(Statistic):
-    """A label swap test with how often each label came under either condition."""
+    """A label swap test with each label's count under either condition."""
 
     first: tuple[int, ...]
     second: tuple[int, ...]
@@ -140,12 +140,11 @@ def stratified_association(
 ) -> Statistic:
     """Test exactly and one-sidedly whether two 0/1 outcomes go together within groups.
 
-    Three sequences of one length, position by position about the same frame. The margins of each
-    group's table are held, so that a group in which either outcome never varies says nothing.
-    ``value`` is the share of the frames of the other groups in which the outcomes are equal, with
-    its Clopper-Pearson interval, and ``n`` counts these frames; ``p`` is that of the sum of both
-    ones over the groups, each hypergeometric (the exact form of Mantel and Haenszel's test, Birch
-    1964).
+    Three sequences of one length, in the same order of frames. Each group's margins are fixed, so a
+    group in which either outcome never varies adds nothing. ``value`` is the share of the other
+    groups' frames in which the outcomes are equal, with its Clopper-Pearson interval. ``n`` counts
+    these frames. ``p`` is that of the number of joint ones, summed over groups, each
+    hypergeometric. It is the exact form of Mantel and Haenszel's test (Birch 1964).
     """
     a, b = _pair(first, second)
     method = "equal within group; p: exact conditional test over the groups' tables, one-sided"
@@ -230,10 +229,10 @@ def paired_difference(first: npt.ArrayLike, second: npt.ArrayLike, *, level: flo
 def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95) -> Statistic:
     """Return the paired difference of proportions (b - c)/n with Tango's score interval (1998).
 
-    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval
-    stays honest for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level``
-    is two-sided; 0.98 gives two one-sided bounds at .01. The value is None when n is 0; ValueError
-    when b + c exceeds n.
+    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval is
+    valid for small n. Without a discordant pair it is +-z^2/(n + z^2). ``level`` is two-sided; 0.98
+    gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds
+    n.
     """
     if b < 0 or c < 0 or b + c > n:
         raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
@@ -270,10 +269,10 @@ def bounded_below(
 
 
 def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: float = 0.01) -> int:
-    """Return how many pairs bound a difference below ``margin`` when it is 0 and looks it.
+    """Return how many pairs bound a difference of 0 below ``margin``.
 
-    ``disagreement`` is the share of discordant pairs, split evenly. For an `undecided` verdict: so
-    many frames would decide. ValueError when the disagreement is outside [0, 1].
+    ``disagreement`` is the share of discordant pairs, split evenly. It serves an `undecided`
+    verdict: this number of frames would decide. ValueError when the disagreement is outside [0, 1].
     """
     if not 0 <= disagreement <= 1 or not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"no such design: disagreement={disagreement}, margin={margin}, alpha={alpha}")

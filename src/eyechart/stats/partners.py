@@ -11,7 +11,7 @@ Places = npt.NDArray[np.intp]
 _Marks = npt.NDArray[np.bool_]
 
 NOBODY = -1
-"""Stands for the partner of a frame that has none."""
+"""The partner of a frame without one."""
 SIMILAR = 0.10
 """States are similar if their squared distance is at most this share of two random states'."""
 _ROUNDS = 20
@@ -98,11 +98,11 @@ def near_partners(
 
 
 def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> npt.NDArray[np.float64]:
-    """Return for each number of the state the ratio of two mean squared changes, shape (d,).
+    """Return for each number of the state a ratio of mean squared changes, shape (d,).
 
-    That of ``frames`` to their partners of their own episode over that to their matches; ``states``
-    has shape (n, d), the others are places in it. Below 1 a change of that number is smaller than
-    the match's. Infinite for a number that no match changes.
+    It is the change of ``frames`` to own-episode partners over that to their matches. ``states``
+    has shape (n, d); the others are places in it. Below 1, a number changes less than to the match.
+    Infinite for a number that no match changes.
     """
     given = np.asarray(states, np.float64)
     own, theirs = (((given[places] - given[frames]) ** 2).mean(axis=0) for places in (near, matched))
@@ -120,7 +120,7 @@ def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np
 
 
 def _valued(episodes: Sequence[object], values: Sequence[object] | None) -> Places:
-    """Return values as numbers, one a frame; without any each frame has its own."""
+    """Return values as numbers, one a frame; without any, each frame has its own."""
     if values is not None and len(values) != len(episodes):
         raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
     return np.arange(len(episodes)) if values is None else _numbered(values)

@@ -1,4 +1,4 @@
-"""What chance alone would give: permutation p values and Holm's correction."""
+"""Results by chance alone: permutation p values and Holm's correction."""
 
 from collections.abc import Sequence
 
@@ -93,7 +93,7 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
 
 
 def ratio_of_sums(sums: Floats) -> Floats:
-    """Return the first sum over the second, shape (resamples,), NaN where the second is 0.
+    """Return the ratio of two sums, shape (resamples,), NaN if the second is 0.
 
     ``sums`` has shape (resamples, 2): with columns (disagreements, frames) it is a pooled rate.
     """

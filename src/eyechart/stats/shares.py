@@ -50,7 +50,7 @@ class Followed(Share):
 
     @property
     def least(self) -> tuple[str, Mapping[str, float]] | None:
-        """Return the part that is at most the least, with its name."""
+        """Return the part with the least upper end, with its name."""
         return min(self.parts.items(), key=lambda one: one[1]["at_most"]) if self.parts else None
 
     @property
@@ -63,9 +63,9 @@ class Followed(Share):
 class Misfit(Share):
     """How far motions are from logged ones.
 
-    ``offset`` is how many spreads the mean of the number ``offset_of`` is away, ``spread`` by what
-    factor the spread of ``spread_of`` is another; ``far_off`` moments are left out, in which the
-    log's own ``far_off_of`` are far off.
+    ``offset`` is the distance of the means of ``offset_of``, in spreads. ``spread`` is the ratio of
+    the spreads of ``spread_of``. ``far_off`` moments are left out, because the log's ``far_off_of``
+    lie far off there.
     """
 
     offset: float | None = None
@@ -87,5 +87,5 @@ def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
 
 @cache
 def _shared(one: type, kind: type) -> frozenset[str]:
-    """Return the names of the fields that two kinds have."""
+    """Return the names of the fields that both kinds have."""
     return frozenset(each.name for each in fields(one)) & frozenset(each.name for each in fields(kind))

@@ -7,7 +7,7 @@ from typing import Self
 from eyechart.records import picked, plain
 
 CHUNK_BYTES = 2**24
-"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
+"""Bytes of resamples drawn at a time; the draws do not depend on it."""
 
 TIE = 1e-9
 """Resampled statistics within this relative distance of the observed one are ties."""
@@ -39,7 +39,7 @@ class Statistic:
 
     @property
     def is_sound(self) -> bool:
-        """Return whether the interval, if there is one, holds the value, but for rounding."""
+        """Return whether the interval, if there is one, holds the value up to rounding."""
         if self.ci is None or self.value is None:
             return True
         rounding = TIE * max(1.0, abs(self.value))
@@ -66,9 +66,9 @@ class UpperBound(Statistic):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What was measured of one model in one place: a bank, or a world that it drove in.
+    """The statistics of one model in one place: a bank, or a simulator.
 
-    ``unfinished`` says in words what its run lacks, and is empty where it lacks nothing.
+    ``unfinished`` describes what its run lacks; empty if nothing.
     """
 
     model: str

@@ -19,21 +19,21 @@ Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
 LEVEL = 0.98
-"""Each end of an interval is passed with a chance of .01."""
+"""Each end of an interval is exceeded with a chance of .01."""
 
 _SURE = 2.0
-"""A share so many standard errors above 0 has an interval on the scale of its logarithm alone."""
+"""From this number of standard errors above 0, the interval is on the log scale alone."""
 _MOST_EXPONENT = 50.0
 ROUNDING = 1e-4
-"""What varies less than this share of what it is held against is the same, but for rounding."""
+"""Variation below this share of its reference is rounding."""
 
 
 _MOVES = 0.1
-"""And from this share on the log itself moves it."""
+"""From this share on, the log itself moves a dimension."""
 
 
 LAST_BITS = 1e-6
-"""A few last bits of a number in single precision, as a share of it."""
+"""The last bits of a single-precision number, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
 
 
 _DECADES, _STEPS = 4, 2000
-"""How far from a share its bounds are looked for, and in how many steps."""
+"""The range of the search for a share's bounds, in decades, and its steps."""
 
 
 def _inverted(first: float, second: float, left: Floats, quantile: float) -> tuple[float, float] | None:
@@ -344,11 +344,11 @@ def shares_of_parts(
 
 
 def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike) -> Statistic:
-    """Return which share of a controller's variation is there when nothing changes at all.
+    """Return the share of a controller's variation that is there without any change.
 
     ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to
     another episode's. It is the mean squared distance of the first two over that of ``first`` and
-    ``other``; None where those do not vary.
+    ``other``; None if those do not vary.
     """
     a, b, c = (np.asarray(one, np.float64) for one in (first, again, other))
     method = "squared distance of two answers to one frame, over that to another episode's"
@@ -382,7 +382,7 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
 
 
 def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]:
-    """Return which dimensions are the same in every answer, and are not in the log.
+    """Return the dimensions that never change in the answers, but do in the log.
 
     Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no
     movement.

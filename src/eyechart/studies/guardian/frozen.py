@@ -34,7 +34,7 @@ TIE_BREAKS = f"committees in which every model votes hazard on some frame, then 
 
 _MOST_BYTES = 64_000_000
 NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
-"""By what a frame is known as another one, in words."""
+"""How a frame matches one that chose the guardian, in words."""
 _MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
 _LEFT = {
     NAME: "chose this guardian",
@@ -43,18 +43,18 @@ _LEFT = {
 }
 
 _NAMES = {"single": "best_single_model"}
-"""What a field of a selection is called in the file, where it has another name there."""
+"""Names of a selection's fields in the file, if they differ."""
 _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
 class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=_NAMES):
-    """What chose a guardian: the frames and episodes that it saw, and how.
+    """The choice of a guardian: its frames and episodes, and their scores.
 
-    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost;
+    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost.
     ``candidates`` counts the committees with their thresholds and operating points. ``single`` is
     the best single model on the same frames, by its vote on the original picture. ``pictures`` are
-    the digests of the frames' pictures, where the bank records them. ``tie_breaks`` says in words
-    which of equals was taken.
+    the digests of the frames' pictures, if the bank records them. ``tie_breaks`` is the rule for
+    ties.
     """
 
     costs: Costs | None = None
@@ -108,13 +108,13 @@ class Frozen:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Return the committee, and the best single model where it is none of it."""
+        """Return the committee, and the best single model if it is no member."""
         single = [self.selection.single] if self.selection else []
         return tuple(dict.fromkeys((*self.committee, *single)))
 
     @property
     def digest(self) -> str:
-        """Return the digest of everything that the guardian's file says."""
+        """Return the digest of the guardian's file without the digest."""
         return hashlib.sha256(json.dumps(self._content(), sort_keys=True).encode()).hexdigest()
 
     def as_dict(self) -> dict[str, object]:
@@ -122,7 +122,7 @@ class Frozen:
         return {**self._content(), "digest": self.digest}
 
     def exported(self) -> "Frozen":
-        """Return what a stack needs of this guardian: all but the selection."""
+        """Return the guardian for a stack: without its selection."""
         about = self.about.only(self.committee)
         return replace(self, about=about, selection=None, chosen_as=self.chosen_as or self.digest)
 
@@ -307,7 +307,7 @@ class _Bank(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _File(msgspec.Struct, frozen=True):
-    """What a guardian's file holds, but the rule of its selection in words."""
+    """The contents of a guardian's file, without the text of its rule."""
 
     format: str
     committee: tuple[Name, ...]

@@ -25,7 +25,7 @@ from eyechart.studies.guardian.votes import VoteTable
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Scenes = tuple[Scene, Scene]
-"""What the deterministic reader sees in a picture and in its reflection."""
+"""The deterministic reader's scenes of a picture and of its reflection."""
 
 Read = Callable[[str], Scenes | None]
 

@@ -196,7 +196,7 @@ def _of_models(path: Path, raw: object, models: Sequence[str]) -> tuple[dict[str
 
 
 CONDITIONS = ("real", "mirrored")
-"""What the two votes of a model are replies to, in the order of `VIEWS`."""
+"""The conditions of a model's two votes, in the order of `VIEWS`."""
 
 
 def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = False) -> VoteTable:
@@ -276,10 +276,9 @@ def _cast(
     why: npt.NDArray[np.str_],
     close_m: float,
 ) -> dict[str, str]:
-    """Fill in a model's votes, and why some are none, both (frames, 2).
+    """Fill in a model's votes and the reasons for missing ones, both (frames, 2).
 
-    Returns the names it served as, each with the model that it names without the server's
-    configuration.
+    Returns the served names, each with its model's name without the server's configuration.
     """
     place = {frame.id: number for number, frame in enumerate(frames)}
     served = dict[str, str]()

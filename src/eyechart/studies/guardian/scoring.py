@@ -77,7 +77,7 @@ def _by_episode(table: VoteTable, answer: Ints) -> Floats:
 
 
 def _counted(sums: Floats) -> dict[str, tuple[Floats, Floats]]:
-    """Return of each share what it counts, and of how many frames, in each episode."""
+    """Return for each share its hits and its frames, by episode."""
     tp, fn, tn, fp, frames = sums.T
     return {
         "coverage": (tp + fn + tn + fp, frames),
@@ -97,7 +97,7 @@ ESTIMANDS = {
     "any_miss_in_an_episode": "share of episodes with hazardous frames in which any of them is called clear",
     "conformal": "expected share of a next episode's hazardous frames called clear, each episode counting alike",
 }
-"""What each bound is a bound of."""
+"""The definition of each bound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,8 +279,8 @@ def score(
     """Score a frozen guardian on every frame of a table.
 
     Raises GuardianError for a frame that chose it, and for votes of another bank, prompt, view or
-    version of a model. Intervals are over episodes. ``resamples`` of the flipped signs are drawn
-    from ``seed`` where these are too many to count.
+    version of a model. Intervals are over episodes. ``resamples`` sign patterns are drawn from
+    ``seed`` if there are too many to enumerate.
     """
     frozen.may_score(table)
     assert frozen.selection is not None
@@ -311,7 +311,7 @@ def score(
 
 
 def answer_of(frozen: Frozen, table: VoteTable) -> dict[str, Ints]:
-    """Return what the guardian answers to each frame at each operating point."""
+    """Return the guardian's answer to each frame at each operating point."""
     votes = table.of(frozen.committee)
     return {point: answered(votes, frozen.threshold, point) for point in POINTS}
 

@@ -18,7 +18,7 @@ VIEWS = ("original", "reflected")
 """The two pictures of a frame that a model votes on, in the order of a table's last axis."""
 
 PARTS = ("calibration", "score", "bound")
-"""What a frame may serve for, in a column ``split``."""
+"""The parts of a split, in a column ``split``."""
 
 HAZARD_COLUMN = "hazard"
 _WORDS: dict[object, bool] = {
@@ -152,7 +152,7 @@ class VoteTable:
         return [words] if left else []
 
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
-        """Return the episodes, sorted, and the number of each frame's among them."""
+        """Return the sorted episodes, and each frame's number among them."""
         names = tuple(sorted(set(self.episodes)))
         number = {name: place for place, name in enumerate(names)}
         return names, np.array([number[name] for name in self.episodes], dtype=np.int64)
@@ -202,7 +202,7 @@ class VoteTable:
 
 
 def require_both(table: VoteTable) -> None:
-    """Raise GuardianError unless a table holds hazardous and clear frames."""
+    """Raise GuardianError unless a table has hazardous and clear frames."""
     hazards = int(table.hazard.sum())
     if not 0 < hazards < len(table.frames):
         raise GuardianError(

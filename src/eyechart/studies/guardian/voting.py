@@ -32,7 +32,7 @@ Unvoted = Literal[
     "contradicts_itself",  # near and not close, or close and far
     "no_confidence",  # a confidence of 0
 ]
-"""Why a reply with an estimate is no vote; one without has a reason of the reader of scenes."""
+"""Why a reply with an estimate is no vote; without one the reader of scenes gives the reason."""
 
 _LEAD_IN = """
 a answer answers are as based below certainly course estimate estimates final five following follows for from here
@@ -61,15 +61,15 @@ class Vote:
     words: str = ""
 
     def __str__(self) -> str:
-        """Return why there is none, on one line; nothing where there is."""
+        """Return the reason for no vote, on one line; empty for a vote."""
         return f"{self.why}: {self.words}" if self.words else self.why
 
 
 def read_vote(reply: Answer, close_m: float) -> Vote:
-    """Return the vote of a reply to a question that calls a lead nearer than ``close_m`` close.
+    """Return the vote of a reply, for a question that calls a lead nearer than ``close_m`` close.
 
-    It needs a scene estimate as `SceneSpace.read` reads it, and nothing that speaks against acting
-    on it. A finish reason that is not reported is no fault.
+    It needs a scene estimate as `SceneSpace.read` reads it, and nothing that contradicts it. A
+    missing finish reason is no fault.
     """
     found = VOTED.read(reply)
     if found.missing == "unparsed":

@@ -25,7 +25,7 @@ from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED, count_of
 from eyechart.studies.hierarchy.tables import of_ablation
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
-"""What the truth of a world's first moment tells of its obstacles."""
+"""The fields of truth at a world's first moment that describe its obstacles."""
 
 _PLACE = ("x_m", "y_m", "yaw", "speed_mps")
 
@@ -97,7 +97,7 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
 
 
 def in_order(worlds: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
-    """Return worlds, each a scenario and a seed, as the study names its scenarios."""
+    """Return worlds, each a scenario and a seed, in the study's order of scenarios."""
     places = {name: place for place, name in enumerate(FAMILIES)}
     return sorted(worlds, key=lambda one: (places.get(one[0], len(places)), one))
 
@@ -124,7 +124,7 @@ def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
 
 
 def _told_of(drives: Drives, episode: Episode) -> bool:
-    """Return whether a world has the obstacles here that its record tells of."""
+    """Return whether a world has the obstacles of its record here."""
     try:
         drive = drives.open_simulator().drive(episode.key.scenario, episode.key.seed)
     except EyechartError:
@@ -135,7 +135,7 @@ def _told_of(drives: Drives, episode: Episode) -> bool:
 
 
 MOST_WORLDS = 48
-"""Strips of a group; of more worlds, so many evenly taken."""
+"""Strips of a group; more worlds are sampled evenly."""
 MOST_PLANNERS = 6
 """Planners with a group in each ablation; the figures of outcomes and the tables have all."""
 MOST_WAYS = 8
@@ -172,7 +172,7 @@ Grey and dashed is blind, vermillion is mirrored, ink is the controller that kno
 
 @dataclass(frozen=True)
 class Line:
-    """One source in a group of strips: its drives, and how they are drawn."""
+    """One source in a group of strips: its drives, and their line style."""
 
     drives: Drives
     name: str
@@ -181,17 +181,17 @@ class Line:
 
     @property
     def ink(self) -> str:
-        """Return the colour as figures write it."""
+        """Return the colour for figures."""
         return INK if self.colour == "ink" else WAYS[self.colour]
 
     @property
     def variable(self) -> str:
-        """Return the colour as a page's style sheet has it."""
+        """Return the colour as a variable of the page's style sheet."""
         return "var(--ink)" if self.colour == "ink" else f"var(--way-{self.colour})"
 
     @property
     def dashes(self) -> str:
-        """Return the dashes as SVG has them, in widths of a thin line."""
+        """Return the dashes for SVG, in widths of a thin line."""
         return "" if self.dash == _SOLID else " ".join(f"{3 * one:g}" for one in self.dash[1])
 
 
@@ -208,7 +208,7 @@ class Group:
 
     @property
     def caption(self) -> str:
-        """Return how many worlds and sources are shown."""
+        """Return the number of worlds and sources in the group."""
         some = "" if len(self.drawings) == self.worlds else f"{len(self.drawings)} of "
         return f"{some}{self.worlds} worlds, {len(self.lines)} sources in each"
 

@@ -89,7 +89,7 @@ def make_hierarchy_page(
 
 
 def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Opening:
-    """Return what the page says first: which planner completes by its pictures, and where."""
+    """Return the opening: which planner completes by its pictures, and where."""
     said = [
         Said(
             f"{card['planner']} in {card['simulator']}",
@@ -114,7 +114,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
 
 
 def _rates(card: Mapping[str, Any]) -> Iterator[str]:
-    """Yield how often a planner reached its goal, by what it was shown."""
+    """Yield how often a planner reached its goal, by condition."""
     yield f"goals with real pictures {card['real']}"
     yield from (f"{CONDITION_NAMES[name]} {goals}" for name, goals, *_ in card["others"])
 

@@ -23,7 +23,7 @@ MPC_ONLY = "constant:STRAIGHT"
 ORACLE, ORACLE_MIRRORED = "route", "mirrored:route"
 FAMILIES = ("offset", "single", "slalom", "gate", "clutter")
 SIDED = ("offset", "slalom", "gate", "clutter")
-"""The families in which a side matters: in ``single`` both sides are free."""
+"""Families in which a side matters; in ``single`` both sides are free."""
 
 CONDITIONS = ("real", "mirrored", "blank", "shuffled")
 """A model's conditions: its rates with real pictures are compared with its own blind ones."""
@@ -126,7 +126,7 @@ class Choice:
 ALL = Choice()
 MODELS = "-models"
 NOBODY = "none"
-"""The word for no source but models."""
+"""The word for no scripted source."""
 
 
 def read_sources(text: str) -> frozenset[tuple[str, str]]:
@@ -237,7 +237,7 @@ class Arms(Planned):
         return next(part for part in self.parts.values() if part.drivers.models)
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield the size of each run, and what its models' calls are expected to take."""
+        """Yield each run's size, and the expected cost of its models' calls."""
         for name, part in self.parts.items():
             size = f"{counted(len(part.keys), 'episode')} in {part.manifest.simulator}"
             yield f"{name}: {size}, {len(part.left())} to drive"

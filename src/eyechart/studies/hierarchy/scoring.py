@@ -45,7 +45,7 @@ NEEDED = ("shuffled", "blank")
 """The pictures under which a model must complete fewer worlds; "shuffled" is the strictest."""
 
 _FEWER = {name: (compared(name, "value", ">", 0.0, untested=False), p_below(name, LEVEL)) for name in NEEDED}
-"""That fewer worlds are completed without the own picture, significantly so after Holm."""
+"""The clauses: fewer worlds completed without the own picture, significant after Holm."""
 
 COMPLETES = Axis(
     "planners",
@@ -55,7 +55,7 @@ COMPLETES = Axis(
         Rule("completion_alone", NEEDED[0]),
     ),
 )
-"""What drives without its own pictures tell of how a planner completes."""
+"""The predicate in sentences about a planner's drives without its own pictures."""
 
 _WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 
@@ -69,7 +69,7 @@ PUBLISHED: Mapping[str, Printed] = {
     "mpc-oracle": ("30/32", "2/32", None, None),
     "mpc-blind": ("1/32", "31/32", None, None),
 }
-"""Goals, crashes, metres and the share of STOP that the paper prints of a source."""
+"""The paper's values of a source: goals, crashes, metres and the share of STOP."""
 
 UNPUBLISHED: Printed = ("", "", None, None)
 
@@ -90,13 +90,13 @@ PUBLISHED_MODELS: Mapping[str, Mapping[str, Printed]] = {
 
 @dataclass(frozen=True)
 class Source(Written):
-    """One source of intent in one arm: its rates with exact intervals, and what it emitted.
+    """One source of intent in one arm: its rates with exact intervals, and its intents.
 
-    ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the
-    fail-safe executed is in neither. ``no_decision`` counts the steps at which it did, by the
-    reason: the kind of failure of the call, or why its reply holds no decision. ``solver_failures``
-    are plans that braked instead. The intervals of ``distance_m`` and ``stop_share`` resample
-    episodes, and are None where all have the same.
+    ``intents`` counts the emitted intents, and ``stop_share`` is of them; a STOP of the fail-safe
+    is in neither. ``no_decision`` counts the steps of the fail-safe by reason: the failure of the
+    call, or why its reply has no decision. ``solver_failures`` counts plans that braked instead.
+    The intervals of ``distance_m`` and ``stop_share`` resample episodes; they are None if all have
+    the same value.
     """
 
     written = (
@@ -123,7 +123,7 @@ class Source(Written):
 
     @property
     def fail_safe(self) -> int:
-        """Return at how many steps the fail-safe was executed because there was no decision."""
+        """Return the number of steps with the fail-safe, for want of a decision."""
         return sum(self.no_decision.values())
 
 
@@ -144,12 +144,12 @@ class Completion(Written):
 
     @property
     def shown(self) -> bool:
-        """Return whether it completes by its pictures."""
+        """Return whether the model completes worlds by its pictures."""
         return self.label is PLANNERS["by_pictures"]
 
     @property
     def sentence(self) -> str:
-        """Return it in words, which end in what completion does not show."""
+        """Return the result in a sentence, with the limits of what completion shows."""
         counts = ", ".join(f"{_WITH[name]} {count_of(one)}" for name, one in self.goals.items())
         found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
@@ -170,7 +170,7 @@ class HierarchyScore:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """Return what counts as success: the goal, without a crash."""
+        """Return the definition of success: the goal, without a crash."""
         return outcomes_of([one for drives in self.drives.values() for one in drives])
 
     @cached_property
@@ -196,7 +196,7 @@ class HierarchyScore:
 
     @cached_property
     def blind(self) -> tuple[tuple[str, Blind], ...]:
-        """Return each model as its own blind baseline, by part; Holm within a part."""
+        """Return each model's comparison with itself blind, by part; Holm within a part."""
         found = []
         for part in ("primary-models", "unaware-models", "lateral-models"):
             found += [(part, one) for one in blind_baselines(self._of(part), self.outcomes, resamples=self.resamples)]
@@ -226,7 +226,7 @@ class HierarchyScore:
         return PLANNERS[COMPLETES.evaluate(found).label]
 
     def measured(self) -> tuple[Measured, ...]:
-        """Return the audit of every model in every arm, a simulator each."""
+        """Return the statistics of every model in every arm, a simulator each."""
         found: list[Measured] = []
         for part, drives in self.drives.items():
             lacking = {one.policy: one.words for one in self.unfinished.get(part, ())}
@@ -235,7 +235,7 @@ class HierarchyScore:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Return what completion shows of each model, in words: the conclusions, then each pair."""
+        """Return sentences on each model's completion: the conclusions, then each pair."""
         pairs = (f"{PARTS[part].simulator}: {one.sentence}{unless_shown(one)}" for part, one in self.blind)
         return (*(one.sentence for one in self.completions), *pairs)
 
@@ -265,7 +265,7 @@ def runs_of(path: Path) -> dict[str, Path]:
 
 
 def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
-    """Read the runs of the study in ``out``; raises LedgerError where there is none."""
+    """Read the runs of the study in ``out``; raises LedgerError if there is none."""
     begun = runs_of(out)
     drives = {name: read_drives([run]) for name, run in begun.items() if any(read_episodes(run))}
     if not drives:
@@ -287,7 +287,7 @@ def _fewer(one: Blind | None) -> Statistic:
 
 
 def shows(one: Blind) -> bool:
-    """Return whether more worlds are completed with real pictures, significantly so after Holm."""
+    """Return whether significantly more worlds are completed with real pictures (Holm)."""
     found = {NEEDED[0]: _fewer(one)}
     return all(clause.holds(found) for clause in _FEWER[NEEDED[0]])
 
@@ -320,11 +320,11 @@ def _source(part: str, name: str, drives: Drives, outcomes: Outcomes) -> Source:
 
 
 def _stops(episode: Episode) -> tuple[float, float]:
-    """Return how many of an episode's intents are STOP, and how many there are."""
+    """Return the number of an episode's STOP intents, and of all its intents."""
     said = [step.decision.action for step in episode.steps if step.decision.action is not None]
     return said.count("STOP"), len(said)
 
 
 def count_of(one: Statistic) -> str:
-    """Return a rate as a count: how many, of how many."""
+    """Return a rate as a count, k of n."""
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"

@@ -10,7 +10,7 @@ from eyechart.studies.hierarchy.scoring import NEEDED, Completion, HierarchyScor
 
 
 def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
-    """Return by part and planner its comparisons with other pictures."""
+    """Return each planner's comparisons with other pictures, by part and planner."""
     found: dict[tuple[str, str], list[Blind]] = {}
     for part, one in score.blind:
         found.setdefault((part, one.driver.policy), []).append(one)

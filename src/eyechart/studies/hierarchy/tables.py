@@ -87,7 +87,7 @@ def beside_table(sources: Sequence[Source], ablation: str) -> Table:
 
 
 def _as_published(sources: Sequence[Source]) -> Table:
-    """Return goals, crashes, metres and the share of STOP, as Table t:mpc-intent has them."""
+    """Return goals, crashes, metres and the share of STOP, in the form of Table t:mpc-intent."""
     rows = tuple(
         (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m, one.stop_share) for one in sources
     )
@@ -157,7 +157,7 @@ def against_table(pairs: Sequence[Paired]) -> Table:
 
 
 def blind_table(score: HierarchyScore) -> Table:
-    """Return each planner with real pictures less itself with others, in the same worlds."""
+    """Return each planner with real pictures less itself with other ones, in the same worlds."""
     rows = tuple(
         (one.driver.label, PARTS[part].simulator, one.condition, *difference_cells(one.paired))
         for part, one in score.blind

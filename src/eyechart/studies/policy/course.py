@@ -39,7 +39,7 @@ class Checkpoint:
 
     @property
     def name(self) -> str:
-        """Return what a sentence calls it."""
+        """Return its name in sentences: the SPEC, with the step if there is one."""
         return self.policy.model if self.step is None else f"{self.policy.model}, step {self.step}"
 
     @property
@@ -60,7 +60,7 @@ class Checkpoint:
 
     @property
     def shares(self) -> Mapping[str, Statistic]:
-        """Return the share of each channel, of none where a guard failed."""
+        """Return the share of each channel; empty if a guard failed."""
         return {} if self.verdict.guards else self.verdict.channels
 
     def as_dict(self) -> dict[str, object]:
@@ -95,7 +95,7 @@ class Change(Plain):
         return value is not None and abs(value) >= LEAST
 
     def says(self) -> str:
-        """Return what changed, in a sentence; of what was not compared, why."""
+        """Return the changes in a sentence, or why there was no comparison."""
         if self.failed:
             return f"not compared: {'; '.join(self.failed)}"
         labels = (f"{axis} {old}, then {new}" for axis, (old, new) in self.labels.items())
@@ -117,7 +117,7 @@ class Course:
         return not any(one.labels or one.changed for one in self.changes)
 
     def says(self) -> Iterator[str]:
-        """Yield a sentence for each change, and when the pictures stopped or began to count."""
+        """Yield a sentence for each change, and for a start or stop of looking."""
         for one in self.changes:
             yield f"{one.before} → {one.after}: {one.says()}"
         for pair in self.compared if self.stepped else ():
@@ -133,7 +133,7 @@ class Course:
 
     @property
     def stepped(self) -> bool:
-        """Return whether every policy says how far its training had come, and not all the same."""
+        """Return whether every policy has a step, and not all the same one."""
         return None not in (steps := {one.step for one in self.checkpoints}) and len(steps) > 1
 
     @property
@@ -142,7 +142,7 @@ class Course:
         return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.shares))
 
     def tables(self) -> list[Table]:
-        """Return the shares of every checkpoint, and what changed from each to the next."""
+        """Return the tables of shares by checkpoint, and of changes between checkpoints."""
         rows = [
             (
                 one.policy.model,
@@ -167,7 +167,7 @@ class Course:
         ]
 
     def printed(self) -> Iterator[Table | str]:
-        """Yield the tables, and sentences."""
+        """Yield the tables, then the sentences."""
         yield from self.tables()
         yield from self.says()
 

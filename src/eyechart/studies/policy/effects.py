@@ -67,7 +67,7 @@ NOT_FINISHED = "none of its calls is finished"
 _LEAST_TOLD = 3
 """An instruction with fewer episodes has no statistic of its own."""
 _LEAST_PART = 0.1
-"""An axis along which less of the oracle's way lies has no share of its own."""
+"""An axis with a smaller part of the oracle's way has no share of its own."""
 NOT_SHOWN = "no frame of the run can be shown it"
 NO_FRAMES = "no frame has both answers"
 
@@ -242,7 +242,7 @@ class Effects:
         return self._between(condition, frames, real, other), real, other
 
     def reads(self) -> Statistic:
-        """Return the share of places that go with the state as they are, and not relative to it."""
+        """Return the share of raw places, not relative to the state, that goes with the state."""
         condition, given = f"swapped{OVER}{STATE}", self._as_given()
         frames = self._answered(condition)
         if isinstance(given, str) or isinstance(frames, str):
@@ -557,7 +557,7 @@ class Effects:
         return float(gains[good].sum()) / whole**0.5 if whole > 0 else None
 
     def _way(self, which: str, axis: str) -> Floats:
-        """Return how far along an axis an object was moved, frame by frame."""
+        """Return how far an object was moved along an axis, by frame."""
         return np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in self._motions.plan.frames])
 
     def told(self) -> Statistic:

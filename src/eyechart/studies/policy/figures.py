@@ -88,7 +88,7 @@ class Line:
 
     @property
     def width(self) -> float:
-        """Return how thick it is: the policy's own answer stands out."""
+        """Return the line's width: the policy's own answer stands out."""
         return _OWN_WIDTH if self.words == _OWN else 1.5
 
 
@@ -134,7 +134,7 @@ def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
 
 
 def _drawn(policy: OnePolicy) -> Iterator[tuple[str, Statistic]]:
-    """Yield the shares that have a row, by their names."""
+    """Yield the name and value of each share that has a row."""
     for name, one in policy.statistics.items():
         if name.startswith("T.") and name.removeprefix("T.").partition("@")[0] in _INSTEAD and one.value is not None:
             yield name, one
@@ -170,7 +170,7 @@ def _channel(judged: PolicyVerdict, name: str) -> str:
 
 
 def _colour(one: Statistic, axis: Judged) -> str:
-    """Return the colour of a share: grey where it, or its axis, is open."""
+    """Return the colour of a share: grey if it or its axis is undecided."""
     if USES[axis.label].is_open:
         return MUTED
     return BLUE if used(one) else VERMILLION if ignored(one) else MUTED
@@ -207,7 +207,7 @@ def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
 
 
 def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
-    """Draw a share: full where it says something, hollow where it is open."""
+    """Draw a share: filled if it is decided, hollow if it is open."""
     face = PAPER if colour == MUTED else colour
     axes.scatter([x], [y], s=28, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3, clip_on=False)
 
@@ -268,7 +268,7 @@ def _on_page(value: float | None) -> float:
 
 
 def _around(steps: Sequence[int]) -> tuple[float, float]:
-    """Return limits that leave a margin on both sides of steps."""
+    """Return limits with a margin on both sides of the steps."""
     room = 0.06 * (max(steps) - min(steps) or 1)
     return min(steps) - room, max(steps) + room
 
@@ -304,7 +304,7 @@ def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Dr
 
 
 def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
-    """Yield so many entries of a mapping at a time."""
+    """Yield a mapping in parts of at most ``most`` entries."""
     names = list(whole)
     for start in range(0, len(names), most):
         yield {name: whole[name] for name in names[start : start + most]}
@@ -336,7 +336,7 @@ def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
 def _moment(
     kind: str, spec: str, found: Motions, place: int, why: str, shown: Mapping[str, str], pictures: FrameBank | None
 ) -> Drawing | None:
-    """Draw one moment; None where it has no answer, or none with anything changed."""
+    """Draw one moment; None if it has no answer, or no changed one."""
     frame, space = found.plan.frames[place], found.plan.motions
     lines = _lines(found, place, shown)
     if len(lines) < 2 or lines[0].words != _OWN:
@@ -358,7 +358,7 @@ def _moment(
 
 
 def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
-    """Return the motions of a moment that are there, its own answer first."""
+    """Return a moment's motions, its own answer first; missing ones are left out."""
     made = []
     looks = [(INK, "-"), *_LINES]
     for (name, words), (colour, dashes) in zip({"real": _OWN, **shown}.items(), looks, strict=False):
@@ -389,7 +389,7 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
 
 
 def _of_answers(found: Motions) -> str:
-    """Return in words which of several answers are drawn."""
+    """Return a note if only the first of several answers is drawn."""
     real = found.of("real")
     return f"The first of {len(real)} answers is drawn." if real is not None and len(real) > 1 else ""
 
@@ -415,7 +415,7 @@ def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, fl
 
 
 def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
-    """Return a frame's pictures by camera, none where they cannot be read."""
+    """Return a frame's pictures by camera; empty if they cannot be read."""
     try:
         frame = bank.frame(frame_id)
         return {name: np.asarray(decode(one, name)) for name, one in bank.images(frame).items()}
@@ -503,7 +503,7 @@ def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line]
 
 
 def _with_room(names: Sequence[str], inches: float) -> list[str]:
-    """Return names that stand in so many inches, each still unlike the others."""
+    """Return names shortened to a width in inches, each still unique."""
     made = list(names)
     for most in range(max(map(len, names)), _LEAST_SIGNS - 1, -1):
         short = shorten(names, most)
@@ -514,13 +514,13 @@ def _with_room(names: Sequence[str], inches: float) -> list[str]:
 
 
 def _unit(space: MotionSpace) -> str:
-    """Return the unit of all numbers, nothing where they have several or none."""
+    """Return the common unit of all dimensions, empty if there is none."""
     units = {one.unit for one in space.dimensions}
     return next(iter(units)) if len(units) == 1 else ""
 
 
 def _over_steps(axes: Axes, lines: Sequence[Line], dimension: int, scale: float) -> None:
-    """Draw one number of every line over the steps of the horizon."""
+    """Draw one dimension of every line over the steps of the horizon."""
     values = np.array([one.numbers[:, dimension] for one in lines])
     steps = range(1, values.shape[1] + 1)
     for one, column in zip(lines, values, strict=True):
@@ -543,7 +543,7 @@ def _legend_rows(lines: Sequence[Line]) -> int:
 
 
 def _legend(figure: Figure, lines: Sequence[Line]) -> None:
-    """Say below a figure what each line is, in two columns."""
+    """Draw the legend below a figure, in two columns."""
     drawn = [Line2D([], [], color=one.colour, linestyle=one.dashes, linewidth=one.width) for one in lines]
     figure.legend(
         drawn,

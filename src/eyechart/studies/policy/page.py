@@ -26,7 +26,7 @@ from eyechart.verdicts.channels import MISFIT, PolicyVerdict
 from eyechart.verdicts.labels import CAMERA, GUARDS, INSTRUCTION, STATE, USES
 
 Shown = tuple[PolicyScore, FrameBank | None]
-"""A scored run, and its bank with the pictures where they are at hand."""
+"""A scored run, and its bank if the pictures are available."""
 
 
 def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
@@ -73,7 +73,7 @@ def _opening(runs: Sequence[Shown]) -> Opening:
 
 
 def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[Shown]) -> list[Drawing]:
-    """Return the figures of the policy that the page speaks of first."""
+    """Return the figures of the first policy on the page."""
     pictures = next(pictures for other, pictures in runs if other is score)
     return [*moments(spec, score.models[spec], pictures), *_shares(score, one)]
 
@@ -87,12 +87,12 @@ _LOOK = {
     "Inconclusive": ("is undecided", "are undecided"),
     "none": ("gets no verdict", "get no verdict"),
 }
-"""What one policy does, or several, by `_does`."""
+"""The verb phrase for one policy, and for several, by `_does`."""
 _MOST_NAMED = 4
 
 
 def _does(one: PolicyVerdict) -> str:
-    """Return in a word of `_LOOK` what a policy does."""
+    """Return the key of `_LOOK` for a policy."""
     looks = "none" if one.guards else one.answer
     if looks != "Yes":
         return looks
@@ -174,7 +174,7 @@ _UNFIT = "it does something else than was logged"
 
 
 def is_unfit(one: PolicyVerdict) -> bool:
-    """Return whether a policy does something else than was logged, whatever it looks at."""
+    """Return whether a policy does something else than was logged, whatever it uses."""
     return one.misfit is not None and one.misfit >= MISFIT
 
 

@@ -81,7 +81,7 @@ class PolicyRun(Battery):
             yield f"of these, {self.of_shapley} calls are for Shapley shares alone; more if a policy draws its answers"
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield which policies answer with no motion, and how the calls ended."""
+        """Yield the policies without any motion, and how the calls ended."""
         nothing, (calls, finished, _) = self.motionless(), self.counts()
         for spec, (count, why) in nothing.items():
             last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
@@ -244,7 +244,7 @@ class _Again(Stages):
         self._asked = set(planned.drawn)
 
     def more(self, model: str) -> Sequence[CallKey]:
-        """Return every call once more, so many times, of a policy that draws."""
+        """Return the repeats of every call of a policy that draws its answers."""
         if model in self._asked or model not in drawers(self._ledger, self._manifest):
             return ()
         self._asked.add(model)

@@ -23,10 +23,10 @@ Floats = npt.NDArray[np.float64]
 class Motions:
     """One policy's answers about the frames of a plan.
 
-    ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN where there
-    is none; ``missing`` counts by reason the calls that came back without a motion, ``planned`` and
-    ``finished`` those of the plan, and ``order`` has the attempts as they were sent. ``without``
-    counts the finished calls of a condition that hold no motion, and all finished ones.
+    ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN if missing.
+    ``missing`` counts calls without a motion by reason; ``planned`` and ``finished`` count the
+    plan's calls. ``order`` has the attempts in the order of sending. ``without`` counts by
+    condition the finished calls without a motion, and all finished ones.
     """
 
     plan: MotionPlan
@@ -69,7 +69,7 @@ class Motions:
 
     @cached_property
     def fit_to(self) -> Floats:
-        """Return the logged motions as `of` returns answers, without a first axis."""
+        """Return the logged motions in the form of `of`, without its first axis."""
         return np.asarray(self.plan.motions.relative(self.logged, self.states) / self.scales)
 
     def of(self, condition: str) -> Floats | None:
@@ -84,7 +84,7 @@ class Motions:
         return None if found is None else np.asarray(found * self.scales)
 
     def _shown(self, condition: str) -> Floats | None:
-        """Return the states that were shown under a condition."""
+        """Return the states that a policy gets under a condition."""
         base, _, channel = condition.partition(OVER)
         if self.states is None:
             return None

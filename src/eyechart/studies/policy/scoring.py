@@ -30,7 +30,7 @@ Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
 @dataclass(frozen=True)
 class OnePolicy(Written):
-    """One policy: its statistics by name, its answers, and whether these are drawn."""
+    """One policy: its statistics by name, its answers, and whether it draws them."""
 
     written = "version motions.planned answered motions.missing drawn statistics"
 
@@ -48,7 +48,7 @@ class OnePolicy(Written):
 
 @dataclass(frozen=True)
 class PolicyScore(Written):
-    """Every policy of a run, and what their calls took."""
+    """Every policy of a run, and the costs of its calls."""
 
     written = (
         "manifest.study bank=bank.name manifest.fingerprint manifest.seed manifest.prompt.space.reader channels "
@@ -92,8 +92,8 @@ class PolicyScore(Written):
 def score(path: Path, *, reread: bool = False) -> PolicyScore:
     """Score the run of policies in a folder, finished or not.
 
-    Raises LedgerError or BankError where the folder is no such run, or was begun under another
-    version of the reader and ``reread`` is not given.
+    Raises LedgerError or BankError if the folder is no such run. LedgerError also for a run begun
+    under another version of the reader, unless ``reread`` is set.
     """
     manifest, bank = read_run(path)
     require_scorable(path, manifest, reread=reread)
@@ -101,7 +101,7 @@ def score(path: Path, *, reread: bool = False) -> PolicyScore:
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
-    """Raise LedgerError where a run is none of policies, or may not be scored so."""
+    """Raise LedgerError if a run is not one of policies, or its reader has another version."""
     if manifest.study != STUDY:
         raise LedgerError(
             f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score {path}', "

@@ -26,14 +26,14 @@ ASK_ROAD = Advice(
     "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it",
     "if the policy must not read it, declare the channels that it reads",
 )
-"""What to do about a channel that changes not one bit of any answer."""
+"""Advice for a channel that changes no bit of any answer."""
 IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
 CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
-"""The channel of each axis of its own."""
+"""The channel of each axis."""
 
 
 def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
-    """Return what would settle the axis of a channel."""
+    """Return the advice that would decide a channel's axis."""
     ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
     return next(iter(ways), _of(SETTLE, score, channel))
 
@@ -43,7 +43,7 @@ def _of(advice: Advice, score: PolicyScore, channel: str) -> Advice:
 
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
-    """Return advice with the bank of the run, and a channel in words, in their places."""
+    """Return advice with the run's bank and the channel's name filled in."""
     told = advice.replace("{bank}", shlex.quote(score.manifest.bank_path))
     return told.replace("{what}", _in_words(channel))
 

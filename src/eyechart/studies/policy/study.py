@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 _OPEN = f"T.matched@{CAMERAS}"
-"""What stands for the cameras where no statistic decided."""
+"""The statistic shown for the cameras if none decided."""
 
 
 class Policies(OfFrames[PolicyScore]):

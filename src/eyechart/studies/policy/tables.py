@@ -42,7 +42,7 @@ def verdict_table(verdicts: Verdicts) -> Table:
 
 
 def channel_table(verdicts: Verdicts) -> Table:
-    """Return a policy a row, the share of its variation that goes with each channel."""
+    """Return the share of variation that goes with each channel, a policy a row."""
     names = list(dict.fromkeys(name for one in verdicts.values() for name in one.channels))
     rows = []
     for spec, one in verdicts.items():
@@ -76,7 +76,7 @@ def statistics_table(score: PolicyScore) -> Table:
 
 
 def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: PolicyVerdict) -> Table:
-    """Return the five statistics that decided, or would have, and what each is."""
+    """Return the at most five statistics that decided, or could have, each with its meaning."""
     decided = [one.by for one in verdict.axes.values()]
     there = [name for name in dict.fromkeys((*decided, *_MAIN)) if name in statistics][:_SHOWN]
     rows = []
@@ -131,7 +131,7 @@ MEANINGS: Mapping[str, str] = {
 
 
 def meaning_table(score: PolicyScore) -> Table:
-    """Return what each statistic of a run is, a row each."""
+    """Return the meaning of each statistic of a run, a row each."""
     names = dict.fromkeys(meant_by(name) for one in score.models.values() for name in one.statistics)
     rows = tuple((name, MEANINGS[name]) for name in names if name in MEANINGS)
     note = "the name after @ is the exchanged channel or camera"
@@ -139,7 +139,7 @@ def meaning_table(score: PolicyScore) -> Table:
 
 
 def meant_by(name: str) -> str:
-    """Return the name of `MEANINGS` of a statistic: ``T.blank@top`` is ``T.blank``."""
+    """Return a statistic's key in `MEANINGS`: ``T.blank@top`` has ``T.blank``."""
     return "shapley" if name.startswith("shapley.") else name.partition("@")[0]
 
 
@@ -170,7 +170,7 @@ def steps_table(score: PolicyScore) -> Table:
 
 
 _STEPS = 8
-"""So many steps of a horizon stand in a table."""
+"""The most steps of a horizon in a table."""
 P = TypeVar("P", list[float], dict[str, float])
 
 
