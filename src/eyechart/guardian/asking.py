@@ -300,7 +300,7 @@ class Guardian:
                 self._voted[spec] = time.monotonic()
         except asyncio.CancelledError:
             raise
-        except BaseException as error:  # noqa: BLE001 - a model must not end a stack, not even by SystemExit
+        except BaseException as error:  # noqa: BLE001 - no model may end a stack
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
         return vote, why
 

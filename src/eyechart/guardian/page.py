@@ -134,7 +134,7 @@ def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[s
     if not found.missed:
         return [], ""
     if bank is None:
-        return [], "Their pictures are shown where the bank is given with --frames."
+        return [], "To see their pictures, give the bank with --frames."
     table = found.table
     shown: list[dict[str, object]] = []
     for frame in found.missed[:MOST_PICTURES]:

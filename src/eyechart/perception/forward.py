@@ -259,7 +259,7 @@ def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) 
     return found.without_outliers(2.0 / view.focal_px)
 
 
-# ---- what stands on the road
+# ---- the obstacles
 
 
 def _find_contacts(chroma: npt.NDArray[np.int16], own: _Bools, pose: _Pose, view: ForwardView) -> _Contacts:

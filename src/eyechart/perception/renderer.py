@@ -251,7 +251,7 @@ def _find_ego(bodies: list[_Body]) -> list[_Body]:
 def _upright(egos: list[_Body]) -> int:
     """Return 1 for a picture as drawn, -1 for its flip, 0 if it is not visible.
 
-    Truncation moves what is drawn towards the first row. The ego, in the middle of the rows, shows
+    Truncation moves drawn things towards the first row. The ego, in the middle of the rows, shows
     which side that was.
     """
     side = sum(ego.row for ego in egos)

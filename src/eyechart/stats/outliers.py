@@ -15,7 +15,7 @@ WIDER = 1.5
 LEAST = 20
 """With fewer numbers none counts as far."""
 ONE_IN = 20
-"""Far numbers in more than one of so many episodes recur: a rare move, and no fault."""
+"""Numbers far in two episodes or more, and in more than one of so many, recur: a rare move."""
 
 
 def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool_]:

@@ -69,7 +69,8 @@ def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000)
     detail = {"labels": len(counts), "observed": observed / n}
     p = permutation_p(int(np.count_nonzero(drawn >= observed)), resamples)
     expected = float(counts.sum(axis=1) @ counts.sum(axis=0)) / n**2
-    ci = min(low, expected), max(high, expected)  # where nearly all orders agree alike, the mean may lie outside
+    # If nearly all orders agree equally often, the mean may lie outside the quantiles.
+    ci = min(low, expected), max(high, expected)
     return Statistic(expected, n, ci, p, method, detail=detail)
 
 

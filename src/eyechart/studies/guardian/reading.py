@@ -57,7 +57,7 @@ def read_votes(
     A model's columns are ``MODEL/original`` and ``MODEL/reflected``. Votes are true or false (or 1
     and 0, yes and no, hazard and clear); an empty cell is a missing vote. With a ``bank``, episodes
     and truth come from it. ``about`` is a TOML file on the origin of the votes. Raises VoteError
-    that names the file, the row and what is wrong.
+    that names the file, the row and the fault.
     """
     try:
         table = open_table(path)

@@ -119,7 +119,7 @@ def trajectory(drives: Drives, episode: Episode) -> Trajectory:
 def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
     found = [told.get(name) for name in _PLACE]
     if not all(isinstance(one, int | float) for one in found):
-        raise LedgerError(f"the record holds no place at some step: it needs {', '.join(_PLACE)}")
+        raise LedgerError(f"the record lacks a place at some step: it needs {', '.join(_PLACE)}")
     return tuple(float(one or 0.0) for one in found)
 
 
@@ -214,7 +214,7 @@ class Group:
 
 
 def groups(score: HierarchyScore) -> tuple[list[Group], list[str]]:
-    """Return the groups of both ablations, and notes on what is not drawn."""
+    """Return the groups of both ablations, and notes on missing drawings."""
     found, notes = [], []
     with style():
         for ablation in ("primary", "second"):
@@ -379,8 +379,8 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
         _shares(figure.add_axes(box), rows)
     told = "; ".join(f"{label}: {count_of(one.goals)} goals" for label, one in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
-    title = f"{name} ablation: what became of each source in the same {len(every)} worlds"
-    says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the end of the time. {told}."
+    title = f"{name} ablation: the outcome of each source in the same {len(every)} worlds"
+    says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the time limit. {told}."
     return Drawing(f"outcomes-{ablation}", title, says, figure, wide=True)
 
 

@@ -124,7 +124,7 @@ def intent_table(sources: Sequence[Source], ablation: str) -> Table:
         *columns("count", "fail-safe", "solver failed"),
         *columns("text", "no decision", "which intents"),
     )
-    caption = "What was emitted: STOP is a share of the intents, with its 95 % interval; the fail-safe is no intent"
+    caption = "Emitted intents: STOP is a share of them, with its 95 % interval; the fail-safe is no intent"
     return Table(f"intents_{ablation}", caption, named, rows)
 
 

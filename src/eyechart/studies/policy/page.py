@@ -96,7 +96,7 @@ def _does(one: PolicyVerdict) -> str:
     looks = "none" if one.guards else one.answer
     if looks != "Yes":
         return looks
-    if INSTRUCTION[one.instruction.label].is_absence:  # why it does something else, too
+    if INSTRUCTION[one.instruction.label].is_absence:  # that also explains a misfit
         return "deaf"
     return "unfit" if is_unfit(one) else looks
 
@@ -195,7 +195,7 @@ def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
 
 
 def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
-    """Return next steps for the person who trains this policy, the most urgent first."""
+    """Return next steps for the policy's training, the most urgent first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
     found = [GUARDS[name].advice for name in one.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))

@@ -83,8 +83,8 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
         )
     if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
         yield Advice(
-            "add frames with the same robot pose and objects elsewhere, or use a world that moves them; more frames "
-            "like these may never separate what it sees from its pose"
+            "add frames with the same robot pose and objects elsewhere, or use a world that moves them: frames like "
+            "these may never separate its view from its pose"
         )
 
 
