@@ -166,7 +166,7 @@ def test_what_is_no_picture_is_abstained_from(table: study.VoteTable, tmp_path: 
         for picture in (b"", b"\x89PNG broken", NEAR[:60]):
             found = guardian.assess(picture)
             assert (found.answer, len(found.missing)) == ("abstain", 4)
-            assert found.why.startswith("no picture for the models")
+            assert found.why.startswith("no picture that can be shown")
         with pytest.raises(GuardianError, match="deadline_s=0"):
             guardian.assess(NEAR, deadline_s=0)
     with pytest.raises(GuardianError, match="was closed"):

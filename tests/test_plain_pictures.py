@@ -77,7 +77,7 @@ def test_what_an_import_refuses_a_guardian_refuses_and_no_more(name: str, tmp_pa
     choices, out = Choices(columns={}), tmp_path / "bank"
     if not said:
         assert len(import_table(tmp_path, table, out, choices)) == 1
-        assert not guardian.assess(picture()).why.startswith("no picture for the models")
+        assert not guardian.assess(picture()).why.startswith("no picture that can be shown")
         return
     with pytest.raises(SourceError) as refused:
         import_table(tmp_path, table, out, choices)
@@ -85,7 +85,7 @@ def test_what_an_import_refuses_a_guardian_refuses_and_no_more(name: str, tmp_pa
     assert said in str(refused.value)
     assert found.answer == "abstain"
     assert said in found.why
-    assert found.why.startswith("no picture for the models: ")
+    assert found.why.startswith("no picture that can be shown: ")
     assert not out.exists()
 
 

@@ -124,8 +124,8 @@ def test_bad_input_is_refused_in_one_line() -> None:
     async def ask(session: aiohttp.ClientSession, url: str) -> None:
         for body, headers, status, why in (
             (b"", PNG, 400, "the body is empty"),
-            (b"hello", PNG, 422, "no picture for the models"),
-            (NEAR[:60], PNG, 422, "no picture for the models"),
+            (b"hello", PNG, 422, "no picture that can be shown"),
+            (NEAR[:60], PNG, 422, "no picture that can be shown"),
             (NEAR, {"Content-Type": "text/html"}, 415, "a picture is sent as"),
             (bytes(3000), PNG, 413, "3000 bytes; the limit is 2000"),
         ):

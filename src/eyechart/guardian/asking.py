@@ -240,7 +240,7 @@ class Guardian:
         except TimeoutError:
             return self._silent(start, "the picture was not prepared by the deadline")
         except BankError as error:
-            return self._silent(start, f"no picture for the models: {error}")
+            return self._silent(start, f"no picture that can be shown: {error}")
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does

@@ -101,7 +101,7 @@ class VoteTable:
     def __post_init__(self) -> None:
         if len(set(self.frames)) != len(self.frames):
             twice = next(frame for frame in self.frames if self.frames.count(frame) > 1)
-            raise VoteError(f"{self.name}: frame '{twice}' is there twice; a frame is one row")
+            raise VoteError(f"{self.name}: frame '{twice}' stands there twice; a frame is one row")
         if self.votes.shape != (len(self.models), len(self.frames), 2) or not np.isin(self.votes, (1, 0, -1)).all():
             raise VoteError(
                 f"{self.name}: votes have shape {self.votes.shape}; they are 1, 0 or -1 of (models, frames, 2)"
