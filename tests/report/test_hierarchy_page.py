@@ -132,9 +132,7 @@ def test_a_record_without_places_is_not_drawn(copied: Path) -> None:
     file = copied / "primary" / "episodes.jsonl"
     file.write_text(file.read_text().replace('"x_m":', '"x":'))
     page = page_of(copied)
-    assert (
-        "A way is not drawn: the record lacks a place at some step: it needs x_m, y_m, yaw, speed_mps." in page.notes
-    )
+    assert "A way is not drawn: the record lacks a place at some step: it needs x_m, y_m, yaw, speed_mps." in page.notes
     assert "MPC-only: did not drive here" in page.drawings["ways"][0].description
     assert "mpc-blind: crashed" in page.drawings["ways"][4].description
 
