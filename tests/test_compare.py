@@ -78,7 +78,7 @@ def test_replicates_of_a_model_are_one_cell(runs: tuple[Path, Path]) -> None:
     found = transfer([battery.score(run) for run in runs], scores, measure="idi")
     assert [(cell.model, cell.runs) for cell in found.cells] == [(spec, 2) for spec in SPECS[1:]]
     assert found.pearson.note == "3 pairs are too few for a correlation; 4 are the least"
-    assert found.left_out[-1] == "nobody: a score, but no run asked it"
+    assert found.left_out[-1] == "nobody: a score, but no run has it"
     assert found.left_out[0].startswith("scripted:depth on ")
     with pytest.raises(SpecError, match="there is no statistic 'idea'; these runs have unparsed_rate, "):
         transfer([battery.score(runs[0])], scores, measure="idea")
@@ -90,7 +90,7 @@ def test_replicates_of_a_model_are_one_cell(runs: tuple[Path, Path]) -> None:
         ("name,score\na,1\n", "has no column 'model'; it has name, score"),
         ("model,score\na,high\n", "row 2: the score of 'a' is 'high', not a number"),
         ("model,score\na,1\nb,nan\n", "row 3: the score of 'b' is 'nan', not a finite number"),
-        ("model,score\na,1\na,2\n", "row 3: 'a' has a score already"),
+        ("model,score\na,1\na,2\n", "row 3: 'a' has two scores"),
         ("model,score\na\n", "row 2: the score of 'a' is '', not a number"),
         ("", "has no column 'model'; it has none"),
     ],

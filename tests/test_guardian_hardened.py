@@ -131,7 +131,7 @@ def test_an_interface_that_exits_is_abstained_from(frozen: study.Frozen) -> None
     with guardian_of(frozen, Holds()) as guardian:
         guardian._interface = replace(guardian._interface, views=exits)
         for _ in range(2):
-            assert "the picture could not be shown: SystemExit" in guardian.assess(NEAR, deadline_s=10.0).why
+            assert "the picture could not be prepared: SystemExit" in guardian.assess(NEAR, deadline_s=10.0).why
 
 
 def test_a_loop_that_is_held_does_not_gather_pictures(frozen: study.Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,7 +217,7 @@ def test_a_run_that_is_not_finished_chooses_no_guardian(
     frozen = study.fit(table.part("calibration"))
     some = replace(table.part("score"), unfinished={GEMMA: 7, "another": 1})
     assert any("not finished: 7 calls are left" in one for one in study.score(frozen, some).warnings)
-    with pytest.raises(GuardianError, match=r"not finished: 7 calls are left.*before a bound is taken from it"):
+    with pytest.raises(GuardianError, match=r"not finished: 7 calls are left.*before you take a bound from it"):
         study.bound(frozen, some)
     battery.run(plan)
     assert not study.votes_of_run(tmp_path / "run").left(half.models)
@@ -240,10 +240,10 @@ def test_every_command_that_reads_a_run_says_that_it_is_not_finished(
     monkeypatch.setattr(study, "reader_of", lambda _: lambda _: (scene, scene))
     asked = (half, "--unseen")
     for words, code, why in (
-        (("score", guardian, *asked), 0, "not finished: 36 calls are left, whose votes count as missing"),
+        (("score", guardian, *asked), 0, "not finished: 36 calls are left; their votes count as missing"),
         (("modular", guardian, *asked, "--frames", bank.root), 0, "not finished: 36 calls are left"),
         (("modular", guardian, whole, "--unseen", "--frames", bank.root), 0, ""),
-        (("score", guardian, *asked, "--bound-episodes", "merge/merge-1"), 2, "before a bound is taken from it"),
+        (("score", guardian, *asked, "--bound-episodes", "merge/merge-1"), 2, "before you take a bound from it"),
         (("fit", half, "--out", tmp_path / "new.json"), 2, "not finished: 36 calls are left"),
         (("nested", half), 2, "not finished: 36 calls are left"),
     ):

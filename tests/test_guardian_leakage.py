@@ -130,5 +130,5 @@ def test_what_a_table_does_not_record_is_said_and_cannot_be_found(tmp_path: Path
     frozen = study.fit(table.part("calibration"))
     renamed = replace(table.part("calibration"), frames=tuple(f"new{number}" for number in range(16)))
     warned = " ".join(study.score(frozen, renamed).warnings)
-    assert "not recorded, so that a change of it would not be found: bank, prompt, view" in warned
+    assert "not recorded, so a change of it cannot be noticed: bank, prompt, view" in warned
     assert "scored episodes also gave frames that chose the guardian" in warned

@@ -212,7 +212,7 @@ def test_a_stack_that_is_not_as_the_guardian_was_chosen_is_refused_by_name(
     refused(replace(frozen.about, axis="none"), "mirror axis 'none'")
     study.write_frozen(path, frozen)
     other = {"voter:sees": RequestMode("voter:sees", max_tokens=9)}
-    with pytest.raises(GuardianError, match="'voter:sees' would be asked otherwise"):
+    with pytest.raises(GuardianError, match="'voter:sees' would get other requests"):
         Guardian.load(path, modes=other)
     with pytest.raises(GuardianError, match="has no model 'voter:prose'"):
         Guardian.load(path, modes={"voter:prose": RequestMode("voter:prose")})

@@ -1,14 +1,16 @@
-"""A model-predictive controller for a kinematic bicycle: linearised, constrained, stateless, and exactly mirrored.
+"""A model-predictive controller for a kinematic bicycle: linearised, stateless, exactly mirrored.
 
-Source: paper, section Hierarchical VLM--MPC Diagnostic; the method is that of Mayne et al. (2000). The quadratic
-programme is solved by DAQP (Arnstrom, Bemporad and Axehill 2022).
+Source: paper, section Hierarchical VLM--MPC Diagnostic; the method is that of Mayne et al. (2000).
+The quadratic programme is solved by DAQP (Arnstrom, Bemporad and Axehill 2022).
 
-Coordinates are the road's: x forward, y to the left, heading counter-clockwise. Reflecting the world (y, heading,
-steering) changes signs only, and a sum of terms whose signs change together rounds alike; so the mirrored input gives
-the mirrored command to the bit, as long as no code here treats left and right by different operations.
+Coordinates are the road's: x forward, y to the left, heading counter-clockwise. Reflecting the
+world (y, heading, steering) changes signs only. A sum of terms that all change sign rounds the same
+way. So the mirrored input gives the mirrored command to the bit, as long as the code uses the same
+operations for left and right.
 
-A linearised controller improves on a path and does not choose a side; a detour chooses it, anew at each plan and from
-the present place alone, so that equal places give equal choices. Where both sides are equally near it chooses none.
+A linearised controller improves a path but does not choose a side. A detour chooses it at each plan
+from the present place alone, so equal places give equal choices. If both sides are equally near, it
+chooses none.
 """
 
 import math
@@ -25,8 +27,9 @@ from eyechart.errors import StateError
 class Bicycle:
     """A kinematic bicycle, and the bounds of its inputs: metres, seconds, radians.
 
-    ``accel_mps2`` bounds the acceleration, ``brake_mps2`` the deceleration (positive), ``steer_rad`` the steering angle
-    on either side, ``speed_mps`` the speed, which is never negative, ``aside_mps2`` the lateral acceleration.
+    ``accel_mps2`` bounds the acceleration, ``brake_mps2`` the deceleration (positive),
+    ``steer_rad`` the steering angle on either side, ``speed_mps`` the speed, which is never
+    negative, ``aside_mps2`` the lateral acceleration.
     """
 
     wheelbase_m: float = 0.5
@@ -37,7 +40,7 @@ class Bicycle:
     aside_mps2: float = 4.0
 
     def most_steer(self, speed_mps: float) -> float:
-        """Return the steering angle that the wheels allow, or at speed the lateral acceleration, in radians."""
+        """Return the largest steering angle that wheels and grip allow, in radians."""
         fast = speed_mps * speed_mps
         if fast * math.tan(self.steer_rad) <= self.aside_mps2 * self.wheelbase_m:
             return self.steer_rad
@@ -53,7 +56,7 @@ class Road:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What the cost is made of: squared deviations a stage, squared inputs and their changes, and slack."""
+    """Weights of the cost: squared deviations a stage, squared inputs, their changes, and slack."""
 
     speed: float = 1.0
     lateral: float = 1.0
@@ -67,7 +70,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where a bicycle is: metres, radians, metres a second."""
+    """The state of a bicycle: metres, radians, metres a second."""
 
     x_m: float
     y_m: float
@@ -77,7 +80,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What an intent asks of the controller: a speed, and a lateral offset from the road's middle, left positive."""
+    """An intent's target: a speed, and a lateral offset from the road's middle, left positive."""
 
     speed_mps: float
     offset_m: float
@@ -85,11 +88,11 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The command for the next 0.2 s, and where the controller thinks that it leads.
+    """The command for the next 0.2 s, and the predicted path.
 
-    ``solved`` is False where the solver found no optimum: then the command is the hardest brake with the wheels
-    straight, ``flag`` says why in the solver's own code, and ``path`` is that of braking. ``path`` has shape (8, 2), in
-    metres.
+    ``solved`` is False if the solver found no optimum. The command is then the hardest brake with
+    straight wheels, ``flag`` is the solver's code, and ``path`` is that of braking. ``path`` has
+    shape (8, 2), in metres.
     """
 
     accel_mps2: float
@@ -102,14 +105,13 @@ class Plan:
 _LOOK_M = 12.0
 _BERTH_M = 0.1
 _REACH_M = 10.0
-"""How far ahead is looked for what is in the way, and how far from its edge it is passed; and how
-far a plan drives at most."""
+"""The range of the search for obstacles, the clearance to their edges, and a plan's longest way."""
 
 _Disc = tuple[float, float, float]
 
 
 class Detour:
-    """Which offset to steer for, so as to pass what blocks the way to the target's offset on its free side."""
+    """The offset to steer for, to pass an obstacle on its free side."""
 
     def __init__(self, discs: npt.NDArray[np.float64], x: float, half_width: float) -> None:
         triples: list[_Disc] = discs.tolist()
@@ -117,7 +119,7 @@ class Detour:
         self._half = half_width
 
     def aim(self, x: float, y: float, offset: float) -> float:
-        """Return the offset to steer for at a place: the target's own where nothing is in the way, or no way free."""
+        """Return the offset to steer for: the target's own without need or room for a detour."""
         if not self._discs:
             return offset
         ahead = [disc for disc in self._discs if -disc[2] < disc[0] - x < _LOOK_M]
@@ -139,11 +141,11 @@ Floats = npt.NDArray[np.float64]
 HORIZON = 8
 STEP_S = 0.2
 _NEAREST = 4
-"""Half-planes a stage: farther obstacles cannot be reached within the horizon."""
+"""Half-planes a stage; farther obstacles are out of reach within the horizon."""
 
 _AIM_M = 4.0
 _GRAZE_M = 0.1
-"""How far ahead the nominal driver aims, and how deep their path may graze a disc and still be outside it."""
+"""How far ahead the nominal driver aims, and how deep its path may cut into a disc."""
 
 _UNBOUNDED = 1e30
 """DAQP's infinity."""
@@ -153,9 +155,10 @@ _SOLVED = (1, 2)
 
 
 class Mpc:
-    """A controller over one bicycle and one road. It keeps working memory and no state between plans.
+    """A controller over one bicycle and one road, with working memory but no state between plans.
 
-    ``obstacles`` of a plan have shape (n, 3): x, y, and the radius that the vehicle's centre must keep off.
+    ``obstacles`` of a plan have shape (n, 3): x, y, and the radius that the vehicle's centre must
+    keep off.
     """
 
     def __init__(self, bicycle: Bicycle, road: Road, weights: Weights | None = None) -> None:
@@ -176,7 +179,7 @@ class Mpc:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Fill in what no state changes: bounds of inputs and slack, and where the slack enters the rows."""
+        """Set what no state changes: bounds of inputs and slack, and the slack's rows."""
         car, h = self._bicycle, HORIZON
         inputs = 2 * h
         self._lower[:h], self._upper[:h] = -car.brake_mps2, car.accel_mps2
@@ -193,9 +196,9 @@ class Mpc:
         self._b[:, 3, 0] = STEP_S
 
     def plan(self, state: State, target: Target, obstacles: npt.ArrayLike = ()) -> Plan:
-        """Return the command for the next 0.2 s. Equal input gives equal bits.
+        """Return the command for the next 0.2 s; equal input gives equal bits.
 
-        Raises StateError, by name, for a state, a target or an obstacle that is not finite.
+        Raises StateError that names the fault for a non-finite state, target or obstacle.
         """
         discs = _discs(obstacles)
         _require_finite(state, target)
@@ -212,7 +215,7 @@ class Mpc:
         return Plan(float(x[0]), float(x[HORIZON]), solved=True, flag=int(flag), path=path)
 
     def _roll_out(self, state: State, target: Target, discs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return states (9, 4), inputs (16,) and offsets aimed at (8,) of a driver who goes round obstacles."""
+        """Return states (9, 4), inputs (16,) and offsets (8,) of a driver with detours."""
         around = Detour(discs, state.x_m, self._road.half_width_m)
         car, h = self._bicycle, HORIZON
         states, inputs, aims = np.empty((h + 1, 4)), np.empty(2 * h), np.empty(h)
@@ -314,7 +317,7 @@ def _input_cost(weights: Weights) -> Floats:
 
 
 def _nearest(state: Floats, discs: Floats) -> Floats:
-    """Return the discs whose edges are nearest, at most four, in the order in which they were given."""
+    """Return the discs with the nearest edges, at most four, in their given order."""
     if len(discs) <= _NEAREST:
         return discs
     away = np.hypot(discs[:, 0] - state[0], discs[:, 1] - state[1]) - discs[:, 2]
@@ -324,8 +327,9 @@ def _nearest(state: Floats, discs: Floats) -> Floats:
 def _normals(nominal: Floats, discs: Floats) -> Floats:
     """Return the outward normal of each disc's and each stage's half-plane, shape (discs, 8, 2).
 
-    Where the nominal path runs through a disc, the last normal from before it holds to the end of the horizon: one
-    taken inside or behind the disc would turn round, and a soft constraint would then pull the vehicle through.
+    If the nominal path runs through a disc, the last normal before the disc holds to the end of the
+    horizon. A normal inside or behind the disc would turn round, and the soft constraint would pull
+    the vehicle through.
     """
     away = nominal[:, :2] - discs[:, None, :2]
     far = np.hypot(away[:, :, 0], away[:, :, 1])
@@ -340,7 +344,7 @@ def _normals(nominal: Floats, discs: Floats) -> Floats:
 def _discs(obstacles: npt.ArrayLike) -> Floats:
     discs = np.asarray(obstacles, dtype=np.float64)
     if discs.size and (discs.ndim != 2 or discs.shape[1] != 3):
-        raise StateError(f"obstacles have shape {discs.shape}: each is x, y and radius, so that n of them are (n, 3)")
+        raise StateError(f"obstacles have shape {discs.shape}: each is x, y and radius, so n of them have shape (n, 3)")
     discs = discs.reshape(-1, 3)
     bad = ~np.isfinite(discs).all(axis=1)
     if bad.any():
@@ -352,4 +356,4 @@ def _discs(obstacles: npt.ArrayLike) -> Floats:
 def _require_finite(state: State, target: Target) -> None:
     for name, value in {**asdict(state), **{f"target {name}": one for name, one in asdict(target).items()}}.items():
         if not math.isfinite(value):
-            raise StateError(f"{name} is {value}: the controller cannot plan from a state that is not finite")
+            raise StateError(f"{name} is {value}: the controller needs a finite state")

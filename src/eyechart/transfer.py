@@ -1,4 +1,4 @@
-"""Do scores from elsewhere predict grounding: the correlation of an external score with a statistic, over models."""
+"""Transfer: the correlation of an external score with a statistic of grounding, over models."""
 
 import csv
 import io
@@ -16,16 +16,17 @@ from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Measured, Statistic
 
 MEASURE = "mutual_information.decision"
-"""The statistic that stands for grounding unless another is named: bits that the decisions hold about the gap.
+"""The default statistic for grounding: bits of information in the decisions about the gap.
 
-Drives have it too, about the scene at each step (Table t:degeneracy)."""
+Drives have it too, about the scene at each step (Table t:degeneracy).
+"""
 
 _FILE_BYTES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One model on one ``bank``, or in one simulator: its external score, and its statistic, the mean over ``runs``."""
+    """One model on one ``bank`` or simulator: its external score, and its mean over ``runs``."""
 
     model: str
     bank: str
@@ -36,7 +37,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Transfer(Plain):
-    """The cells, both correlations over them, and what was left out, in words."""
+    """The cells, both correlations over them, and what was left out, with reasons."""
 
     measure: str
     cells: tuple[Cell, ...]
@@ -47,9 +48,9 @@ class Transfer(Plain):
 
 
 def read_scores(path: Path) -> dict[str, float]:
-    """Read a CSV file with the columns ``model`` (a SPEC, as a run names it) and ``score`` (a number).
+    """Read a CSV file with the columns ``model`` (a SPEC as in runs) and ``score`` (a number).
 
-    Raises SpecError naming the file, the row and what is wrong in it.
+    Raises SpecError that names the file, the row and the fault.
     """
     raw = read_at_most(path, _FILE_BYTES, SpecError, "a table of scores")
     with raising(SpecError, f"{path} is no CSV file", of=(UnicodeDecodeError, csv.Error)):
@@ -71,25 +72,26 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
         if not math.isfinite(score):
             raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a finite number")
         if model in scores:
-            raise SpecError(f"{path}, row {number}: '{model}' has a score already; give each model one")
+            raise SpecError(f"{path}, row {number}: '{model}' has two scores; give each model one")
         scores[model] = score
     return scores
 
 
 class Run(Protocol):
-    """A run that is scored, of any study."""
+    """A scored run of any study."""
 
     def measured(self) -> Sequence[Measured]:
-        """Return what was measured of each model in each place."""
+        """Return the statistics of each model in each place."""
 
 
 def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
     """Correlate external scores with a statistic over every model of every run, of any study.
 
-    A model on two banks, in two simulators, or under two prompts, is two cells; several runs of a model in one place
-    are replicates, whose values are averaged to one cell, because they are no further evidence about models. Models
-    without a score, scores without a model and statistics that cannot say are left out by name. Raises SpecError where
-    no run has the statistic. Source: paper, section Transfer and deployment characteristics.
+    A model on two banks, in two simulators, or under two prompts is two cells. Several runs of a
+    model in one place are replicates: they are averaged to one cell, since they add no evidence
+    about models. Models without a score, scores without a model and statistics without a value are
+    listed as left out. Raises SpecError if no run has the statistic. Source: paper, section
+    Transfer and deployment characteristics.
     """
     values: dict[tuple[str, str], list[float]] = {}
     left_out, every = [], [one for run in runs for one in run.measured()]
@@ -107,7 +109,7 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
         else:
             values.setdefault((one.model, one.where), []).append(found.value)
     asked = {one.model for one in every}
-    left_out += [f"{spec}: a score, but no run asked it" for spec in scores if spec not in asked]
+    left_out += [f"{spec}: a score, but no run has it" for spec in scores if spec not in asked]
     cells = [Cell(spec, where, scores[spec], fmean(each), len(each)) for (spec, where), each in values.items()]
     columns = [one.score for one in cells], [one.measured for one in cells]
     waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]

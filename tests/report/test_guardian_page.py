@@ -39,7 +39,7 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
     assert "Cannot say: no episodes were kept for a bound" in html
     without = guardian_page(found, None).html.decode()
     assert "data:image" not in without
-    assert "shown where the bank is given with --frames" in without
+    assert "give the bank with --frames" in without
 
 
 def test_the_curve_has_the_pages_colours_and_an_interval_that_there_is_not_has_a_reason(

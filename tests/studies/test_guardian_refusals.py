@@ -106,7 +106,7 @@ def test_a_model_that_was_asked_otherwise_is_refused_and_one_that_was_asked_else
 
     knows.may_score(asked(replace(ASKED, base_url="http://127.0.0.1:2")))
     assert refused(lambda: knows.may_score(asked(replace(ASKED, max_tokens=7)))) == (
-        f"the mode of '{QWEN}' differs: votes.csv has votes that were asked for otherwise than those that chose this "
+        f"the mode of '{QWEN}' differs: votes.csv has votes from other requests than those that chose this "
         "guardian; choose a guardian for this mode with 'eyechart guardian fit'"
     )
 
@@ -124,8 +124,8 @@ def test_what_counts_as_a_vote_must_be_the_same_where_both_say(
         chosen.may_score(votes)
     else:
         assert refused(lambda: chosen.may_score(votes)) == (
-            "what counts as a vote differs: this guardian was chosen under version 1 of its rules, votes.csv is read "
-            "under 2; choose one with 'eyechart guardian fit'"
+            "the rules for votes differ: this guardian was chosen under version 1, votes.csv is read under version 2; "
+            "choose a guardian with 'eyechart guardian fit'"
         )
 
 
@@ -230,15 +230,15 @@ def test_a_file_that_cannot_be_a_guardian_says_why(
     single = "its best single model is none of its models: "
     assert said(selection={**chosen, "best_single_model": "n" * 90}) == f"{cannot}it: {single}{'n' * 80}"
     twice = {**chosen, "frames": ["f280"] * 2}
-    assert said(selection=twice) == f"{cannot}selection: the frames that chose it are none, or stand there twice"
+    assert said(selection=twice) == f"{cannot}selection: the frames that chose it are missing or repeated"
     assert said(selection={**chosen, "pictures": ["a"] * 17}) == (
         f"{cannot}selection: it remembers 17 pictures of 16 frames, so that some would not be known again"
     )
     assert said(selection={**chosen, "worth": 1.5}) == (
-        f"{cannot}selection: its worth on the frames that chose it is 1.5, which nothing is"
+        f"{cannot}selection: its worth on the frames that chose it is 1.5, which is impossible"
     )
     assert said(selection={**chosen, "tie_breaks": "luck"}) == (
-        f"{cannot}selection: its ties were broken by a rule that no eyechart has"
+        f"{cannot}selection: its rule for ties is unknown to this eyechart"
     )
     assert said(prompt={"key": None, "wording": {}}) == f"{cannot}it has no 'name'"
     models = {name: {"version": None, "served": None, "mode": ASKED.as_dict()} for name in (GEMMA, QWEN)}
@@ -289,13 +289,13 @@ def test_what_cannot_choose_says_why(table: study.VoteTable) -> None:
     assert refused(lambda: study.fit(table, size=5)) == size.format(6, 5)
     assert refused(lambda: study.fit(table, size=3, models=(GEMMA, QWEN, GEMMA))) == size.format(2, 3)
     unfinished = replace(table, unfinished={GEMMA: 3})
-    assert refused(lambda: study.fit(unfinished)).endswith("; finish it, or name the models that are with --model")
+    assert refused(lambda: study.fit(unfinished)).endswith("; finish it, or name the finished models with --model")
     assert "3" in refused(lambda: study.fit(unfinished))
     assert study.fit(unfinished, size=1, models=(QWEN,)).committee == (QWEN,)
     mute = replace(table, votes=np.full_like(table.votes, -1))
     assert refused(lambda: study.fit(mute, size=1, models=(QWEN, GEMMA))) == (
-        f"votes.csv: no vote by {GEMMA}, {QWEN} on any of 288 frames, so there is nothing to choose by; where votes "
-        "are scene estimates, 'eyechart score' counts why replies hold none"
+        f"votes.csv: no vote by {GEMMA}, {QWEN} on any of 288 frames, so nothing can be chosen; for votes from "
+        "scene estimates, 'eyechart score' counts the reasons"
     )
     one = replace(table, episodes=("e00",) * 288)
     assert refused(lambda: study.nested(one)) == (

@@ -154,7 +154,7 @@ def test_a_guardian_remembers_by_which_rule_its_ties_were_broken(frozen: study.F
         if read:
             assert json.loads(json.dumps(study.read_frozen(tmp_path / "g.json").as_dict())) == told
         else:
-            with pytest.raises(GuardianError, match="its ties were broken by a rule that no eyechart has"):
+            with pytest.raises(GuardianError, match="its rule for ties is unknown to this eyechart"):
                 study.read_frozen(tmp_path / "g.json")
 
 
@@ -199,10 +199,10 @@ REDIGESTED: Mapping[str, tuple[dict[str, object], str]] = {
 
 
 STRANGE: Mapping[str, tuple[dict[str, object], str]] = {
-    "worth": ({"worth": 7.0}, "its worth on the frames that chose it is 7, which nothing is"),
+    "worth": ({"worth": 7.0}, "its worth on the frames that chose it is 7, which is impossible"),
     "less than nothing": ({"worth": -0.5}, "its worth on the frames"),
     "candidates": ({"candidates": 0}, "candidates is 0"),
-    "no frames": ({"frames": []}, "the frames that chose it are none"),
+    "no frames": ({"frames": []}, "the frames that chose it are missing"),
     "no episodes": ({"episodes": []}, "episodes"),
     "forgotten pictures": ({"pictures": ["a"]}, "it remembers 1 pictures of 16 frames"),
     "another single": ({"best_single_model": "nobody"}, "its best single model is none of its models: nobody"),
@@ -281,7 +281,7 @@ def test_costs_move_the_operating_point(table: study.VoteTable) -> None:
     assert handed_on.point == "unanimous"
     assert handed_on.selection is not None
     assert handed_on.selection.rule == "lowest expected cost of a frame on the calibration frames"
-    with pytest.raises(GuardianError, match="chosen by the costs"):
+    with pytest.raises(GuardianError, match="the costs choose the operating point"):
         study.fit(whole, costs=Costs(1, 1, 1), point="abstain")
 
 

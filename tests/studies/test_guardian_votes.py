@@ -210,9 +210,9 @@ def test_a_guardian_knows_the_rules_that_it_was_chosen_under(classes: list[int],
     assert json.loads(json.dumps(frozen.as_dict()))["voting"] == study.VOTE_READER
     study.write_frozen(path, replace(frozen, about=replace(frozen.about, voting=99)))
     assert study.read_frozen(path).about.voting == 99
-    with pytest.raises(GuardianError, match="what counts as a vote differs"):
+    with pytest.raises(GuardianError, match="the rules for votes differ"):
         Guardian.load(path)
-    with pytest.raises(GuardianError, match="what counts as a vote differs"):
+    with pytest.raises(GuardianError, match="the rules for votes differ"):
         study.score(study.read_frozen(path), table.rows(range(6, 18)))
     old = replace(frozen, about=replace(frozen.about, voting=None), made_by="0.1.0")
     assert "voting" not in old.as_dict()

@@ -159,7 +159,7 @@ def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path
     runs = [str(tmp_path / name) for name in ("one", "two", "part")]
     assert CliRunner().invoke(app, ["compare", *runs[:2]]).exit_code == 0
     scores = [study_of(Path(run)).score(Path(run), Reading()) for run in runs]
-    with pytest.raises(SpecError, match="were not asked about the same frames"):
+    with pytest.raises(SpecError, match="have different frames"):
         course_of(scores)
     with pytest.raises(SpecError, match="there is one policy, and nothing to compare it with"):
         course_of(scores[:1])
@@ -180,7 +180,7 @@ def test_runs_whose_motions_mean_something_else_are_neither_compared_nor_resumed
             )
         )
     scores = [policy.score(tmp_path / f"run-{kind}") for kind in banks]
-    with pytest.raises(SpecError, match=r"answer with other motions, .*: kind: delta and absolute; .*ask both on one"):
+    with pytest.raises(SpecError, match=r"answer with different motions, .*: kind: delta and absolute; .*use one bank"):
         course_of(scores)
     found = CliRunner().invoke(app, ["compare", *(str(tmp_path / f"run-{kind}") for kind in banks)])
     assert found.exit_code != 0
@@ -265,8 +265,8 @@ def test_the_page_draws_the_shares_over_the_training(named: Path, tmp_path: Path
     [
         ("nameless", "--step is SPEC=N with a whole number, as python:my:act=20000, not 'nameless'"),
         (f"{HERE}:nameless=-1", "--step is SPEC=N"),
-        ("python:my:act=1", "--step names 'python:my:act', and these runs asked"),
-        (f"{HERE}:first=1", f"--step gives no order, since of {HERE}:nameless: no step"),
+        ("python:my:act=1", "--step names 'python:my:act', but the policies of these runs are"),
+        (f"{HERE}:first=1", f"--step gives no order, since {HERE}:nameless has no step"),
     ],
 )
 def test_a_step_that_cannot_be_is_refused_in_words(named: Path, tmp_path: Path, step: str, said: str) -> None:

@@ -177,12 +177,12 @@ def test_a_chart_does_not_say_what_its_label_does_not() -> None:
     assert pose.camera.label == "undecided"
     assert colours(pose, shown)["cameras: another episode's"] == (MUTED, False)
     (drawing,) = shares(pose, SimpleNamespace(statistics=shown))  # type: ignore[arg-type]
-    assert "because the verdict on it is: cameras; its line below says why" in drawing.note
-    for words in ("Shaded, 0 to 0.02: too little", "Dashed line, 0.1:", "stretched near 0 (square root)"):
+    assert "because the verdict is undecided, whatever the interval: cameras. The line below says why" in drawing.note
+    for words in ("Shaded, 0 to 0.02: too small", "dashed line, 0.1:", "stretched near 0 (square root)"):
         assert words in drawing.note
     assert "one above 1" not in drawing.note
     (more,) = shares(verdict(), SimpleNamespace(statistics={"T.swapped@cameras": share(0.9, 1.4)}))  # type: ignore[arg-type]
-    assert "one above 1 says that the exchange changes its answer more than another moment does" in more.note
+    assert "Above 1, the exchange changes its answer more than another moment does" in more.note
 
 
 def test_the_page_says_in_a_sentence_who_looks() -> None:
@@ -226,7 +226,7 @@ def test_a_moment_says_whose_it_is_and_how_it_is_read(scored: PolicyScore) -> No
         assert "from the ring on; y points down, as in a picture" in one.note
         assert one.description.count(",") < 1 + len(_LINES)
     assert "at which other pictures change its answer most" in drawn[0].note
-    assert "Of 4 answers the first is drawn." in moments("u", scored.models["python:arms:unsteady"], None)[0].note
+    assert "The first of 4 answers is drawn." in moments("u", scored.models["python:arms:unsteady"], None)[0].note
 
 
 @pytest.mark.slow

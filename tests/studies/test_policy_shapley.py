@@ -56,7 +56,7 @@ def test_shares_add_up_and_who_is_not_read_has_none(
     specs = [f"{HERE}:added", f"{HERE}:multiplied"]
     words = ["run", "policy", "--frames", bank.root, "--out", tmp_path / "run", "--conditions", FEW, "--shapley"]
     said = told(*words, *(word for spec in specs for word in ("--policy", spec)))
-    assert "for Shapley shares alone: 480 calls" in " ".join(said.split())  # 2 policies, 48 frames, 5 conditions
+    assert "480 calls are for Shapley shares alone" in " ".join(said.split())  # 2 policies, 48 frames, 5 conditions
     found = {spec: one.statistics for spec, one in policy.score(tmp_path / "run").models.items()}
     for statistics in found.values():
         parts = [statistics[f"shapley.{name}"] for name in ("cameras", "state", "instruction")]

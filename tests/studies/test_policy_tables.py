@@ -65,7 +65,7 @@ def test_no_share_is_listed_of_who_failed_a_guard() -> None:
     table = channel_table({"good": verdict(), "bad": failed})
     assert table.rows[0][1] is not None
     assert set(table.rows[1][1:]) == {None}
-    assert table.note.endswith("none of whose guard failed: bad (misfit)")
+    assert table.note.endswith("not computed where a guard failed: bad (misfit)")
 
 
 @pytest.fixture(scope="module")
@@ -105,11 +105,11 @@ def test_the_page_draws_no_share_of_who_failed_and_says_what_settles_what_is_ope
     unread, contrary = f"{HERE}:unread", f"{HERE}:contrary"
     for channel, what in (("cameras", "its picture"), ("instruction", "its instruction")):
         assert str(settling(scored, unread, channel)).startswith(
-            f"ask 'eyechart doctor SPEC --frames {scored.manifest.bank_path}' whether {what} reaches it; a policy"
+            f"ask 'eyechart doctor SPEC --frames {scored.manifest.bank_path}' whether {what} reaches it; if the"
         )
-    assert "names that were exchanged" in str(settling(scored, contrary, "instruction"))
-    assert "names that were exchanged" in html
-    assert "with one thing changed of what it is shown" in html
+    assert "exchanged names or a wrong sign" in str(settling(scored, contrary, "instruction"))
+    assert "exchanged names or a wrong sign" in html
+    assert "its motion with one input changed" in html
     assert html.count("pictures-python-test-policy-tables-unread-") > 0
     assert "another top picture, another wrist picture" in html
     assert "whether its picture reaches it" in html
@@ -130,11 +130,11 @@ def test_what_was_not_asked_is_to_be_asked(
     policy.run(policy.plan(root, [spec], tmp_path / "few", conditions=FEW))
     few = study_of(tmp_path / "few").score(tmp_path / "few", Reading())
     assert str(settling(few, spec, "cameras")).startswith(
-        "ask what this run left out (matched@cameras, near@cameras): "
+        "run the missing conditions (matched@cameras, near@cameras): "
     )
     assert settling(few, spec, "instruction") != settling(few, spec, "cameras")
     policy.run(policy.plan(root.with_name("bank-whole"), [spec], tmp_path / "whole"))
-    assert "objects stand elsewhere" in str(settling(policy.score(tmp_path / "whole"), spec, "cameras"))
+    assert "objects elsewhere" in str(settling(policy.score(tmp_path / "whole"), spec, "cameras"))
     assert str(SETTLE).startswith("ask more episodes")
 
 

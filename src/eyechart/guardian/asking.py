@@ -1,7 +1,7 @@
-"""A guardian in a stack: it asks its committee about one picture and says hazard, clear, or that it abstains.
+"""A guardian in a stack: its committee judges one picture as hazard, clear, or abstains.
 
-Votes that come late, fail or cannot be read are missing votes, and missing votes never count as clear. Its models
-live in one event loop in a thread of its own, so that an answer comes by the deadline whatever they do.
+Late, failed and unreadable votes are missing votes, and missing votes never count as clear. The
+models run in an event loop in a thread of its own, so an answer comes by the deadline in any case.
 """
 
 import asyncio
@@ -33,10 +33,10 @@ T = TypeVar("T")
 
 DEADLINE_S = 2.0
 _MARGIN_S = 0.02
-"""So much of the deadline, a tenth at most, is kept for putting the answer together."""
+"""Part of the deadline, a tenth at most, that is kept to put the answer together."""
 _CLOSING_S = 5.0
 MOST_AT_ONCE = 64
-"""Pictures that may be under way; one more is abstained from at once, so that a loop that is held holds no memory."""
+"""Pictures at one time; another one gets an abstention, so a blocked loop holds no memory."""
 _WORDS = 200
 _BLANK_PX = 64
 _HELD = "no vote came by the deadline: something holds the models' event loop"
@@ -44,9 +44,9 @@ _FULL = f"{MOST_AT_ONCE} pictures are under way already: something holds the mod
 
 
 class Guardian:
-    """A frozen guardian with its models, ready to be asked; a context manager that lets its models go.
+    """A frozen guardian with its models, ready for pictures; a context manager closes its models.
 
-    It may be asked from several threads at once.
+    It may be used from several threads at once.
     """
 
     def __init__(
@@ -71,11 +71,12 @@ class Guardian:
         interface: Interface | None = None,
         modes: Mapping[str, RequestMode] | None = None,
     ) -> "Guardian":
-        """Open a guardian and its models. Raises GuardianError that names what is not as it was when it was chosen.
+        """Open a guardian and its models.
 
-        That is an edited file, another prompt or view, or a model of another version. ``modes`` may give a model
-        another address, key, header or time limit than it had then, and nothing else. ``interface`` is needed only
-        where the votes that chose the guardian came from a table and not from a run. Nothing is inferred yet.
+        Raises GuardianError that names what changed since its choice: an edited file, another
+        prompt or view, another version of a model. ``modes`` may change a model's address, key,
+        header or time limit, and nothing else. ``interface`` is needed only if the votes came from
+        a table, not from a run. No call is made yet.
         """
         frozen = read_frozen(Path(path))
         shown = interface or interface_of(frozen)
@@ -91,7 +92,7 @@ class Guardian:
             mode, other = frozen.about.modes.get(spec), given.get(spec)
             if mode is not None and other is not None and not mode.differs_in_address_only(other):
                 raise GuardianError(
-                    f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, "
+                    f"'{spec}' would get other requests than when the guardian was chosen: only base_url, key_env, "
                     "headers and timeout_s of its mode may differ"
                 )
             models[spec] = open_model(spec, other or mode)
@@ -104,11 +105,11 @@ class Guardian:
         return cls(frozen, models, shown, deadline_s=deadline_s)
 
     def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
-        """Return what the committee says of an encoded picture, by the deadline.
+        """Return the committee's judgement of an encoded picture, by the deadline.
 
-        What no bank would take is abstained from: what is no picture, damaged, turned by a note, not in RGB of 8 bits,
-        or of more than 25 megapixels; at most four are decoded at once. Raises GuardianError after `close`, and never
-        for what a model does.
+        It abstains for a picture that no bank would take: damaged, rotated by metadata, not in
+        8-bit RGB, or of more than 25 megapixels. At most four are decoded at once. Raises
+        GuardianError after `close`, and never for a model's fault.
         """
         start, limit = time.perf_counter(), self._limit(deadline_s)
         future = self._submit(self._assess(image, start, limit))
@@ -126,19 +127,19 @@ class Guardian:
         return await self._awaited(self._assess(image, start, limit), start, limit)
 
     def show(self, image: bytes) -> Pictures:
-        """Return what the models would be shown of an encoded picture; raises BankError for what no bank would take."""
+        """Return a picture as the models get it; BankError for one that no bank would take."""
         require_plain(image, "the picture")
         return self._interface.views(image)
 
     async def ask_async(self, pictures: Pictures, *, deadline_s: float | None = None) -> Assessment:
-        """Return what the committee says of what `show` returned."""
+        """Return the committee's judgement of a picture that `show` returned."""
         start, limit = time.perf_counter(), self._limit(deadline_s)
         return await self._awaited(self._ask(pictures, start, limit), start, limit)
 
     async def warm_up(self, limit_s: float) -> dict[str, str]:
-        """Ask each model once about a blank picture, and return why those that did not reply in time did not.
+        """Call each model once with a blank picture; return the reason for each late or failed one.
 
-        A first answer may take much longer than a deadline allows, where a model is yet to be loaded.
+        The first reply may take much longer than a deadline if a model must be loaded.
         """
         try:
             async with asyncio.timeout(limit_s + 1):
@@ -148,12 +149,12 @@ class Guardian:
             return dict.fromkeys(self.models, "something holds the models' event loop")
 
     def since_votes(self) -> dict[str, float | None]:
-        """Return for each model the seconds since its last vote; None for one that has not voted."""
+        """Return for each model the seconds since its last vote; None before its first one."""
         now = time.monotonic()
         return {spec: now - self._voted[spec] if spec in self._voted else None for spec in self.models}
 
     def close(self) -> None:
-        """Let the models go, within a few seconds at most. Closing twice is no error."""
+        """Close the models, within a few seconds at most. A second call has no effect."""
         with self._lock:
             loop, self._loop, self._closed = self._loop, None, True
             self._pool.shutdown(wait=False, cancel_futures=True)
@@ -176,7 +177,7 @@ class Guardian:
         return limit
 
     def _submit(self, work: Coroutine[Any, Any, T]) -> Future[T] | None:
-        """Let the models' loop do some work; None where it has too much to do already."""
+        """Start work in the models' loop; None if it has too much work already."""
         with self._lock:
             if self._closed:
                 work.close()
@@ -194,7 +195,7 @@ class Guardian:
             return future
 
     def _begin(self, work: Coroutine[Any, Any, T], future: Future[T]) -> None:
-        """Begin some work in the models' loop; unlike asyncio's own way in, it is known when its picture is let go."""
+        """Start a task in the models' loop, such that the release of its picture is noticed."""
         loop = asyncio.get_running_loop()
         if future.cancelled():
             work.close()
@@ -237,13 +238,13 @@ class Guardian:
             async with asyncio.timeout(_left(start, limit)):
                 pictures = await asyncio.get_running_loop().run_in_executor(self._pool, self.show, image)
         except TimeoutError:
-            return self._silent(start, "the picture was not ready to be shown by the deadline")
+            return self._silent(start, "the picture was not prepared by the deadline")
         except BankError as error:
             return self._silent(start, f"no picture that can be shown: {error}")
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does
-            return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
+            return self._silent(start, f"the picture could not be prepared: {type(error).__name__}: {error}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
@@ -266,7 +267,7 @@ class Guardian:
     async def _votes(
         self, asked: Mapping[T, Coroutine[Any, Any, tuple[Vote, str]]], limit_s: float, late: str
     ) -> dict[T, tuple[Vote, str]]:
-        """Return the votes that come within so many seconds; of the others why they are missing."""
+        """Return the votes that come within a number of seconds, and why the others are missing."""
         tasks = {key: asyncio.create_task(one) for key, one in asked.items()}
         self._tasks.update(tasks.values())
         for task in tasks.values():
@@ -275,7 +276,7 @@ class Guardian:
             await asyncio.wait(tasks.values(), timeout=limit_s)
         finally:
             for task in tasks.values():
-                task.cancel()  # of what is done already, without effect
+                task.cancel()  # has no effect on a finished task
         return {
             key: task.result() if task.done() and not task.cancelled() else (None, late) for key, task in tasks.items()
         }
@@ -283,7 +284,7 @@ class Guardian:
     async def _vote(
         self, spec: str, model: Model, picture: bytes, view: str, read: Callable[[Reply], tuple[Vote, str]]
     ) -> tuple[Vote, str]:
-        """Ask for one vote; whatever goes wrong is a missing vote with its reason."""
+        """Call for one vote; any failure is a missing vote with its reason."""
         try:
             seed = key_seed("guardian", self.frozen.digest, spec, view)
             reply = await model.answer(self._interface.query(picture, seed))
@@ -299,7 +300,7 @@ class Guardian:
                 self._voted[spec] = time.monotonic()
         except asyncio.CancelledError:
             raise
-        except BaseException as error:  # noqa: BLE001 - a stack must not fall over what a model does, not even SystemExit
+        except BaseException as error:  # noqa: BLE001 - no model may end a stack
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
         return vote, why
 
@@ -317,7 +318,7 @@ class Guardian:
         return Assessment(answer, pairs, time.perf_counter() - start, why, missing)
 
     def _silent(self, start: float, why: str) -> Assessment:
-        """Return the abstention of a committee of which nobody was heard."""
+        """Return the abstention of a committee without any vote."""
         votes: dict[tuple[str, str], tuple[Vote, str]] = {
             (spec, view): (None, why) for spec in self.models for view in VIEWS
         }
@@ -342,7 +343,7 @@ class Guardian:
 
 
 def _turn(loop: asyncio.AbstractEventLoop) -> None:
-    """Turn the models' loop until it is stopped; a task of a model's own that raises SystemExit only interrupts it."""
+    """Run the models' loop until stopped; SystemExit in a model's task only interrupts it."""
     turning = True
     while turning:
         try:

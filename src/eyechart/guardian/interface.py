@@ -1,4 +1,4 @@
-"""What stands between a picture and a vote: the view that a model is shown, the question, and the reading."""
+"""The way from a picture to a vote: the view that a model gets, the question, and the reading."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, Frozen, read_vo
 Answer = Literal["hazard", "clear", "abstain"]
 Vote = bool | None
 Pictures = tuple[bytes, bytes]
-"""What the models are shown: the view of a picture, and of its reflection."""
+"""The models' input: the view of a picture, and of its reflection."""
 
 _PICTURE = "the picture"
 
@@ -25,9 +25,9 @@ _PICTURE = "the picture"
 class Interface:
     """How a picture becomes votes.
 
-    ``views`` makes of an encoded picture what the models are shown, and raises BankError for what it cannot show;
-    ``query`` makes the question about one of these, with a seed; ``read`` returns the vote of a reply, or None with the
-    reason. ``view``, ``prompt`` and ``reader`` are what a guardian's file has.
+    ``views`` turns an encoded picture into the models' views, and raises BankError if it cannot.
+    ``query`` makes the question about a view, with a seed. ``read`` returns the vote of a reply, or
+    None with the reason. ``view``, ``prompt`` and ``reader`` are as in a guardian's file.
     """
 
     view: str | None
@@ -40,10 +40,11 @@ class Interface:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What a guardian says of a picture.
+    """A guardian's judgement of a picture.
 
-    ``votes`` maps each model to its votes on the picture and on its reflection: True is hazard, False clear, and None
-    missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is one line for a log.
+    ``votes`` maps each model to its votes on the picture and on its reflection: True is hazard,
+    False clear. None is missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is
+    one line for a log.
     """
 
     answer: Answer
@@ -64,10 +65,10 @@ class Assessment:
 
 
 def interface_of(frozen: Frozen) -> Interface:
-    """Return the interface that a guardian was chosen with: the same view, prompt and reading as in its structured run.
+    """Return the interface of a guardian's choice: view, prompt and reading of its structured run.
 
-    Raises GuardianError where its votes came from elsewhere, or its prompt says more than a picture holds; SpecError
-    where this version of eyechart has no such view.
+    Raises GuardianError if its votes came from elsewhere, or its prompt needs more than a picture.
+    Raises SpecError if this version of eyechart lacks the view.
     """
     prompt, about = frozen.about.wording, frozen.about
     if prompt is None or about.view is None:
@@ -80,8 +81,8 @@ def interface_of(frozen: Frozen) -> Interface:
         raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
     if about.voting not in {None, VOTE_READER}:
         raise GuardianError(
-            f"what counts as a vote differs: this guardian was chosen under version {about.voting} of its rules, here "
-            f"is {VOTE_READER}; choose a guardian with 'eyechart guardian fit'"
+            f"the rules for votes differ: this guardian was chosen under version {about.voting}, here "
+            f"is version {VOTE_READER}; choose a guardian with 'eyechart guardian fit'"
         )
     view, axis = find_view(about.view), about.axis
     axis = view.axis if view is not None else axis
@@ -91,7 +92,7 @@ def interface_of(frozen: Frozen) -> Interface:
     close_m = close_m_of(prompt)
     if close_m is None:
         raise GuardianError(
-            f"the prompt '{prompt.name}' does not say which leads are close, so that no reply can be held to it"
+            f"the prompt '{prompt.name}' does not say which leads are close, so no reply can be checked"
         )
 
     def views(picture: bytes) -> Pictures:

@@ -1,4 +1,4 @@
-"""What is known against the members of a guardian: votes that are missing, clauses and guards that their run failed."""
+"""Known faults of a guardian's members: missing votes, and failed clauses and guards of a run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from eyechart.studies.structured.study import Structured
 
 @dataclass(frozen=True, slots=True)
 class Member(Plain):
-    """How a member of a committee did in its run.
+    """The record of a committee's member in its run.
 
-    ``missing`` of its ``votes`` on the frames in question are missing; ``reasons`` count by a word why replies were
-    none, and ``contradicting`` are those whose gap and ``close`` contradict each other. ``clauses`` of admission are
-    not met and ``guards`` failed, over all frames of its run.
+    ``missing`` of its ``votes`` on the frames in question are missing; ``reasons`` count why.
+    ``contradicting`` counts replies whose gap and ``close`` disagree. ``clauses`` of admission are
+    unmet and ``guards`` failed, over all frames of its run.
     """
 
     model: str
@@ -29,12 +29,12 @@ class Member(Plain):
 
     @property
     def doubtful(self) -> bool:
-        """Return whether anything speaks against it."""
+        """Return whether the member has any known fault."""
         return bool(self.missing or self.clauses or self.guards)
 
     @property
     def words(self) -> str:
-        """Return on one line what is known of it."""
+        """Return its faults on one line."""
         why = ", ".join(f"{n} {reason}" for reason, n in self.reasons.items())
         lost = f"{self.missing} of {self.votes} votes are missing" if self.missing else ""
         missing = lost or f"none of {self.votes} votes is missing"
@@ -49,7 +49,7 @@ class Member(Plain):
 def members_of(
     committee: Sequence[str], table: VoteTable, runs: Sequence[Path], *, reread: bool = False
 ) -> tuple[Member, ...]:
-    """Return what is known of those models of a committee whose votes are of these runs, on the frames of a table."""
+    """Return the records of a committee's models that voted in these runs, on a table's frames."""
     scores: dict[str, structured.StructuredScore] = {}
     for run in runs:
         if isinstance(study_of(run), Structured):

@@ -1,4 +1,4 @@
-"""What a guardian is worth: Table t:positive-guardian of the paper, lines of words around it, and its page."""
+"""A guardian's score: Table t:positive-guardian of the paper, its text, and its page."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -55,7 +55,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
 
 
 def opening(found: GuardianScore) -> Opening:
-    """Return what the page says first: how many hazards it misses, its false alarms, and what it hands back."""
+    """Return the page's opening: missed hazards, false alarms, and abstentions."""
     table, own = found.table, found.rows[found.frozen.point]
     hazards = int(table.hazard.sum())
     alarms = sum(found.answers[frame] == "hazard" and not table.hazard[at] for at, frame in enumerate(table.frames))
@@ -72,7 +72,7 @@ def opening(found: GuardianScore) -> Opening:
         f"Balanced accuracy {shown(balanced)} over the {balanced.n} frames that it answers; the best single model of "
         f"the calibration has {shown(single)} over its own {single.n}."
     )
-    bound = "" if found.bound is not None else "How often it misses at most was not bounded: no episodes were kept."
+    bound = "" if found.bound is not None else "Its misses have no upper bound: no episodes were kept for one."
     who = " + ".join(found.frozen.committee)
     drawn = replace(curve(found, (4.2, 2.9)), name="in-short")
     return Opening(sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=drawn)
@@ -80,7 +80,7 @@ def opening(found: GuardianScore) -> Opening:
 
 @style()
 def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawing:
-    """Draw the share of wrong answers against the share of frames answered, with the operating points on it.
+    """Draw the share of wrong answers by the share of frames answered, with the operating points.
 
     ``size`` is its width and height in inches.
     """
@@ -111,7 +111,7 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
 
 
 def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
-    """Return the frames episode by episode, each with its votes and what became of it."""
+    """Return the frames by episode, each with its votes and its outcome."""
     table, own = found.table, found.table.of(found.frozen.committee)
     episodes: dict[str, list[dict[str, object]]] = {}
     for place, frame in enumerate(table.frames[:MOST_ROWS]):
@@ -130,11 +130,11 @@ def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
 
 
 def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[str, object]], str]:
-    """Return the views of the first frames that were missed, and what has to be said about them."""
+    """Return the views of the first missed frames, and notes on them."""
     if not found.missed:
         return [], ""
     if bank is None:
-        return [], "Their pictures are shown where the bank is given with --frames."
+        return [], "To see their pictures, give the bank with --frames."
     table = found.table
     shown: list[dict[str, object]] = []
     for frame in found.missed[:MOST_PICTURES]:
@@ -150,7 +150,7 @@ def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[s
 
 
 def _views(found: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[bytes]:
-    """Return what the models were shown of a frame, or without a known view the picture and its reflection."""
+    """Return the models' view of a frame; without a known view, the picture and its reflection."""
     frame = bank.frame(frame_id)
     image = bank.recorded(frame)
     try:
@@ -170,7 +170,7 @@ _SHOWN = 10
 
 
 def row_names(frozen: Frozen) -> dict[str, str]:
-    """Return the rows of a score in the paper's order, each with its name in words."""
+    """Return the names of a score's rows in the paper's order."""
     at = {"voters": frozen.voters, "threshold": frozen.threshold}
     ties = [h for h in range(frozen.voters + 1) if answers(h, 0, point="abstain", **at) == ABSTAIN]
     tie = " to ".join(f"{h}–{frozen.voters - h}" for h in dict.fromkeys((ties[0], ties[-1])))
@@ -184,7 +184,7 @@ def row_names(frozen: Frozen) -> dict[str, str]:
 
 
 def guardian_table(found: GuardianScore) -> Table:
-    """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
+    """Return the rows of Table t:positive-guardian: best single model, three operating points."""
     named, own = row_names(found.frozen), found.frozen.point
     rows = tuple((Mark(name, "", "*" if key == own else ""), *_cells(found.rows[key])) for key, name in named.items())
     caption = "Best single model of the calibration, and the guardian at each operating point"
@@ -238,7 +238,7 @@ def _cells(row: Mapping[str, Statistic]) -> tuple[Cell, ...]:
 
 
 def choice_lines(frozen: Frozen) -> Iterator[str]:
-    """Yield in words what was chosen, on what, and what was not recorded."""
+    """Yield sentences on the choice, its frames, and facts that were not recorded."""
     votes = f"hazard from {frozen.threshold} of {frozen.voters} votes"
     yield f"committee: {', '.join(frozen.committee)}; {votes}; {frozen.point}"
     if frozen.selection is not None:
@@ -247,16 +247,16 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
         worth = f"expected cost {-chosen.worth:.4g}" if costs else f"balanced accuracy {chosen.worth:.3f}"
         yield (
             f"chosen on {len(chosen.frames)} frames of {len(chosen.episodes)} episodes among {chosen.candidates} "
-            f"candidates: {worth} there, which flatters; best single model there: {chosen.single}"
+            f"candidates: {worth} there, which is too good; best single model there: {chosen.single}"
         )
         if not costs and chosen.worth <= 0.5:
-            yield "that is no better than chance: none of these committees is worth a place in a stack"
+            yield "that is no better than chance: use none of these committees in a stack"
     if lacking := frozen.about.unrecorded(frozen.committee):
-        yield f"not recorded, so that a change of it would not be found: {', '.join(lacking)}"
+        yield f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}"
 
 
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
-    """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
+    """Yield sentences on intervals, test, curve, misses and ``bounds``."""
     corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, Discordant) else (0, 0)
     p, whole = found.mcnemar.p, found.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
@@ -277,7 +277,7 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
 
 
 def _method(found: GuardianScore) -> str:
-    """Return how the intervals of the table were made, by column where they differ, and why a column has none."""
+    """Return the method of the table's intervals, by column if they differ, or why one has none."""
     made = dict[str, list[str]]()
     for row in found.rows.values():
         for name, one in row.items():
@@ -288,7 +288,7 @@ def _method(found: GuardianScore) -> str:
 
 
 def bound_lines(found: Bound) -> Iterator[str]:
-    """Yield in words what is bounded, by how many episodes, and where that holds."""
+    """Yield sentences on each bound, its number of episodes, and where it holds."""
     per_frame = found.frame_rate
     if found.rate.ci is None or found.any_miss.ci is None or not isinstance(per_frame, UpperBound) or not per_frame.ci:
         yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"
@@ -319,7 +319,7 @@ def bound_lines(found: Bound) -> Iterator[str]:
 
 
 def nested_lines(found: Nested) -> Iterator[str]:
-    """Yield in words what the folds chose."""
+    """Yield sentences on the choices of the folds."""
     kinds: dict[tuple[tuple[str, ...], int, str], list[str]] = {}
     for episode, chosen in found.folds.items():
         kinds.setdefault(chosen, []).append(episode)
@@ -328,7 +328,7 @@ def nested_lines(found: Nested) -> Iterator[str]:
 
 
 def replay_lines(found: Replay) -> Iterator[str]:
-    """Yield in words how a modular replay compares."""
+    """Yield sentences on how a modular replay compares."""
     yield (
         f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n}); where the "
         f"guardian answered {number(found.agreement_answered.value)} (n {found.agreement_answered.n})"
@@ -339,13 +339,13 @@ def replay_lines(found: Replay) -> Iterator[str]:
         f"{found.ceiling_answered.n})"
     )
     yield (
-        f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains "
-        "the renderer policy acts, and so agrees with itself"
+        f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains, "
+        "the renderer policy acts and agrees with itself"
     )
     yield (
-        f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n}), which is of the "
-        "deterministic reader and the policy: the votes on a frame and its reflection are exchanged"
+        f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n}), for the reader "
+        "and the policy alone: the votes on a frame and its reflection are exchanged"
     )
-    yield f"The renderer policy turns on {found.directional} of these frames; nothing more is said of lateral control"
+    yield f"The renderer policy turns on {found.directional} of these frames; lateral control is not tested further"
     if found.unread:
-        yield f"{len(found.unread)} pictures could not be read and count in neither share"
+        yield f"{len(found.unread)} pictures could not be read and count in no share"

@@ -1,1 +1,1 @@
-"""What can be read from a picture alone."""
+"""Readers of scenes from pictures alone."""

@@ -1,7 +1,8 @@
-"""Known-answer estimators: each makes something of a scene that was read from the picture, and says how it must fail.
+"""Known-answer estimators: each changes the scene read from the picture in a known way.
 
-They are given what the image-only positive control read, never the ground truth: a Query has no field for that, so an
-oracle of the truth cannot exist behind the door of a model. The tests build one that knows the pictures by heart.
+Each declares the clauses of admission that it must fail. They get what the image-only positive
+control read, never the ground truth: a Query has no field for that. So no model, and no estimator,
+can answer from the truth. The tests build one that knows the pictures by heart.
 """
 
 import json
@@ -15,7 +16,7 @@ NO_ROAD = "I'm sorry, I cannot see a road in this picture."
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """What an estimator does in words, the text that it makes of a scene, and the clauses of admission it must fail."""
+    """An estimator: its description, the reply that it makes of a scene, and what it must fail."""
 
     says: str
     tell: Callable[[Scene], str]
@@ -57,17 +58,17 @@ ESTIMATORS: dict[str, Estimator] = {
         frozenset({"directional"}),
     ),
     "scene_one_sided": Estimator(
-        "measures the gap, and takes the left for clear and the right for taken",
+        "measures the gap, and reports the left clear and the right taken",
         lambda scene: str(Estimate.of(replace(scene, left_clear=True, right_clear=False))),
         frozenset({"scene_equivariance", "action_equivariance"}),
     ),
     "scene_distance_blind": Estimator(
-        "sees the sides, and every lead midway between close and free",
+        "sees the sides, and reports every lead midway between close and free",
         lambda scene: str(Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2))),
         _CLOSE,
     ),
     "scene_silent_when_free": Estimator(
-        "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})
+        "measures the scene, and leaves out a field if the road is free", _silent_when_free, frozenset({"parse"})
     ),
 }
-"""Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank, whose scenes demand every action."""
+"""Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank."""

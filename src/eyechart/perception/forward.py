@@ -1,11 +1,11 @@
-"""A reader of forward pictures by their pixels alone: where the road's edges run, what stands on it, and how far away.
+"""A reader of forward pictures by their pixels: road edges, obstacles and their distances.
 
-The pictures are those of a level pinhole at a known height over a flat road of known width, which is grey in grey with
-white marks; what has a colour and stands on the road is an obstacle. From the two edges come the eye's place across the
-road and its yaw, and with them each pixel below the horizon becomes a place on the ground.
+The camera is a level pinhole at a known height over a flat road of known width. The road is grey
+with white marks; a coloured thing that stands on it is an obstacle. The two edges give the camera's
+lateral position and yaw. With these, each pixel below the horizon is a point on the ground.
 
-Everything is computed a column at a time, or for one side of the picture and in the same way for the other, so what is
-read from a picture and from its flip agrees exactly.
+Everything is computed by column, or in the same way for both sides of the picture. So the readings
+of a picture and of its flip agree exactly.
 """
 
 import math
@@ -23,7 +23,7 @@ _Floats = npt.NDArray[np.float64]
 _Bools = npt.NDArray[np.bool_]
 
 _COLOURED = 24
-"""Channels that differ by more belong to no grey; the dimmest obstacle differs by twice as much 30 m away."""
+"""A larger spread of a pixel's channels is a colour; at 30 m the dimmest obstacle has twice it."""
 
 _GREY = 2
 _LEAST_EDGE_ROWS = 5
@@ -36,18 +36,18 @@ _LEAST_MARK_PX = 12
 
 
 def distances_of(camera: str) -> Distances:
-    """Return what counts as near in the worlds of a simulator with this camera; highway's for any other."""
+    """Return the distances of a simulator with this camera; highway's for any other."""
     return FORWARD[camera].distances if camera in FORWARD else HIGHWAY
 
 
 def worlds_distances(bank: FrameBank) -> Distances:
-    """Return what counts as near in the bank's world; what is close is what the bank says."""
+    """Return the distances of the bank's world; its closeness threshold is the bank's own."""
     distances, gap = distances_of(bank.manifest.simulator), bank.manifest.gap
     return distances if gap is None or gap.unit != "m" else replace(distances, close_m=gap.threshold)
 
 
 def view_of(rgb: _Pixels) -> ForwardView | None:
-    """Return the view that took a picture, by its size and its sky; None for any other."""
+    """Return the view of a picture, by its size and its sky; None for an unknown one."""
     if rgb.dtype != np.uint8 or rgb.ndim != 3:
         return None
     for view in FORWARD.values():
@@ -58,13 +58,14 @@ def view_of(rgb: _Pixels) -> ForwardView | None:
 
 @dataclass(frozen=True, slots=True)
 class ForwardReading:
-    """What one forward picture shows, by its pixels alone.
+    """The contents of one forward picture, by its pixels alone.
 
-    ``ego_colour`` is a name among the view's bodies (green drives, red has crashed), ``scenery`` one among its verges.
-    ``y_m`` and ``yaw`` are where the eye is across the road, from its middle to the left, and how it is turned.
-    ``nearest_side`` is where the nearest obstacle stands as seen from the own track: left, right, centre, or None.
-    ``stripe_phase`` in [0, 1) is how much of a dash's period has passed; None where no dashes are seen. ``others`` are
-    the nearest obstacles of each track.
+    ``ego_colour`` is a name among the view's bodies (green drives, red has crashed), ``scenery``
+    one among its verges. ``y_m`` is the camera's distance from the road's middle, to the left, and
+    ``yaw`` its direction. ``nearest_side`` is the side of the nearest obstacle, seen from the own
+    track: left, right, centre, or None. ``stripe_phase`` in [0, 1) is the share of a dash's period
+    that has passed; None without visible dashes. ``others`` are the nearest obstacles of each
+    track.
     """
 
     scene: Scene
@@ -86,11 +87,11 @@ class ForwardReading:
 
     @property
     def flipped(self) -> bool | None:
-        """Return None: a world seen forward and its mirror image are drawn alike."""
+        """Return None: a forward view and its mirror image look the same."""
         return None
 
     def mirrored(self, tracks: int) -> "ForwardReading":
-        """Return the reading of the flipped picture, where the view has so many tracks."""
+        """Return the reading of the flipped picture, with the view's number of tracks."""
         sides = {"left": "right", "right": "left"}
         return replace(
             self,
@@ -104,13 +105,15 @@ class ForwardReading:
 
 
 def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
-    """Return what a picture (h, w, 3) of this view shows, or None where it shows no road with a vehicle on it."""
+    """Return the reading of a picture (h, w, 3) of this view; None without road and own vehicle."""
     ground = np.ascontiguousarray(rgb[view.horizon :].transpose(2, 0, 1)).astype(np.int16)
-    middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]  # of the lowest row, where the own vehicle is
+    # The own vehicle is in the middle of the lowest row.
+    middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]
     body = next((name for name, colour in view.bodies.items() if (middle == colour).all()), None)
     if body is None:
         return None
-    rows = slice(view.sought, view.sought + view.width // 6, 2)  # the verge whose colour, faded, most pixels have
+    # The scenery is the one whose verge colour, faded by distance, most pixels have.
+    rows = slice(view.sought, view.sought + view.width // 6, 2)
     scenery = int(np.argmax([np.count_nonzero(_is_like(ground[:, rows], one[rows])) for one in view.verge_rows]))
     red, green, blue = ground
     own = (red == view.bodies[body][0]) & (green == view.bodies[body][1]) & (blue == view.bodies[body][2])
@@ -148,7 +151,7 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
 
 @dataclass(frozen=True, slots=True)
 class _Pose:
-    """Where the eye is across the road, and the sine and cosine of its yaw."""
+    """The camera's position across the road, and the sine and cosine of its yaw."""
 
     y: float
     sin: float
@@ -157,10 +160,10 @@ class _Pose:
 
 @dataclass(frozen=True, slots=True)
 class _Contacts:
-    """Where obstacles meet the ground, by column: shape (width,), nan where a column shows none.
+    """Where obstacles meet the ground, by column, shape (width,); nan for a column without one.
 
-    ``x`` is ahead of the eye along the road and ``y`` across it, from its middle; ``front`` is the smallest x of the
-    body that a column belongs to, and ``row`` the ground row of the contact, -1 where there is none.
+    ``x`` is the distance along the road and ``y`` across it, from its middle. ``front`` is the
+    smallest x of the column's body. ``row`` is the ground row of the contact, -1 without one.
     """
 
     x: _Floats
@@ -170,7 +173,7 @@ class _Contacts:
 
 
 def _is_like(ground: npt.NDArray[np.int16], colours: npt.NDArray[np.int16]) -> _Bools:
-    """Return which pixels of ground planes, shape (3, rows, width), have their row's colour, shape (rows, 3)."""
+    """Return which pixels of planes (3, rows, width) have their row's colour, (rows, 3)."""
     like = np.ones(ground.shape[1:], np.bool_)
     for plane, shade in zip(ground, colours.T, strict=True):
         like &= np.abs(plane - shade[:, None]) <= _VERGE_SLACK
@@ -182,7 +185,7 @@ def _is_like(ground: npt.NDArray[np.int16], colours: npt.NDArray[np.int16]) -> _
 
 @dataclass(frozen=True, slots=True)
 class _Edge:
-    """One edge of the road as its side sees it: tangents ``u`` outwards, at inverse depths ``q``."""
+    """An edge of the road seen from its side: tangents ``u`` outwards, at inverse depths ``q``."""
 
     u: _Floats
     q: _Floats
@@ -193,13 +196,13 @@ class _Edge:
         return float(((self.q - self.q.mean()) ** 2).sum()) if self.q.size >= _LEAST_EDGE_ROWS else 0.0
 
     def vanishing(self) -> float:
-        """Return the tangent in which the edge vanishes."""
+        """Return the tangent of the edge's vanishing point."""
         from_mean = self.q - self.q.mean()
         slope = float((from_mean * self.u).sum()) / self.spread
         return float(self.u.mean()) - slope * float(self.q.mean())
 
     def without_outliers(self, pixel: float) -> "_Edge":
-        """Return the edge without rows that lie more than this off its own line."""
+        """Return the edge without rows that lie farther than this from its own line."""
         if not self.spread:
             return self
         start = self.vanishing()
@@ -209,7 +212,7 @@ class _Edge:
 
 
 def _find_pose(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) -> _Pose | None:
-    """Return where the eye is and looks, by the edges of the road that are in sight; None without any."""
+    """Return the camera's position and yaw from the road's visible edges; None without any."""
     right = _find_edge(chroma, verge, view)
     left = _find_edge(chroma[:, ::-1], verge[:, ::-1], view)
     weight = left.spread + right.spread
@@ -232,10 +235,10 @@ def _find_pose(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) 
 
 
 def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) -> _Edge:
-    """Return the road's edge on the side of the last columns: where grey ends and the verge begins, row by row.
+    """Return the road's edge on the side of the last columns, where grey meets the verge, by row.
 
-    What stands before an edge hides it: a row counts only where verge follows grey within a few pixels, and the pixels
-    between have a share of the verge's colour.
+    An obstacle hides an edge. So a row counts only if verge follows grey within a few pixels, and
+    the pixels between have a share of the verge's colour.
     """
     width = view.width
     grey = chroma <= _GREY
@@ -256,7 +259,7 @@ def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) 
     return found.without_outliers(2.0 / view.focal_px)
 
 
-# ---- what stands on the road
+# ---- the obstacles
 
 
 def _find_contacts(chroma: npt.NDArray[np.int16], own: _Bools, pose: _Pose, view: ForwardView) -> _Contacts:
@@ -283,7 +286,7 @@ def _find_contacts(chroma: npt.NDArray[np.int16], own: _Bools, pose: _Pose, view
 
 
 def _fronts(x: _Floats, depth: _Floats) -> _Floats:
-    """Return, for each column, the smallest x of the body that it belongs to; bodies end where the depth jumps."""
+    """Return for each column the smallest x of its body; bodies end where the depth jumps."""
     jump = np.abs(np.diff(depth))
     room = _SAME_BODY_M + _SAME_BODY_SHARE * np.minimum(depth[1:], depth[:-1])
     starts = np.concatenate(([0], np.flatnonzero(~(jump <= room)) + 1))
@@ -293,7 +296,7 @@ def _fronts(x: _Floats, depth: _Floats) -> _Floats:
 
 
 def _nearest_in(points: _Contacts, track: int, view: ForwardView) -> float | None:
-    """Return how far ahead the nearest body in a track's corridor stands, in metres; None where none is seen."""
+    """Return the distance of the nearest body in a track's corridor, in metres, or None."""
     if not 0 <= track < len(view.tracks_m):
         return None
     fronts = points.front[np.abs(points.y - view.tracks_m[track]) < view.beside_m]
@@ -301,7 +304,7 @@ def _nearest_in(points: _Contacts, track: int, view: ForwardView) -> float | Non
 
 
 def _side_of_nearest(points: _Contacts, track: int, view: ForwardView) -> str | None:
-    """Return on which side of the own corridor the nearest body stands."""
+    """Return the side of the own corridor on which the nearest body stands."""
     if np.isnan(points.front).all():
         return None
     nearest = points.front == np.nanmin(points.front)
@@ -317,7 +320,7 @@ def _side_of_nearest(points: _Contacts, track: int, view: ForwardView) -> str | 
 def _read_phase(
     ground: npt.NDArray[np.int16], chroma: npt.NDArray[np.int16], points: _Contacts, pose: _Pose, view: ForwardView
 ) -> float | None:
-    """Return the phase of the dashes, the circular mean of where the white on their lines lies along the road."""
+    """Return the phase of the dashes: the circular mean of the white on their lines."""
     rows = np.flatnonzero((view.depth > _PHASE_REACH_M[0]) & (view.depth < _PHASE_REACH_M[1]))
     depth = view.depth[rows, None]
     plain = (view.surface + 255) / 2
@@ -332,7 +335,7 @@ def _read_phase(
     if np.count_nonzero(white) < _LEAST_MARK_PX:
         return None
     along = depth * ahead
-    # One half of the picture and the other are summed in the same order, seen from the picture's edge.
+    # Both halves are summed in one order, from the picture's edge, so that a flip rounds equally.
     half = view.width // 2
     parts = [_circular(white[:, :half], along[:, :half], depth, view.period_m)]
     parts.append(_circular(white[:, : -half - 1 : -1], along[:, : -half - 1 : -1], depth, view.period_m))
@@ -341,7 +344,7 @@ def _read_phase(
 
 
 def _circular(white: _Bools, along: _Floats, depth: _Floats, period: float) -> tuple[float, float]:
-    """Return the sums of cosine and sine of the phases of the white pixels, each weighed by the ground it covers."""
+    """Return the sums of cosine and sine of the white pixels' phases, weighted by ground area."""
     area = np.broadcast_to(depth * depth * depth, white.shape)[white]
     angle = along[white] * (2 * math.pi / period)
     return float((area * np.cos(angle)).sum()), float((area * np.sin(angle)).sum())

@@ -1,10 +1,10 @@
-"""A reader of highway-env's picture by its exact colours: the control that shows the picture holds the answer.
+"""A reader of highway-env's pictures by exact colours: it shows that the picture has the answer.
 
-The stock picture has 600 x 150 pixels at 5.5 pixels a metre, seen from above, and the ego is always drawn at
-column 180 in the middle of the rows. The world is drawn at whole pixels by truncation, so half a pixel is
-added wherever a pixel becomes a length. Rows and columns are counted in half pixels, from the middle of the
-picture's rows downwards: a vertical flip then only changes signs, and everything that is read from a picture
-and from its flip agrees exactly.
+The stock picture has 600 x 150 pixels at 5.5 pixels a metre, seen from above. The ego is always at
+column 180 in the middle of the rows. Drawing truncates to whole pixels, so half a pixel is added
+when a pixel becomes a length. Rows and columns are counted in half pixels, rows from the middle
+downwards. A vertical flip then only changes signs, so the readings of a picture and of its flip
+agree exactly.
 """
 
 from dataclasses import dataclass, replace
@@ -24,10 +24,10 @@ _NAMES = tuple(PALETTE)
 _GREY, _WHITE = 0x646464, 0xFFFFFF
 
 _BODY_LENGTH_PX, _BODY_WIDTH_PX = 25, 9  # 27 x 11 drawn, less the dark outline
-_BODY_TURNED_PX = 18  # a whole body taller than this is turned so far that it may be short in columns
+_BODY_TURNED_PX = 18  # a whole taller body is turned, and may be short in columns
 _LEAST_AREA_PX = 10
 _HALF_LENGTH = _BODY_LENGTH_PX - 1  # in half pixels
-_EGO_REACH = 14  # how far, in half pixels, rows and columns together, the ego may seem from its anchor
+_EGO_REACH = 14  # the ego's largest distance from its anchor, rows plus columns, in half pixels
 _EGO_CENTRE = 2 * EGO_COLUMN - 2  # a body at pixel p fills the columns p - 13 to p + 11
 _MIDDLE = HEIGHT_PX - 1
 
@@ -46,7 +46,7 @@ _COLUMN_COS, _COLUMN_SIN = np.cos(_COLUMN_ANGLES), np.sin(_COLUMN_ANGLES)
 
 
 def _palette_tables() -> tuple[_Codes, npt.NDArray[np.int8]]:
-    """Return, by a colour's top four bits a channel, its exact code and its number (body 2n, lights 2n + 1)."""
+    """Return by a colour's top four bits a channel its code and number (body 2n, lights 2n + 1)."""
     codes = np.zeros(4096, dtype=np.uint32)
     numbers = np.full(4096, -1, dtype=np.int8)
     for n, pair in enumerate(PALETTE.values()):
@@ -62,15 +62,17 @@ _TABLE_CODES, _TABLE_NUMBERS = _palette_tables()
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one highway-env picture shows, by its pixels alone.
+    """The contents of one highway-env picture, by its pixels alone.
 
-    ``ego_colour`` is a name in ``PALETTE`` (green drives, red has crashed). ``lanes`` counts the lanes that
-    dashed lines join to the ego's at the ego's column, as far as the picture reaches (a fifth lane may lie
-    beyond its edge), and ``lane_from_left`` is the ego's among them. ``others`` are all other vehicles, the lead
-    among them. ``flipped`` says whether the picture is the flip of one that was drawn, None where that is not seen.
-    ``stripe_phase`` in [0, 1) is how much of a stripe's period has passed since the last stripe began: it
-    moves with the ego's position and with nothing else; None where no line is dashed. ``ramp`` says that a
-    line beside the straight road is in sight, as of merge-v0 and never of highway-v0.
+    ``ego_colour`` is a name in ``PALETTE`` (green drives, red has crashed). ``lanes`` counts the
+    lanes that dashed lines join to the ego's at the ego's column. A fifth lane may lie beyond the
+    picture's edge. ``lane_from_left`` is the ego's lane among them. ``others`` are all other
+    vehicles, with the lead. ``flipped`` says whether the picture is a flip, None if that is not
+    visible.
+
+    ``stripe_phase`` in [0, 1) is the share of a stripe's period since the last stripe began. It
+    changes with the ego's position only; None without a dashed line. ``ramp`` says that a line next
+    to the straight road is visible, as in merge-v0 and never in highway-v0.
     """
 
     scene: Scene
@@ -89,7 +91,7 @@ class Reading:
 
     @property
     def place(self) -> int:
-        """Return which kind of road this is: 0 with a ramp or at most two lanes, 1 with three lanes, 2 with more."""
+        """Return the kind of road: 0 with a ramp or up to two lanes, 1 with three, 2 with more."""
         return 0 if self.ramp or self.lanes <= 2 else 1 if self.lanes == 3 else 2
 
     def mirrored(self) -> "Reading":
@@ -116,7 +118,7 @@ class _Body(NamedTuple):
 
 
 class _Road(NamedTuple):
-    """The lanes at the ego's column; ``upper`` and ``lower`` are the own lane's lines in half pixels."""
+    """Lanes at the ego's column; ``upper`` and ``lower`` are its lane's lines in half pixels."""
 
     upper: int
     lower: int
@@ -127,7 +129,7 @@ class _Road(NamedTuple):
 
 
 def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
-    """Return what a picture (150, 600, 3) shows, or None where it is no highway picture with an ego in it."""
+    """Return the reading of a picture (150, 600, 3); None if it is no such picture with an ego."""
     if rgb.shape != (HEIGHT_PX, WIDTH_PX, 3) or rgb.dtype != np.uint8:
         return None
     codes = _pack(rgb)
@@ -164,9 +166,10 @@ def _pack(rgb: npt.NDArray[np.uint8]) -> _Codes:
 
 
 def _find_bodies(codes: _Codes) -> list[_Body]:
-    """Return every vehicle: a connected area of one colour and its lights, inside its dark outline."""
+    """Return every vehicle: an area of one colour with its lights, inside a dark outline."""
     flat = codes.ravel()
-    places = np.flatnonzero((flat >> 16) != (flat & 255))  # grey, white and dark have equal channels
+    # Grey, white and dark have equal channels.
+    places = np.flatnonzero((flat >> 16) != (flat & 255))
     found = flat[places]
     slots = (found >> 12 & 0xF00) | (found >> 8 & 0xF0) | (found >> 4 & 0xF)
     known = _TABLE_CODES[slots] == found
@@ -215,10 +218,10 @@ def _join_runs(starts: _Ints, ends: _Ints, shades: npt.NDArray[np.int8]) -> list
 
 
 def _place_body(colour: int, x0: int, x1: int, y0: int, y1: int, light: int) -> _Body | None:
-    """Return a vehicle from the box of its colour, or None where the box is a road obstacle.
+    """Return a vehicle from the box of its colour, or None if the box is a road obstacle.
 
-    A vehicle that is cut by the picture's edge or half hidden by another is placed by the end that is seen:
-    its lights are its front, and without them its first column is its rear.
+    A vehicle cut by the picture's edge, or half hidden by another, is placed by its visible end.
+    Lights are the front; without them the first column is the rear.
     """
     wide, high = x1 - x0 + 1, y1 - y0 + 1
     inside = x1 < WIDTH_PX - 1
@@ -230,12 +233,12 @@ def _place_body(colour: int, x0: int, x1: int, y0: int, y1: int, light: int) -> 
         column = 2 * light - _HALF_LENGTH
     else:
         column = 2 * x0 + _HALF_LENGTH
-    turned = high > _BODY_WIDTH_PX  # and so truncated once more, when the turned drawing is pasted
+    turned = high > _BODY_WIDTH_PX  # pasting a turned drawing truncates once more
     return _Body(colour, column + turned, y0 + y1 - _MIDDLE, 2 + turned)
 
 
 def _find_ego(bodies: list[_Body]) -> list[_Body]:
-    """Return the vehicle at the anchor: one, none, or several that cannot be told apart even by a mirror."""
+    """Return the vehicle at the anchor, if any; several if only their mirror images differ."""
 
     def rank(body: _Body) -> tuple[int, int]:
         return body.colour, abs(body.column - _EGO_CENTRE) + abs(body.row)
@@ -246,10 +249,10 @@ def _find_ego(bodies: list[_Body]) -> list[_Body]:
 
 
 def _upright(egos: list[_Body]) -> int:
-    """Return 1 for a picture as it was drawn, -1 for its flip, 0 where that cannot be told.
+    """Return 1 for a picture as drawn, -1 for its flip, 0 if it is not visible.
 
-    Truncation moves what is drawn towards the first row, and the ego, which is at the middle of the rows,
-    shows which row that was.
+    Truncation moves drawn things towards the first row. The ego, in the middle of the rows, shows
+    which side that was.
     """
     side = sum(ego.row for ego in egos)
     return (side < 0) - (side > 0)
@@ -282,7 +285,7 @@ def _read_scene(road: _Road, others: list[_Body], *, upright: int) -> Scene:
 
 
 def _read_road(codes: _Codes) -> _Road | None:
-    """Return the lanes around the ego, or None where no lane of grey between white lines is seen."""
+    """Return the lanes around the ego, or None without a grey lane between white lines."""
     grey, white = codes == _GREY, codes == _WHITE
     if 2 * np.count_nonzero(grey) < grey.size:
         return None
@@ -321,7 +324,7 @@ def _own_lane(lines: list[int]) -> int | None:
 
 
 def _walk(lines: list[int], dashed: list[bool]) -> int:
-    """Return how many lanes follow outwards from the own lane's line, each behind a dashed line."""
+    """Return the number of lanes outwards from the own lane's line, each behind a dashed line."""
     count = 0
     for n, crossable in enumerate(dashed):
         if not crossable or (n and not _is_lane(lines[n - 1], lines[n])):
@@ -331,9 +334,10 @@ def _walk(lines: list[int], dashed: list[bool]) -> int:
 
 
 def _is_dashed(white: _Bools, grey: _Bools) -> bool:
-    """Return whether a line (600,) has a gap between two dashes within a dash of the ego's column.
+    """Return whether a line (600,) has a gap between two dashes close to the ego's column.
 
-    What a vehicle hides counts for nothing in the distance: the ego itself may stand on the line.
+    Close is within a dash. Parts hidden by a vehicle do not count in that distance, since the ego
+    itself may stand on the line.
     """
     edges = np.flatnonzero(np.diff(grey, prepend=False, append=False))
     starts, ends = edges[0::2], edges[1::2]
@@ -345,7 +349,7 @@ def _is_dashed(white: _Bools, grey: _Bools) -> bool:
 
 
 def _read_phase(white: _Bools, grey: _Bools) -> float | None:
-    """Return the circular mean of the dashes' beginnings on the given lines (n, 600), near the ego."""
+    """Return the circular mean of the dashes' starts near the ego, on the given lines (n, 600)."""
     near = slice(EGO_COLUMN - _PHASE_REACH_PX, EGO_COLUMN + _PHASE_REACH_PX)
     begun = np.count_nonzero(white[:, 1:] & grey[:, :-1], axis=0)[near]
     if not begun.any():
@@ -356,9 +360,10 @@ def _read_phase(white: _Bools, grey: _Bools) -> float | None:
 
 
 def _sees_ramp(white: _Bools, rows: _Ints, *, own: int) -> bool:
-    """Return whether white lies off the straight road's lines, or one of them begins or ends by itself.
+    """Return whether white lies off the straight road's lines, or a line begins or ends in sight.
 
-    ``own`` is twice the middle of the own lane: the lines of a straight road lie odd half lanes from it.
+    ``own`` is twice the middle of the own lane: the lines of a straight road lie odd half lanes
+    from it.
     """
     from_own = (2 * (2 * rows - _MIDDLE) - own) % (2 * _LANE)
     straight = rows[np.abs(from_own - _LANE) <= 2 * _LANE_SLACK]

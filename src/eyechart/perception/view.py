@@ -1,9 +1,9 @@
-"""The calibrated view is a picture cut and enlarged in a fixed way, with a legend and a ruler around it.
+"""The calibrated view: a picture cut and enlarged in a fixed way, with a legend and a ruler.
 
-It is the same for every frame: nothing in it depends on what the frame holds. The scene keeps every pixel that is
-shown, and the legend stands beside it, never over it. So the view of the flipped picture is the reflection of the
-scene with words that can still be read. At both sides of a forward camera's picture of a flat road, rulers say how
-far away the ground is. Source: paper, section Constructive renderer-calibrated controller.
+It is the same for every frame, whatever the frame shows. The scene keeps every visible pixel, and
+the legend is next to it, never over it. So the view of a flipped picture has the reflected scene
+and readable words. Next to a forward camera's picture, rulers give the distance of the ground.
+Source: paper, section Constructive renderer-calibrated controller.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from eyechart.frames import RGB, MirrorAxis, Stimulus, decode, encode
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
 
 NONE = "none"
-"""What ``--view`` takes for the picture as it is."""
+"""The value of ``--view`` for the picture itself."""
 
 Colour = tuple[int, int, int]
 BLACK, GREY, RED, BLUE = (0, 0, 0), (110, 110, 110), (200, 0, 0), (0, 70, 200)
@@ -29,7 +29,7 @@ _WHITE = (255, 255, 255)
 
 
 class Mark(NamedTuple):
-    """One stroke of a legend: a text, a line, a box or a polygon, at points (x, y) in pixels of the view.
+    """One stroke of a legend: text, line, box or polygon, at points (x, y) in pixels of the view.
 
     ``size`` is a text's height or a line's width; ``anchor`` is Pillow's anchor of a text.
     """
@@ -44,12 +44,12 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How one kind of picture is shown. Raises SpecError where its crop is not its own mirror image.
+    """The view of one kind of picture. Raises SpecError if its crop is no mirror image of itself.
 
-    ``shape`` is the (height, width) of the pictures that it is for, ``crop`` their rows and columns that are shown
-    (top, bottom, left, right), each pixel as ``factor`` × ``factor``. ``above`` and ``below`` are the heights of the
-    legend, ``beside`` its width on either side, in pixels of the view, and ``marks`` what is drawn there. ``ground`` is
-    the colour that stands for what was cut off when the picture is restored.
+    ``shape`` is the (height, width) of its pictures. ``crop`` gives the rows and columns shown
+    (top, bottom, left, right), each pixel as ``factor`` × ``factor``. ``above`` and ``below`` are
+    the heights of the legend, ``beside`` its width on either side, in pixels of the view. ``marks``
+    are its strokes. ``ground`` fills what was cut off when a picture is restored.
     """
 
     name: str
@@ -83,7 +83,7 @@ class View:
         return f"{self.name}@{hashlib.sha256(words.encode()).hexdigest()[:8]}"
 
     def show(self, pixels: RGB, name: str = "picture") -> RGB:
-        """Return the view of a picture, shape (h, w, 3); raises BankError, naming it, for one of another size."""
+        """Return the view of a picture, shape (h, w, 3); BankError for one of another size."""
         if pixels.shape != (*self.shape, 3):
             (high, wide), (height, width) = pixels.shape[:2], self.shape
             raise BankError(
@@ -97,9 +97,9 @@ class View:
         return whole
 
     def restore(self, pixels: RGB) -> RGB | None:
-        """Return the picture of which this is the view, what was cut off in ``ground``; None where it is no such view.
+        """Return the picture of this view, with cut parts in ``ground``; None for no such view.
 
-        Exact: every pixel that the view shows comes back.
+        Every visible pixel comes back exactly.
         """
         if pixels.shape != (*self.size, 3):
             return None
@@ -123,7 +123,7 @@ class View:
 
 @cache
 def _surround(view: View) -> RGB:
-    """Return the view without a scene, shape (h, w, 3); it is not to be written to."""
+    """Return the view without a scene, shape (h, w, 3), read-only."""
     height, width = view.size
     sheet = Image.new("RGB", (width, height), _WHITE)
     draw = ImageDraw.Draw(sheet)
@@ -159,9 +159,9 @@ _EGO_BODY, _EGO_OUTLINE = (50, 200, 0), (60, 60, 60)
 
 
 def highway() -> View:
-    """Return the view of highway-env's picture: from 17 m behind to 76 m ahead, 10 m to either side."""
+    """Return the view of highway-env's picture: 17 m behind to 76 m ahead, 10 m to either side."""
     factor, crop, above, below = 2, (20, 130, 88, 600), 84, 124
-    zero, px_per_m = 183, 11  # the middle of the car as it is drawn, and the length of a metre, in the view
+    zero, px_per_m = 183, 11  # the column of the car's middle, and pixels a metre, in the view
     floor = above + factor * (crop[1] - crop[0])
 
     def at(metres: float) -> int:
@@ -170,7 +170,8 @@ def highway() -> View:
     legend = (
         text(12, 22, "LEFT side: the lane above you", size=20, colour=BLUE),
         arrow(308, 13, 0, -1, BLUE),
-        Mark("box", ((374, 11), (427, 32)), _EGO_OUTLINE),  # a car as highway-env draws it, enlarged twice
+        # A car as highway-env draws it, enlarged twice.
+        Mark("box", ((374, 11), (427, 32)), _EGO_OUTLINE),
         Mark("box", ((376, 13), (425, 30)), _EGO_BODY),
         text(438, 22, "= YOU (red after a crash), at 0 m, driving", size=20),
         Mark("line", ((822, 22), (870, 22)), BLACK, size=4),
@@ -216,12 +217,12 @@ _TICKS_M = (2, 3, 4, 5, 8, 15)
 
 
 def forward(name: str, camera: ForwardView) -> View:
-    """Return the view of a forward camera's pictures: all of the picture, its own ground's distances beside it."""
+    """Return the view of a forward camera: the whole picture with distances at its sides."""
     width, floor = camera.width * _FACTOR + 2 * _BESIDE, _ABOVE + camera.height * _FACTOR
     near = camera.distances
 
     def row(metres: float) -> int:
-        """Return the row of the view in which the ground lies so far ahead."""
+        """Return the row of the view in which the ground at a distance lies."""
         return _ABOVE + round(_FACTOR * (camera.horizon + camera.focal_px * camera.eye_m / metres))
 
     marks: list[Mark] = [
@@ -264,16 +265,16 @@ def forward(name: str, camera: ForwardView) -> View:
 
 
 CALIBRATED = "calibrated"
-"""What ``--view`` takes besides ``none``: the view of the bank's simulator."""
+"""A value of ``--view``, like ``none``: the view of the bank's simulator."""
 
 VIEWS: dict[str, View] = {"highway": highway(), **{name: forward(name, one) for name, one in FORWARD.items()}}
 """The calibrated view of each simulator's pictures."""
 
 
 def view_for(choice: str | None, simulator: str) -> View | None:
-    """Return the view that ``--view`` asks for, None for ``none``; raises SpecError for what there is not.
+    """Return the view for ``--view``, None for ``none``; raises SpecError for an unknown one.
 
-    Without a choice it is the calibrated one, where the simulator's pictures have one.
+    By default it is the calibrated one, if the simulator's pictures have one.
     """
     if choice == NONE or (choice is None and simulator not in VIEWS):
         return None
@@ -283,13 +284,13 @@ def view_for(choice: str | None, simulator: str) -> View | None:
     if simulator not in VIEWS:
         raise SpecError(
             f"there is no calibrated view of pictures from '{simulator}', only of {', '.join(VIEWS)}; "
-            f"show them as they are with --view {NONE}"
+            f"use --view {NONE} for the pictures themselves"
         )
     return VIEWS[simulator]
 
 
 def find_view(key: str) -> View | None:
-    """Return the view of this key, None for ``none``; raises SpecError where it is unknown, or was another once."""
+    """Return the view of a key, None for ``none``; SpecError if it is unknown or has changed."""
     if key == NONE:
         return None
     known = {view.key: view for view in VIEWS.values()}
@@ -307,6 +308,6 @@ def through(view: View | None, seen: Stimulus, name: str = "picture") -> Stimulu
 
 
 def scene_of(pixels: RGB) -> RGB:
-    """Return the picture behind a calibrated view, or the pixels as they are where they are no view."""
+    """Return the picture of a calibrated view; any other pixels are returned unchanged."""
     restored = (view.restore(pixels) for view in VIEWS.values())
     return next((one for one in restored if one is not None), pixels)

@@ -1,4 +1,4 @@
-"""Policies that need no model: one module a kind, one door for all, from an observation to an action."""
+"""Policies without a model: a module for each kind, one protocol, from observation to action."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,9 +16,10 @@ from eyechart.spaces.space import Decision
 class Observation:
     """One moment of an episode, for a policy that is no model.
 
-    ``frame`` is the moment's id (``highway/dense/3/017``). ``picture()`` is drawn when it is asked for, under the
-    episode's condition; None where the condition shows none. ``truth`` is for scripted references (``oracle``) only: a
-    model gets a Query, which has no field for it. ``seed`` belongs to this moment of this policy alone.
+    ``frame`` is the moment's id (``highway/dense/3/017``). ``picture()`` draws on demand, under the
+    episode's condition; None if the condition shows none. ``truth`` is for scripted references
+    (``oracle``) only: a model gets a Query, which has no field for it. ``seed`` is unique to this
+    moment and policy.
     """
 
     frame: str
@@ -30,14 +31,14 @@ class Observation:
 
 
 class Policy(Protocol):
-    """The door to a policy: it keeps no state between moments, so that a cut episode can begin anew."""
+    """The protocol of a policy: no state between moments, so a cut episode can restart."""
 
     def decide(self, observation: Observation) -> Decision[str]:
         """Return an action of the observation's space, or the reason there is none."""
 
 
 Recorded = Callable[[Path], Mapping[str, int]]
-"""Returns how often each action was decided in a run's folder; it comes from above, where runs can be read."""
+"""Returns how often each action was decided in a run's folder; a higher layer provides it."""
 
 REFERENCES: dict[str, str] = {
     "constant": "eyechart.policies.baselines:constant",
@@ -48,14 +49,16 @@ REFERENCES: dict[str, str] = {
     "mirrored": "eyechart.policies.scripted:mirrored",
     "positive_control": "eyechart.policies.scripted:PositiveControl",
 }
-"""Policies that need no model, by a SPEC's first word: ``module:function``, called with what stands after the colon,
-the action space and how to read a run's decisions. Any other SPEC is a model's.
+"""Policies without a model, by the first word of their SPEC, as ``module:function``.
+
+The function gets the text after the colon, the action space, and a reader of runs' decisions. Any
+other SPEC is a model's.
 """
 
 
 _SIDES = ("SLOW", "STRAIGHT", "LEFT", "RIGHT")
 BARE = {"random": (), "oracle": _SIDES, "route": ("STOP", *_SIDES), "positive_control": _SIDES}
-"""The policies after which nothing may stand, with the actions that each needs; these are classes, called bare."""
+"""Policies whose SPEC has no colon, with the actions that each needs; classes without arguments."""
 
 
 def is_policy(spec: str) -> bool:
@@ -64,9 +67,9 @@ def is_policy(spec: str) -> bool:
 
 
 def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
-    """Open the policy of a SPEC for these actions; what it returns can be sent to another process.
+    """Open the policy of a SPEC for these actions; the result can be sent to another process.
 
-    Raises SpecError for an unknown name, and for what the policy cannot do with these actions.
+    Raises SpecError for an unknown name, and for a policy that needs other actions.
     """
     kind, _, name = spec.partition(":")
     if kind not in REFERENCES:
@@ -74,7 +77,7 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
             f"unknown policy '{spec}';{meant(spec, REFERENCES)} known are {', '.join(REFERENCES)}, and any model's SPEC"
         )
     if name and kind in BARE:
-        raise SpecError(f"'{spec}': policy '{kind}' stands alone")
+        raise SpecError(f"'{spec}': policy '{kind}' takes nothing after its name")
     if lacking := [action for action in BARE.get(kind, ()) if action not in space.actions]:
         raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
     module, _, function = REFERENCES[kind].partition(":")

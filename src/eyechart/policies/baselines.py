@@ -1,4 +1,4 @@
-"""Policies that never look: one action for ever, a toss among all, or a toss like another controller's decisions."""
+"""Policies that never look: a constant, a uniform draw, or a draw like another controller's."""
 
 import random
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from eyechart.spaces.space import MISSING, Decision, Missing
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """Decides the same at every moment."""
+    """Decides the same action at every moment."""
 
     action: str
 
@@ -25,7 +25,7 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class Uniform:
-    """Draws every action alike, from the moment's own seed."""
+    """Draws every action with the same probability, from the moment's own seed."""
 
     def decide(self, observation: Observation) -> Decision[str]:
         """Return an action of the observation's space."""
@@ -34,17 +34,17 @@ class Uniform:
 
 @dataclass(frozen=True, slots=True)
 class Marginal:
-    """Draws actions as often as a controller took them, without looking: what is left of it without its eyes.
+    """Draws actions as often as a controller took them, without a picture.
 
-    ``counts`` are its decisions by action; of a driver of the same run also, by reason, how often there was none
-    (``no decision: refused``), so that the fail-safe drives as often. Source: paper, section The Input-Ablation
-    Battery.
+    ``counts`` are the controller's decisions by action. For a driver of the same run they also
+    count missing decisions by reason (``no decision: refused``), so the fail-safe drives as often.
+    Source: paper, section The Input-Ablation Battery.
     """
 
     counts: Mapping[str, int]
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return an action that the controller took, or that there is none where it took none so often."""
+        """Return a drawn action, or a missing decision as often as the controller had none."""
         rng = random.Random(observation.seed)  # noqa: S311 - no secret
         drawn = rng.choices(list(self.counts), weights=list(self.counts.values()))[0]
         missing = next((one for one in MISSING if drawn == without(one)), None)
@@ -57,7 +57,7 @@ class Marginal:
 
 
 def without(missing: Missing) -> str:
-    """Return under which name a marginal counts the decisions that there were not, by the reason."""
+    """Return the name under which a marginal counts decisions missing for a reason."""
     return f"no decision: {missing}"
 
 
@@ -71,20 +71,20 @@ def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
 
 
 def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
-    """Open ``marginal:RUN``; raises SpecError where the run holds no decision of these actions."""
+    """Open ``marginal:RUN``; raises SpecError if the run has no decision of these actions."""
     if not name:
         raise SpecError(
-            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with who drives beside"
+            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with another driver"
         )
     counts = dict(recorded(Path(name)))
     if strange := sorted(counts.keys() - set(space.actions)):
-        raise SpecError(f"{name} holds decisions that are none of {', '.join(space.actions)}: {', '.join(strange)}")
+        raise SpecError(f"{name} holds decisions other than {', '.join(space.actions)}: {', '.join(strange)}")
     if not counts:
         raise SpecError(f"{name} holds no decision, so there is nothing to sample from")
     return drawn_like(counts, space)
 
 
 def drawn_like(counts: Mapping[str, int], space: Discrete) -> Marginal:
-    """Return the marginal of some counts by action, and by reason of no decision; other names are left out."""
+    """Return the marginal of some counts: known actions and missing decisions; other names drop."""
     named = (*space.actions, *(without(one) for one in MISSING))
     return Marginal({drawn: counts[drawn] for drawn in named if drawn in counts})

@@ -1,6 +1,6 @@
-"""Policies that follow the scene: some are told it by the simulator, one reads it from the picture.
+"""Policies that follow the scene: from the simulator's truth, or read from the picture.
 
-One is told how far each track is free, and any policy can be had with left and right exchanged.
+One gets the free length of each track, and any policy can have left and right exchanged.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,15 @@ NEEDS = ("demand", "left_clear", "right_clear")
 
 @dataclass(frozen=True, slots=True)
 class Oracle:
-    """The scripted geometric controller: STRAIGHT on a free road, else LEFT or RIGHT where clear, else SLOW.
+    """The scripted geometric controller: STRAIGHT if free, else LEFT or RIGHT if clear, else SLOW.
 
-    The road is free where the safety policy demands STRAIGHT (on the highway: no lead nearer than 40 m). It reads the
-    ground truth and no picture, so no condition changes it. Source: paper, Table t:baselines (oracle-geometric).
+    The road is free where the safety policy demands STRAIGHT (on the highway: no lead nearer than
+    40 m). It reads the ground truth and no picture, so no condition changes it. Source: paper,
+    Table t:baselines (oracle-geometric).
     """
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the action; raises SpecError where the simulator tells no scene."""
+        """Return the action; raises SpecError if the simulator gives no scene."""
         truth = observation.truth
         if missing := [name for name in NEEDS if truth.get(name) is None]:
             raise SpecError(f"'oracle' needs a simulator that tells {', '.join(NEEDS)}; here {missing[0]} is missing")
@@ -40,40 +41,41 @@ class Oracle:
 
 @dataclass(frozen=True, slots=True)
 class PositiveControl:
-    """Reads the scene from the picture's pixels alone and takes the safe action: proof that the picture suffices."""
+    """Reads the scene from the pixels alone and acts safely: proof that the picture suffices."""
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the safe action, or a refusal where the picture shows no road."""
+        """Return the safe action, or a refusal if the picture shows no road."""
         picture = observation.picture()
         scene = None if picture is None else read_scene(picture)
         return Decision(None, "refused") if scene is None else Decision(safe_action(scene))
 
 
 def read_scene(picture: RGB) -> Scene | None:
-    """Return the scene of a picture of any of our worlds, by its pixels alone, or None where it shows no road."""
+    """Return the scene of a picture of any shipped world by its pixels; None without a road."""
     view = view_of(picture)
     reading = read_picture(picture) if view is None else read_forward(picture, view)
     return None if reading is None else reading.scene
 
 
 TRACKS = ("free_left_m", "free_middle_m", "free_right_m")
-"""The columns of ground truth that the route reads: how far each track is free, in metres, from the left."""
+"""The columns of truth for the route: how far each track is free, in metres, from the left."""
 
 _FREE_M = 15.0
 _CLOSED_M = 5.0
 _BETTER_M = 1.0
-"""From where a track needs no change, below which no track leads on, and by how much another has to be freer."""
+"""A track free so far needs no change; none leads on below; a better one is freer by so much."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Keeps a track that is free for 15 m, else goes towards the freest one; STOP where none leads on for 5 m.
+    """Keeps a track that is free for 15 m, else takes the freest; STOP if none is free for 5 m.
 
-    It reads the ground truth and no picture: the oracle of the paper's section Hierarchical VLM-MPC Diagnostic.
+    It reads the ground truth and no picture. It is the oracle of the paper's section Hierarchical
+    VLM-MPC Diagnostic.
     """
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the intent; raises SpecError where the simulator does not tell how far its tracks are free."""
+        """Return the intent; raises SpecError if the simulator gives no free lengths of tracks."""
         truth = observation.truth
         free = [value for name in TRACKS if isinstance(value := truth.get(name), float | int)]
         own = truth.get("track")
@@ -91,12 +93,12 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class Mirrored:
-    """Decides as another policy does, with left and right exchanged: what it does is wrong wherever a side matters."""
+    """Decides like another policy with left and right exchanged: wrong wherever a side matters."""
 
     policy: Policy
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return the other side of the policy's action, or the reason why it has none."""
+        """Return the policy's action with sides exchanged, or its reason for none."""
         decision = self.policy.decide(observation)
         return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
 

@@ -14,10 +14,11 @@ from eyechart.stats.statistic import Statistic, cannot_say
 
 
 def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
-    """Return the share k/n with its Wilson score interval (Wilson 1927, without continuity correction).
+    """Return the share k/n with its Wilson score interval (1927, without continuity correction).
 
-    ``k`` successes of ``n`` trials, both counts; ``level`` is the two-sided level of the interval. The value
-    is None when ``n`` is 0. ValueError when k is outside 0..n or the level outside (0, 1).
+    ``k`` successes of ``n`` trials, both counts; ``level`` is the two-sided level of the interval.
+    The value is None when ``n`` is 0. ValueError when k is outside 0..n or the level outside (0,
+    1).
     """
     if not 0 <= k <= n:
         raise ValueError(f"a rate needs 0 <= k <= n, got k={k} of n={n}: check what is counted")
@@ -30,8 +31,8 @@ def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
 def clears_floor(idi_value: float, s: float) -> bool:
     """Return whether IDI > 1.5 s, strictly; ValueError unless both are rates between 0 and 1.
 
-    A flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section The
-    Input-Ablation Battery.
+    It is a flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section
+    The Input-Ablation Battery.
     """
     for name, share in (("IDI", idi_value), ("s", s)):
         if not 0 <= share <= 1:
@@ -42,12 +43,14 @@ def clears_floor(idi_value: float, s: float) -> bool:
 def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Cohen's kappa of two label sequences with its large-sample interval.
 
-    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by position
-    about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED in agreement);
-    None and NaN are refused with a ValueError. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13);
-    where it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
-    marginals instead, because an interval of no width would claim certainty. The value is None when both
-    sequences are one and the same constant: chance agreement is then 1 and kappa is 0/0.
+    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, in
+    the same order of frames. A missing answer needs a label of its own (the paper keeps UNPARSED in
+    agreement); None and NaN raise ValueError.
+
+    The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13). If it is 0 (kappa of 1,
+    a constant rater), the interval is Wilson's of the raw agreement, mapped through the marginals.
+    An interval of no width would claim certainty. The value is None if both sequences are the same
+    constant: chance agreement is then 1 and kappa is 0/0.
     """
     a, b = _label_pair(first, second)
     n = len(a)
@@ -72,16 +75,20 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
 
 
 def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
-    """Test whether answers that ought to be one answer agree beyond chance by less than ``margin``.
+    """Test whether answers that should be equal agree beyond chance by less than ``margin``.
 
-    ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of each frame that
-    call for the same answer; -1 is no answer. ``value`` is (agreement - chance) / (1 - chance): agreement is that of
-    answers to one frame, over all pairs of columns, and chance that of answers to different frames. ``p`` belongs to
-    the null "kappa is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin
-    exactly when p < alpha. Both are those of Wilson's score, chance held fixed, at the effective number of pairs:
-    pairs of one frame may resemble each other, so their number is divided by the design effect, 1 at least (Kish
-    1965). ``n`` counts the frames with a pair. The value is None below two of them, and where all answers are one.
-    ValueError for columns of another shape or kind, or an ``alpha`` outside (0, .5).
+    ``columns``, shape (frames, m) with m of 2 or more, holds codes of answers; -1 is none. Its m
+    pictures of a frame call for the same answer. ``value`` is (agreement - chance) /
+    (1 - chance). Agreement is over all pairs of answers to one frame, chance over answers to
+    different frames.
+
+    ``p`` belongs to the null "kappa is ``margin`` or more". The upper end of ``ci``, two-sided at 1
+    - 2 alpha, lies below the margin exactly when p < alpha. Both use Wilson's score with chance
+    fixed, at the effective number of pairs. Pairs of one frame may resemble each other, so their
+    number is divided by the design effect, at least 1 (Kish 1965).
+
+    ``n`` counts the frames with a pair. The value is None below two of them, and if all answers are
+    equal. ValueError for columns of another shape or kind, or an ``alpha`` outside (0, .5).
     """
     given = np.asarray(columns)
     if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
@@ -108,7 +115,7 @@ def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float =
 
 
 def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
-    """Return each frame's pairs and agreeing pairs, and how many pairs would agree were they of different frames."""
+    """Return each frame's pairs and agreeing pairs, and the agreement expected between frames."""
     pairs, hits, expected = np.zeros(len(columns)), np.zeros(len(columns)), 0.0
     for i in range(columns.shape[1]):
         for j in range(i):
@@ -126,9 +133,9 @@ def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SwapRate(Statistic):
-    """A mirror swap rate with the rate that the marginals give by chance, None without a directional decision.
+    """A mirror swap rate with its chance rate by the marginals, None without directional decisions.
 
-    ``tested`` says in words how its p was found.
+    ``tested`` names the test of its p.
     """
 
     chance: float | None = None
@@ -146,11 +153,13 @@ def swap_test(
 ) -> SwapRate:
     """Return the mirror swap rate, tested against its chance given the marginals.
 
-    ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored answer as a
-    label of its own); ``partner`` maps each directional label to its mirror label and only frames whose real
-    label is in it count; an unparsed mirrored reply is no swap. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the
-    real directional decisions with their mirrored decisions at random. ``chance`` is the expected rate;
-    ``detail``: its exact one-sided ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real one.
+    ``real`` and ``mirrored`` are string arrays of one length, by frame; a missing mirrored answer
+    has a label of its own and is no swap. ``partner`` maps each directional label to its mirror
+    label. Only frames whose real label is in it count.
+
+    ``p`` is one-sided, (k+1)/(B+1), from random pairings of real directional decisions with their
+    mirrored decisions. ``chance`` is the expected rate. ``detail`` has its exact one-sided
+    ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real one.
     """
     a, b = _label_pair(real, mirrored)
     directional = np.isin(a, list(partner))
@@ -177,7 +186,7 @@ def swap_test(
 
 
 def binomial_tail(k: int, n: int, chance: float) -> float:
-    """Return the exact one-sided p, P(X >= k) for X binomial with ``n`` trials and probability ``chance``.
+    """Return the exact one-sided p, P(X >= k), for X binomial (``n``, ``chance``).
 
     ValueError unless 0 <= k <= n and 0 <= chance <= 1.
     """
@@ -196,9 +205,9 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
 def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
     """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
 
-    ``true_rate`` is for example a swap rate, and ``chance`` the rate under the null, below it. The power of an
-    exact test is a saw-tooth: a few larger numbers of trials may fall short again. ValueError unless
-    0 <= chance < true_rate <= 1, or when 100 000 trials do not suffice.
+    ``true_rate`` is for example a swap rate, and ``chance`` the rate under the null, below it. The
+    power of an exact test is a saw-tooth: a few larger numbers of trials may fall short again.
+    ValueError unless 0 <= chance < true_rate <= 1, or when 100 000 trials do not suffice.
     """
     if not 0 <= chance < true_rate <= 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {true_rate=} above {chance=}, {alpha=}, {power=}")
@@ -212,10 +221,10 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
 
 
 def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power: float = 0.80) -> float | None:
-    """Return the smallest true rate that an exact one-sided binomial test of ``n`` trials finds with this power.
+    """Return the smallest true rate that an exact one-sided test of ``n`` trials finds.
 
-    The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not reject.
-    ValueError for a negative ``n`` or a share outside its range.
+    It is found with ``power``, and the test rejects at p < ``alpha``, as the rules do. None if not
+    even ``n`` successes reject. ValueError for a negative ``n`` or a share outside its range.
     """
     if n < 0 or not 0 <= chance < 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {n=}, {chance=}, {alpha=}, {power=}")
@@ -232,9 +241,9 @@ def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power:
 def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic]:
     """Return accuracy, balanced accuracy, sensitivity and specificity of a confusion matrix.
 
-    Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two rates,
-    carries none. A rate over no frames is None, and ``bal`` with it. ValueError for a negative count. Source: Table
-    t:positive-guardian.
+    Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two
+    rates, carries none. A rate over no frames is None, and ``bal`` with it. ValueError for a
+    negative count. Source: Table t:positive-guardian.
     """
     for name, count in (("tp", tp), ("fn", fn), ("tn", tn), ("fp", fp)):
         if count < 0:
@@ -249,7 +258,7 @@ def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic
 
 
 def selective_metrics(*, tp: int, fn: int, tn: int, fp: int, n: int) -> dict[str, Statistic]:
-    """Return `binary_metrics` over the frames that were answered, with ``coverage``, their share of ``n``.
+    """Return `binary_metrics` over the answered frames, and ``coverage``, their share of ``n``.
 
     The four counts exclude abstentions; ``n`` counts all frames. Source: Table t:positive-guardian.
     """
@@ -313,7 +322,7 @@ def _wilson(k: float, n: float, level: float) -> tuple[float, float]:
 
 
 def clopper_pearson(k: float, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does.
+    """Return the exact two-sided interval of k/n (Clopper and Pearson 1934), as R ``binom.test``.
 
     A ``k`` between two counts has the interval between theirs.
     """

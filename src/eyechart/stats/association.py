@@ -1,4 +1,4 @@
-"""Does one column of labels tell something about another: tables, Cramér's V and mutual information."""
+"""The association of two columns of labels: tables, Cramér's V and mutual information."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Contingency:
-    """Counts of two labels together: ``table[i, j]`` frames carry ``rows[i]`` and ``columns[j]``."""
+    """Joint counts of two labels: ``table[i, j]`` frames have ``rows[i]`` and ``columns[j]``."""
 
     table: npt.NDArray[np.int64]
     rows: tuple[str | int, ...]
@@ -24,10 +24,10 @@ class Contingency:
 
 @dataclass(frozen=True, slots=True)
 class Bins:
-    """Bins of a number: one code per value, the upper inner edges, and how many values each bin got.
+    """Bins of a number: one code per value, the upper inner edges, and each bin's number of values.
 
-    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. Where ``no_lead_bin`` is true the
-    last bin holds the values that were missing or infinite.
+    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. If ``no_lead_bin`` is
+    true, the last bin holds the missing or infinite values.
     """
 
     codes: npt.NDArray[np.int64]
@@ -39,8 +39,8 @@ class Bins:
 def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
     """Return the contingency table of two label arrays, rows and columns in sorted order.
 
-    One-dimensional string or integer arrays of one length, paired by position. ValueError on anything else:
-    a missing label must be dropped or encoded before.
+    One-dimensional string or integer arrays of one length, paired by position. ValueError on
+    anything else: a missing label must be dropped or encoded before.
     """
     a, b = labels_of(first, "first"), labels_of(second, "second")
     if len(a) != len(b):
@@ -54,7 +54,7 @@ def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
 
 @dataclass(frozen=True, slots=True)
 class Association(Statistic):
-    """An association of answers with the groups that they were given to: how many groups there are."""
+    """An association of answers with groups, and the number of groups."""
 
     groups: int = field(default=0, repr=False)
 
@@ -63,9 +63,9 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return the chi-squared statistic of independence and its p.
 
     ``table`` is a matrix of counts; empty rows and columns are dropped, then the defaults of
-    `scipy.stats.chi2_contingency` apply (``correction``: Yates', which acts on 2 x 2 tables only). A table
-    of one row or one column has no dependence to show: value 0, p 1. No observations: value None.
-    ``detail``: degrees of freedom, the shape used and the smallest expected count.
+    `scipy.stats.chi2_contingency` apply (``correction``: Yates', which acts on 2 x 2 tables only).
+    A table of one row or one column has no dependence to show: value 0, p 1. No observations: value
+    None. ``detail``: degrees of freedom, the shape used and the smallest expected count.
     """
     counts = _occupied(table)
     n, method = int(counts.sum()), "chi-squared test of independence" + (", Yates" if correction else "")
@@ -86,8 +86,8 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
 def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return Cramér's V, sqrt(chi2 / (n (min(rows, columns) - 1))), with the p of `chi2_test`.
 
-    ``table``, a matrix of counts, and ``correction`` as there; the paper's V carries Yates' correction. One row or one
-    column: V = 0, p = 1. Source: section The Input-Ablation Battery.
+    ``table``, a matrix of counts, and ``correction`` as there; the paper's V carries Yates'
+    correction. One row or one column: V = 0, p = 1. Source: section The Input-Ablation Battery.
     """
     chi2 = chi2_test(table, correction=correction)
     if chi2.value is None or chi2.detail is None:
@@ -117,8 +117,8 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
 def modal_share(labels: npt.ArrayLike) -> Statistic:
     """Return the share of the most frequent label; None for an empty array.
 
-    ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in a tie.
-    It carries no interval: which label is the mode is itself chosen from the data.
+    ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in
+    a tie. It carries no interval: which label is the mode is itself chosen from the data.
     """
     names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "share of the most frequent label"
@@ -131,12 +131,12 @@ def modal_share(labels: npt.ArrayLike) -> Statistic:
 def quantile_bins(
     values: Sequence[float | None] | npt.NDArray[np.float64], bins: int = 4, *, no_lead_bin: bool = False
 ) -> Bins:
-    """Bin a gap by its quantiles, duplicate edges dropped, so that tied gaps share a bin.
+    """Bin a gap by its quantiles, without duplicate edges, so that equal gaps share a bin.
 
-    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean that there is no lead. These count
-    as the farthest gap of all, or, with ``no_lead_bin``, get the last bin to themselves and leave the
-    quantiles to the others. Inner edges belong to the bin below, as in
-    ``pandas.qcut(values, bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
+    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean no lead. Without a lead a
+    frame counts as the farthest gap. With ``no_lead_bin`` such frames have the last bin, and the
+    quantiles are of the others. Inner edges belong to the bin below, as in ``pandas.qcut(values,
+    bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
     """
     gap = np.array([math.nan if value is None else value for value in values], dtype=np.float64)
     if bins < 1:
@@ -157,9 +157,9 @@ def quantile_bins(
 
 
 def cramers_v_of_tables(tables: Floats, *, correction: bool = True) -> Floats:
-    """Return Cramér's V of each table, shape (m, rows, columns), as `cramers_v` does; NaN where one is empty.
+    """Return Cramér's V of each table, shape (m, rows, columns); NaN for an empty one.
 
-    Tables of 2 × 2 carry Yates' ``correction``.
+    It equals `cramers_v`. Tables of 2 × 2 have Yates' ``correction``.
     """
     if correction and tables.shape[1:] == (2, 2):
         return _phi(tables)
@@ -181,7 +181,7 @@ def _phi(tables: Floats) -> Floats:
 
 
 def information_of_tables(tables: Floats) -> Floats:
-    """Return the plug-in mutual information of each table, shape (m, rows, columns), in bits; NaN if empty."""
+    """Return the plug-in mutual information of tables (m, rows, columns) in bits; NaN if empty."""
     n = tables.sum(axis=(1, 2))
     inner = (
         _xlogx(tables).sum(axis=(1, 2))
@@ -192,7 +192,7 @@ def information_of_tables(tables: Floats) -> Floats:
 
 
 def entropy_of_counts(counts: Floats) -> Floats:
-    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN where a row is empty."""
+    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN if empty."""
     n = counts.sum(axis=1)
     return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
 
@@ -202,7 +202,7 @@ def _xlogx(counts: Floats) -> Floats:
 
 
 def labels_of(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
-    """Return one label per frame; ValueError where these are no strings or integers of one dimension."""
+    """Return one label per frame; ValueError unless strings or integers of one dimension."""
     array = np.asarray(values)
     if array.ndim != 1:
         raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")
@@ -225,7 +225,7 @@ def _occupied(table: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def pair_table(first: npt.NDArray[np.generic], second: npt.NDArray[np.generic]) -> tuple[list[object], Ints]:
-    """Return the labels of two columns of one length, and the square table of their pairs, first by second."""
+    """Return the labels of two columns of one length, and the square table of their pairs."""
     names, codes = np.unique(np.concatenate([first, second]), return_inverse=True)
     flat = codes[: len(first)] * len(names) + codes[len(first) :]
     counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))

@@ -1,7 +1,7 @@
-"""A committee of models votes on hazards: its answer, the best committee, and the best one without each episode.
+"""A committee of models votes on hazards: its answers, the best committee, and that by fold.
 
-Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 where a vote is missing. Source:
-section Symmetry-consensus longitudinal guardian.
+Votes have the shape (models, frames, views) and are 1 for hazard, 0 for clear and -1 for a missing
+vote. Source: section Symmetry-consensus longitudinal guardian.
 """
 
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ Floats = npt.NDArray[np.float64]
 
 Point = Literal["two_way", "abstain", "unanimous"]
 POINTS: tuple[Point, ...] = ("two_way", "abstain", "unanimous")
-"""The operating points, in the order in which ties between them are broken."""
+"""The operating points, in their order in ties."""
 
 HAZARD, CLEAR, ABSTAIN = 1, 0, -1
 MISSING = -1
 
 CHUNK = 4_000_000
-"""Committee-frames that are counted at a time."""
+"""Committee-frames counted at a time."""
 
 _DEAREST = 1e30
-"""Sums of dearer costs are infinite."""
+"""The largest cost that is accepted."""
 
 CLOSE = 1e-12
 """Costs this close are equal, and the tie-break decides."""
@@ -35,11 +35,12 @@ CLOSE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """What a missed hazard and a false alarm cost, and what a frame without an answer does.
+    """The costs of a missed hazard, a false alarm, and an abstention.
 
-    Without a cost of abstention only the two-way point is weighed, and a frame without an answer counts as a false
-    alarm. ``hazard_rate`` is how often frames are hazardous where the guardian will stand; None takes the frames' own
-    share. ValueError for a cost below 0, for no cost at all, and for a rate outside (0, 1).
+    Without a cost of abstention only the two-way point is considered, and a frame without an answer
+    counts as a false alarm. ``hazard_rate`` is the share of hazardous frames in deployment; None
+    takes the frames' own share. ValueError for a negative cost, for no cost at all, and for a rate
+    outside (0, 1).
     """
 
     miss: float
@@ -57,7 +58,7 @@ class Costs:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A committee by the numbers of its models, its threshold and operating point, and what it was worth.
+    """A committee by its models' numbers, its threshold and operating point, and its worth.
 
     ``worth`` is the balanced accuracy, or with costs minus the expected cost of a frame.
     """
@@ -72,9 +73,10 @@ class Choice:
 class Tally:
     """How often each committee gave each number of votes.
 
-    ``committees`` has shape (committees, size), in lexicographic order; ``counts`` has shape (committees, groups, 2,
-    bins): class 1 is hazard, and bin h + (voters + 1) m holds frames with h hazard votes and m missing ones.
-    ``hazard_votes`` has shape (models, groups): how often each model votes hazard there.
+    ``committees`` has shape (committees, size), in lexicographic order. ``counts`` has shape
+    (committees, groups, 2, bins). Class 1 is hazard, and bin h + (voters + 1) m holds frames with h
+    hazard votes and m missing ones. ``hazard_votes`` has shape (models, groups): each model's
+    hazard votes by group.
     """
 
     committees: Ints
@@ -84,13 +86,14 @@ class Tally:
 
 
 def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, threshold: int, point: Point) -> Ints:
-    """Return what a committee answers to so many hazard votes and missing votes: HAZARD, CLEAR or ABSTAIN.
+    """Return a committee's answer to these numbers of votes: HAZARD, CLEAR or ABSTAIN.
 
-    With every vote there: ``two_way`` says hazard from ``threshold`` votes on and else clear; ``abstain`` says so too,
-    but only where most votes say the same; ``unanimous`` speaks only where all votes are alike. No answer falls, from
-    hazard over nothing to clear, as hazard votes grow. With votes
-    missing: hazard where it would be said whatever they had been, and else nothing; clear is said by a full committee
-    only. ValueError for an impossible count or threshold.
+    Without missing votes, ``two_way`` answers hazard from ``threshold`` votes on, else clear.
+    ``abstain`` answers so only if most votes agree with it, ``unanimous`` only if all votes are
+    equal. As hazard votes grow, the answer only goes from clear over none to hazard.
+
+    With missing votes, it answers hazard if no value of them can change that, else abstains. Only a
+    full committee answers clear. ValueError for an impossible count or threshold.
     """
     h, m = np.asarray(hazard, dtype=np.int64), np.asarray(missing, dtype=np.int64)
     if not 1 <= threshold <= voters:
@@ -106,7 +109,7 @@ def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, thres
 
 
 def _full(h: Ints, voters: int, threshold: int, point: Point) -> Ints:
-    """Return what a full committee answers to each number of hazard votes."""
+    """Return a full committee's answer to each number of hazard votes."""
     if point == "unanimous":
         return np.where(h == voters, HAZARD, np.where(h == 0, CLEAR, ABSTAIN)).astype(np.int64)
     two_way = np.where(h >= threshold, HAZARD, CLEAR)
@@ -120,8 +123,8 @@ def _full(h: Ints, voters: int, threshold: int, point: Point) -> Ints:
 def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int) -> Tally:
     """Count the votes of every committee of ``size`` models, group by group.
 
-    ``votes`` has shape (models, frames, views), ``hazard`` and ``group`` (frames,); groups are numbered from 0.
-    ValueError where fewer models than ``size`` vote.
+    ``votes`` has shape (models, frames, views), ``hazard`` and ``group`` (frames,); groups are
+    numbered from 0. ValueError where fewer models than ``size`` vote.
     """
     models, frames, views = votes.shape
     if not 1 <= size <= models:
@@ -151,16 +154,17 @@ def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int)
 def select(found: Tally, costs: Costs | None = None) -> Choice:
     """Return the best committee, threshold and operating point on all groups of a tally.
 
-    Best is the highest balanced accuracy of the two-way point, a frame without an answer counting as wrong; or with
-    costs the lowest expected cost. Of equals those go first in which every model votes hazard on some frame here, for
-    a model that never does can only be carried; then the first committee in lexicographic order, the lowest threshold,
-    and the first of ``POINTS``. ValueError where a class has no frame.
+    Best is the highest balanced accuracy of the two-way point, with a frame without an answer as
+    wrong; or with costs the lowest expected cost. Among equals, committees in which every model
+    votes hazard on some frame come first, since another model adds nothing. Then the first
+    committee in lexicographic order, the lowest threshold, and the first of ``POINTS`` decide.
+    ValueError if a class has no frame.
     """
     return _choices(found, found.counts.sum(axis=1)[:, None], found.hazard_votes.sum(axis=1)[:, None], costs)[0]
 
 
 def select_without_each(found: Tally, costs: Costs | None = None) -> tuple[Choice, ...]:
-    """Return, for each group, what `select` chooses on all the others. ValueError where these lack a class."""
+    """Return `select`'s choice without each group. ValueError if the others lack a class."""
     spoken = found.hazard_votes
     others = spoken.sum(axis=1)[:, None] - spoken
     return _choices(found, found.counts.sum(axis=1)[:, None] - found.counts, others, costs)
@@ -196,7 +200,7 @@ def _choices(found: Tally, counts: Ints, spoken: Ints, costs: Costs | None) -> t
 
 
 def _answer_table(found: Tally, bins: int, options: list[tuple[int, Point]]) -> Ints:
-    """Return what each option answers in each bin, shape (bins, options)."""
+    """Return each option's answer in each bin, shape (bins, options)."""
     m, h = np.divmod(np.arange(bins), found.voters + 1)
     possible = h + m <= found.voters
     h, m = np.where(possible, h, 0), np.where(possible, m, 0)
@@ -205,7 +209,10 @@ def _answer_table(found: Tally, bins: int, options: list[tuple[int, Point]]) -> 
 
 
 def _balanced(counts: Ints, table: Ints, sizes: Ints) -> Ints:
-    """Return balanced accuracies, times twice both class sizes so that ties are exact; (committees, sets, options)."""
+    """Return balanced accuracies (committees, sets, options), times twice both class sizes.
+
+    With these factors they are integers, so ties are exact.
+    """
     hits = counts[:, :, 1] @ (table == HAZARD).astype(np.int64)
     passes = counts[:, :, 0] @ (table == CLEAR).astype(np.int64)
     both = hits * sizes[None, :, 0, None] + passes * sizes[None, :, 1, None]
@@ -225,7 +232,7 @@ def _expected(counts: Ints, table: Ints, sizes: Ints, costs: Costs) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class CoveragePoint:
-    """One point of a risk–coverage curve: frames answered of all, and how many of these were wrong."""
+    """One point of a risk–coverage curve: frames, those answered, and those answered wrong."""
 
     margin: int
     answered: int
@@ -234,9 +241,10 @@ class CoveragePoint:
 
 
 def risk_coverage(hazard_votes: Ints, answer: Ints, truth: Bools, *, voters: int) -> Iterator[CoveragePoint]:
-    """Yield the risk–coverage curve of answers, from the surest frames to all that were answered.
+    """Yield the risk–coverage curve of answers, from the surest frames to all answered ones.
 
-    How sure a committee is of a frame is its margin: by how many votes one side outweighs the other.
+    A committee's certainty about a frame is its margin, the difference of votes between the two
+    sides.
     """
     margin = np.abs(2 * hazard_votes - voters)
     said = answer != ABSTAIN

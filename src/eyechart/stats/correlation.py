@@ -1,4 +1,4 @@
-"""Correlation of two columns of numbers: Pearson's r and Spearman's rank correlation, each with n, interval and p."""
+"""Correlation of two columns: Pearson's r and Spearman's rank correlation, with interval and p."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from eyechart.stats.statistic import TIE, Statistic, cannot_say
 
 EXACT_UP_TO = 9
-"""With so many pairs or fewer Spearman's p is exact: all orders are enumerated (362 880 of nine)."""
+"""Up to this number of pairs Spearman's p is exact, over all orders (362 880 of nine)."""
 
 FEWEST = 4
 """Fewer pairs carry no interval: Fisher's z has a standard error of 1 / sqrt(n - 3)."""
@@ -19,7 +19,7 @@ FEWEST = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlation(Statistic):
-    """A correlation with ``how`` its p was found in words, and its p over all orders where that is another."""
+    """A correlation with ``how`` its p was computed, and its exact p if that differs."""
 
     how: str = field(repr=False)
     p_exact: float | None = None
@@ -28,8 +28,8 @@ class Correlation(Statistic):
 def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
     """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
 
-    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
-    None below three pairs. ValueError when r is outside [-1, 1].
+    The interval is Fisher's z; None below four pairs or at r = +-1. Equals
+    ``scipy.stats.pearsonr``. p is None below three pairs. ValueError when r is outside [-1, 1].
     """
     if not -1 <= r <= 1:
         raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
@@ -48,12 +48,12 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
 
 
 def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return Pearson's r of two columns of one length, with Fisher's interval and the two-sided p of the t test.
+    """Return Pearson's r of two columns, with Fisher's interval and the two-sided p of the t test.
 
-    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs it has
-    ``p_exact`` besides, over all orders of one column, which takes nothing for normal. Says that it cannot say below
-    four pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics, whose p
-    is that of the t test.
+    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs
+    it also has ``p_exact``, over all orders of one column, which assumes no normality. The value is
+    None below four pairs and for a constant column. Source: paper, section Transfer and deployment
+    characteristics, with the p of the t test.
     """
     one, other = _columns(x, y)
     if why := _undefined(one, other):
@@ -66,10 +66,11 @@ def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stati
 
 
 def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return Spearman's rank correlation, with the interval of Bonett and Wright (2000) and a two-sided p.
+    """Return Spearman's rank correlation, the interval of Bonett and Wright (2000), two-sided p.
 
-    With at most nine pairs p is exact, over all orders of one column; beyond it is that of the t approximation. Ties
-    have mean ranks. Says that it cannot say below four pairs and where a column is constant.
+    With at most nine pairs p is exact, over all orders of one column; beyond, it is the t
+    approximation. Ties have mean ranks. The value is None below four pairs and for a constant
+    column.
     """
     one, other = _columns(x, y)
     exact = len(one) <= EXACT_UP_TO
@@ -110,7 +111,7 @@ def _fisher(r: float, error: float, level: float) -> tuple[float, float] | None:
 
 
 def _exact_p(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> float:
-    """Return the share of all orders whose correlation is at least as far from 0 as the observed one."""
+    """Return the share of all orders with a correlation at least as far from 0 as observed."""
     centred, against = one - one.mean(), other - other.mean()
     orders = np.array(list(permutations(range(len(one)))), dtype=np.int8)
     sums = np.abs(centred[orders] @ against)

@@ -1,4 +1,4 @@
-"""Shares and medians over frames in episodes: their intervals where the frames of an episode resemble one another."""
+"""Shares and medians over frames, with intervals that allow for similar frames in an episode."""
 
 import math
 from collections.abc import Callable
@@ -20,30 +20,35 @@ _NODES = 32
 _ANGLE = np.pi / 2 * (np.arange(_NODES) + 0.5) / _NODES
 _CONCENTRATION: Floats = 1 / np.tan(_ANGLE) ** 2
 _PRIOR: Floats = -np.log(np.cos(_ANGLE)) / 3
-"""The correlation within an episode is sin² of these angles, and a + b of the beta distribution 1/correlation - 1; with
-these weights its prior is Beta(1/2, 1/3), but for a constant."""
+"""Logarithms of the prior's weights, up to a constant.
+
+The correlation within an episode is sin² of these angles. The concentration a + b of the beta
+distribution is 1/correlation - 1. With these weights the correlation's prior is Beta(1/2, 1/3).
+"""
 
 _FADES = 6.0
-"""How fast degrees of freedom grow towards 0 and 1; measured, as the prior is."""
+"""How fast degrees of freedom grow towards 0 and 1; measured, like the prior."""
 
 _UNEVEN = 2.0
-"""How much slower where long episodes weigh nearly all, by the share of episodes that Kish's number takes away."""
+"""How much slower if long episodes dominate, by the share that Kish's number takes away."""
 
 _EDGE = 1e-9
 _SUMMED = 64
-"""Up to so many frames an episode logarithms are summed; beyond, log gamma is faster."""
+"""Up to this number of frames an episode logarithms are summed; beyond, log gamma is faster."""
 
 
 def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return the share of frames that are hits, with an interval that holds where episodes differ from one another.
+    """Return the share of frames that are hits, with an interval that allows for episodes.
 
-    ``hits`` and ``frames``, shape (episodes,), count each episode's; ``n`` counts the frames. Hits are beta-binomial,
-    the correlation within an episode is integrated out of the likelihood over a Beta(1/2, 1/3) prior, and the interval
-    holds the rates whose likelihood ratio stays within that of F(1, episodes - 1), or of more degrees of freedom near 0
-    and 1, where rates have little room to spread. An episode weighs as its frames do, and episodes of unequal length
-    count as Kish's effective number. Where all episodes have the same share, the bound is exact: so many draws without
-    one that differs. Episodes of one frame get Wilson's interval; below two episodes there is none. ValueError for
-    counts that cannot be. Measured in docs/decisions/intervals.md.
+    ``hits`` and ``frames``, shape (episodes,), are counts by episode; ``n`` counts the frames. Hits
+    are beta-binomial. The correlation within an episode is integrated out of the likelihood over a
+    Beta(1/2, 1/3) prior. The interval holds the rates with a likelihood ratio within that of F(1,
+    episodes - 1). Near 0 and 1, where rates can spread little, it uses more degrees of freedom.
+
+    An episode has the weight of its frames, and episodes of unequal length count as Kish's
+    effective number. If all episodes have the same share, the bound is exact: so many draws without
+    one that differs. Episodes of one frame get Wilson's interval; below two episodes there is none.
+    ValueError for impossible counts. Measured in docs/decisions/intervals.md.
     """
     k, n = np.asarray(hits, dtype=np.float64), np.asarray(frames, dtype=np.float64)
     if k.ndim != 1 or k.shape != n.shape or not ((k >= 0) & (k <= n)).all() or not 0 < level < 1:
@@ -74,7 +79,7 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
 
 
 def _cut(value: float, effective: float, episodes: int, level: float) -> float:
-    """Return what the likelihood ratio of a rate may be, by the ``effective`` number of as many ``episodes``."""
+    """Return the largest likelihood ratio of a rate, by the effective number of episodes."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
     fades = _FADES * max(0.0, 1 - _UNEVEN * (1 - effective / episodes))
@@ -84,9 +89,9 @@ def _cut(value: float, effective: float, episodes: int, level: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effective: float, cut: float) -> Ends:
-    """Return the lowest and the highest rate whose log likelihood is within cut/2 of the largest.
+    """Return the lowest and the highest rate with a log likelihood within cut/2 of the largest.
 
-    The same counts come again: of several conditions, and of a run that is scored more than once.
+    The cache serves counts that recur: of several conditions, and of a run scored again.
     """
     k, n = np.array(hits_of), np.array(frames)
     weight = n / n.sum() * effective
@@ -119,7 +124,10 @@ def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effect
 
 
 def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
-    """Return what gives of starts the weighted sum, over episodes, of log (start (start + 1) … (start + count - 1))."""
+    """Return a function of starts: the weighted sum over episodes of a log rising factorial.
+
+    The factorial of an episode is start (start + 1) … (start + count - 1).
+    """
     most = int(counts.max())
     if most <= _SUMMED:
         i = np.arange(most)
@@ -137,10 +145,11 @@ def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
 def difference_over_episodes(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
     """Return how much larger one share is than another one of the same episodes, with its interval.
 
-    Each is the hits and the frames of every episode, as in `share_over_episodes`, whose ends are combined as if the two
-    were independent: shares of the same frames rise together, so that the interval is rather wide. A second share of 0
-    takes nothing away, and the interval is the first one's. ``n`` counts the frames of the first. No interval below
-    `LEAST_EPISODES` episodes. Source: Zou and Donner 2008.
+    Each share is given as hits and frames by episode, as for `share_over_episodes`. The ends are
+    combined as if the two were independent. Shares of the same frames rise together, so the
+    interval is rather wide. If the second share is 0, the interval is the first one's. ``n`` counts
+    the frames of the first. No interval below `LEAST_EPISODES` episodes. Source: Zou and Donner
+    2008.
     """
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"difference of shares, {100 * level:g}% interval over episodes (ends combined)"
@@ -154,10 +163,10 @@ def difference_over_episodes(first: Counted, second: Counted, *, level: float = 
 
 
 def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
-    """Return the mean of two shares, as balanced accuracy is, with an interval no surer than theirs.
+    """Return the mean of two shares, such as balanced accuracy, with a conservative interval.
 
-    Each is the hits and the frames of every episode. Who does well in an episode may do so in both, so the ends are the
-    means of the ends. ``n`` counts the frames of both.
+    Each share is given as hits and frames by episode. The two may rise together, so the ends are
+    the means of their ends. ``n`` counts the frames of both.
     """
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"mean of two shares, {100 * level:g}% interval over episodes (means of their ends)"
@@ -171,10 +180,11 @@ def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> S
 
 
 def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return a median with its interval: the values of which a half may lie at or below, as shares over episodes.
+    """Return a median with its interval, from intervals of shares over episodes.
 
-    ``values`` and ``episodes``, shape (n,), are a number a frame and what its episode is called. ``n`` counts the
-    frames. No interval below `LEAST_EPISODES` episodes. Source: Woodruff 1952.
+    ``values`` and ``episodes``, shape (n,), are numbers and episode names by frame. The interval
+    holds the values at or below which half of the frames may lie. ``n`` counts the frames. No
+    interval below `LEAST_EPISODES` episodes. Source: Woodruff 1952.
     """
     given = np.asarray(values, dtype=np.float64)
     method = f"median, {100 * level:g}% interval over episodes (shares inverted)"
@@ -198,7 +208,7 @@ def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, leve
 
 
 def median_difference(first: Statistic, second: Statistic) -> Statistic:
-    """Return how much larger one median is than another one, their ends combined as in `difference_over_episodes`."""
+    """Return how much larger one median is, ends combined as in `difference_over_episodes`."""
     method = f"{first.method}, ends combined"
     if first.value is None or second.value is None:
         return cannot_say("one of the two medians is of no frames", 0, method)
@@ -217,7 +227,7 @@ def apart(first: Ended, second: Ended) -> Ends:
 
 
 def _first(count: int, holds: Callable[[int], bool]) -> int:
-    """Return the first of so many places at which a condition holds that goes on holding, ``count`` where at none."""
+    """Return the first of ``count`` places from which a condition holds, ``count`` if none."""
     low, high = 0, count
     while low < high:
         middle = (low + high) // 2

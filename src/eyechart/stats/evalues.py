@@ -1,9 +1,11 @@
-"""Evidence that may be looked at after every frame: betting e-processes, whose sup obeys Ville's inequality.
+"""Evidence that is valid after every frame: betting e-processes under Ville's inequality.
 
-An e-process is nonnegative, starts at 1 or below, and under its null its expectation at any stopping time is at most 1,
-so the chance that it ever reaches 1/alpha is at most alpha, however long one goes on looking (Ville 1939). Sources:
-Waudby-Smith & Ramdas (2024), Estimating means of bounded random variables by betting; Wasserman, Ramdas &
-Balakrishnan (2020), Universal inference; Krichevsky & Trofimov (1981).
+An e-process is nonnegative and starts at 1 or below. Under its null, its expectation at any
+stopping time is at most 1. So the chance that it ever reaches 1/alpha is at most alpha, however
+often one looks (Ville 1939).
+
+Sources: Waudby-Smith & Ramdas (2024), Estimating means of bounded random variables by betting;
+Wasserman, Ramdas & Balakrishnan (2020), Universal inference; Krichevsky & Trofimov (1981).
 """
 
 import math
@@ -15,7 +17,7 @@ from typing import Protocol
 from eyechart.stats.statistic import Statistic
 
 BETS: tuple[tuple[float, float], ...] = ((1.0, 0.5), (0.7, 0.2), (0.4, 0.15), (0.15, 0.15))
-"""(share of the largest bet that cannot ruin, weight): a mixture, so that no bet has to be chosen by looking.
+"""(share of the largest bet that cannot ruin, weight): a mixture, so no bet depends on the data.
 
 Half of the stake is bet whole, because the clearest controllers never contradict a claim.
 """
@@ -25,7 +27,7 @@ _CERTAIN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EValue(Statistic):
-    """The e-value of a claim, ``says``, that is settled once it reaches ``threshold``, which is 1 / ``alpha``."""
+    """The e-value of the claim ``says``; reaching ``threshold`` (1 / ``alpha``) settles it."""
 
     threshold: float
     alpha: float
@@ -34,19 +36,22 @@ class EValue(Statistic):
 
 
 class EProcess(Protocol):
-    """Evidence against a null; ``log_e`` is its natural logarithm, infinite where the null has become impossible."""
+    """Evidence against a null; ``log_e`` is its logarithm, infinite for an impossible null."""
 
     log_e: float
 
 
 class MeanProcess:
-    """Evidence against "the mean of bounded payoffs over a bank's ``frames`` is 0 or less", frames in random order.
+    """Evidence against "the mean of bounded payoffs over a bank's ``frames`` is 0 or less".
 
-    ``low`` is the smallest payoff that there can be. With m_t = -(sum so far) / (frames left), the mean that the rest
-    would have were the whole bank's mean 0, each bet g multiplies its wealth by 1 + g (payoff - m_t) / (m_t - low).
-    ``bank`` bets against m_t: its null is about these frames alone, drawn without replacement. Otherwise it bets
-    against max(0, m_t), and holds under that null and under "each payoff has mean 0 or less given the past"
-    (frames that are independent draws, or a null within every frame), in whatever order.
+    Frames come in random order, and ``low`` is the smallest possible payoff. Let m_t = -(sum so
+    far) / (frames left), the mean of the rest if the whole bank's mean were 0. Each bet g
+    multiplies its wealth by 1 + g (payoff - m_t) / (m_t - low).
+
+    With ``bank`` it bets against m_t: the null is about these frames alone, drawn without
+    replacement. Otherwise it bets against max(0, m_t). It then also holds under "each payoff has
+    mean 0 or less given the past", in any order. That is so for independent draws, or for a null
+    within every frame.
     """
 
     def __init__(self, frames: int, low: float, *, bank: bool = False) -> None:
@@ -82,15 +87,16 @@ class MeanProcess:
         self.log_e = most + math.log(sum(math.exp(one - most) for one in self._log_wealth))
 
     def _certain(self) -> bool:
-        """Return whether no payoffs of the frames that are left could bring the bank's sum to 0 (of ``bank`` alone)."""
+        """Return whether no payoffs of the frames left can bring the sum to 0 (``bank`` only)."""
         return self._bank and self._sum + self._left * self._low > _CERTAIN
 
 
 class SymmetryProcess:
-    """Evidence against "the two labels of a frame might as well be exchanged", frames in whatever order.
+    """Evidence against "the two labels of a frame are exchangeable", with frames in any order.
 
-    Given the past and which two different labels a frame got, either order has chance 1/2 under the null; for each
-    unordered pair of labels it bets on an order by the Krichevsky-Trofimov estimate from the frames before.
+    Given the past and a frame's two different labels, either order has chance 1/2 under the null.
+    For each unordered pair of labels it bets on an order, by the Krichevsky-Trofimov estimate from
+    the frames before.
     """
 
     def __init__(self) -> None:
@@ -107,11 +113,11 @@ class SymmetryProcess:
 
 
 class PairingProcess:
-    """Evidence against "the second label does not depend on the first", for an answer that is wanted of each first.
+    """Evidence against "the second label does not depend on the first", each with a wanted second.
 
-    Universal inference: the chance that bets on the wanted answer give to what came, by the Krichevsky-Trofimov
-    estimate from the frames before, over the largest chance that any one distribution of second labels over ``labels``
-    labels gives to it.
+    It is universal inference, a ratio of two chances of the observed answers. The first comes from
+    bets on the wanted answer, by the Krichevsky-Trofimov estimate from the frames before. The
+    second is the largest under any one distribution over ``labels`` second labels.
     """
 
     def __init__(self, labels: int) -> None:
@@ -123,7 +129,7 @@ class PairingProcess:
         self.log_e = 0.0
 
     def add(self, wanted: Hashable, second: Hashable) -> None:
-        """Add the second label of the next frame, and the one that was wanted of its first."""
+        """Add the second label of the next frame, and the wanted one for its first."""
         share = (self._hits + 0.5) / (self._hits + self._misses + 1)
         hit = wanted == second
         self._log_bet += math.log(share if hit else (1 - share) / (self._labels - 1))

@@ -1,11 +1,13 @@
-"""Episode-safe tests: whole episodes' gap series are exchanged, so that time within an episode stays intact.
+"""Episode-safe tests: they exchange gap series of whole episodes, so time within one stays intact.
 
-Frames of an episode resemble each other, and a controller that follows anything else that drifts through an
-episode seems to follow the gap when frames are permuted one by one. Under exchange of whole episodes, aligned
-by step, a follower of the step number or of a nuisance of its own episode keeps the nominal error rate.
+Frames of an episode resemble each other. If frames are permuted one by one, a controller that
+follows anything that drifts through an episode seems to follow the gap. If whole episodes are
+exchanged, aligned by step, a follower of the step number or of its own episode's nuisance keeps the
+nominal error rate.
 
-Keep the frames without a decision and mark them: to drop them shifts the series against each other, and a
-follower of the step number, exact but for 10 % missing answers, then passes for a follower of the gap.
+Keep the frames without a decision and mark them: dropping them shifts the series against each
+other. Then a follower of the step number with 10 % missing answers passes for a follower of the
+gap.
 """
 
 import itertools
@@ -26,12 +28,12 @@ Counts = npt.NDArray[np.unsignedinteger]
 Pairs = Floats | Counts
 
 ENUMERATED_ARRANGEMENTS = 20_000
-"""Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
+"""Up to this number of exchanges of episodes the null distribution is enumerated."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Per exchangeable stratum the frame numbers (episodes, steps), and what could not be exchanged."""
+    """Frame numbers (episodes, steps) of each exchangeable stratum, and the excluded strata."""
 
     strata: tuple[Ints, ...]
     excluded: tuple[str, ...]
@@ -39,7 +41,7 @@ class _Layout:
     shifted: int
 
     def count(self, decided: npt.NDArray[np.bool_]) -> int:
-        """Return how many of the frames used carry a decision."""
+        """Return how many of the used frames have a decision."""
         return sum(int(np.count_nonzero(decided[rows])) for rows in self.strata)
 
     @property
@@ -47,20 +49,20 @@ class _Layout:
         return tuple(len(rows) for rows in self.strata)
 
     def detail(self) -> dict[str, object]:
-        """Return what a reader must know to trust the test."""
+        """Return the facts that a reader needs to judge the test."""
         return picked(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exchanged(Statistic):
-    """A test by exchanging episodes, with the smallest p that it can attain; None where frames are permuted."""
+    """A test by exchanging episodes, with the smallest possible p; None if frames are permuted."""
 
     smallest_p: float | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend(Exchanged):
-    """What was compared with its own null, and the mean and deviation of that."""
+    """A trend with the mean and deviation of its null distribution."""
 
     null_mean: float
     null_sd: float
@@ -77,23 +79,27 @@ def exchange_test(
     alpha: float = 0.01,
     resamples: int = 5000,
 ) -> Statistic:
-    """Test one-sidedly whether braking falls on near gaps, safe for episodes and for time within them.
+    """Test one-sidedly whether braking falls on near gaps, safe for episodes and time in them.
 
-    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision (integer, 0 or
-    more; -1 where there is no decision, which counts nowhere but keeps its place); ``gap_rank``, the gap or its
-    rank (larger is farther, no NaN); ``stratum``, the scenario; ``episode``, whose labels may repeat in another
-    stratum and mean another episode there; ``step``, a number that is distinct within an episode. ValueError
-    otherwise.
+    Five arrays of one length, one entry per frame. ``level`` is the braking level of the decision,
+    an integer of 0 or more; -1 is no decision, which counts nowhere but keeps its place.
+    ``gap_rank`` is the gap or its rank (larger is farther, no NaN). ``stratum`` is the scenario.
+    ``episode`` is a label within its stratum. ``step`` is a number, distinct within an episode.
+    ValueError otherwise.
 
-    ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking happens nearer.
-    Null: within each stratum the episodes' gap series are exchanged among the episodes' action series,
-    aligned by step order. Episodes of unequal length are cut to the shortest of their stratum; a stratum
-    whose shortest is below half of its longest, or with fewer than two episodes, is left out. ``p`` is exact
-    where the arrangements number at most `ENUMERATED_ARRANGEMENTS`, else (k+1)/(B+1). Where the smallest
-    attainable p exceeds ``alpha`` the value and p are None and ``detail`` gives that p. ``n`` counts the
-    decisions used. ``detail``: episodes per stratum, truncated frames, frames aligned with another step than
-    their own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
-    deviation of T under the null. Source: the rules of the battery, docs/decisions/battery.md.
+    ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking
+    happens nearer. Null: within each stratum the episodes' gap series are exchanged among the
+    episodes' action series, aligned by step order. Episodes are cut to the shortest of their
+    stratum. A stratum is left out if its shortest is below half of its longest, or with fewer than
+    two episodes.
+
+    ``p`` is exact with at most `ENUMERATED_ARRANGEMENTS` arrangements, else (k+1)/(B+1). If the
+    smallest attainable p exceeds ``alpha``, value and p are None and ``detail`` gives that p. ``n``
+    counts the decisions used. ``detail`` has the episodes per stratum, truncated frames, excluded
+    strata, and T's mean and deviation under the null. Its ``shifted_frames`` are aligned with
+    another step than their own; the note names them, since the test trusts alignment.
+
+    Source: the rules of the battery, docs/decisions/battery.md.
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     layout = _layout(stratum, episode, step, (len(levels), len(ranks)))
@@ -120,11 +126,12 @@ def exchange_mi_test(
     alpha: float = 0.01,
     resamples: int = 5000,
 ) -> Statistic:
-    """Test mutual information between action and gap bin with the same null as `exchange_test`.
+    """Test mutual information between action and gap bin with the null of `exchange_test`.
 
-    ``action`` and ``gap_bin`` are string or integer labels per frame, the rest is as there; an action of ""
-    or below 0 is no decision. ``value`` is the plug-in information in bits over the decisions used; ``p`` is
-    one-sided for large values. It finds dependence of any shape, also with the wrong sign.
+    ``action`` and ``gap_bin`` are string or integer labels per frame; the other arguments are as
+    there. An action of "" or below 0 is no decision. ``value`` is the plug-in information in bits
+    over the used decisions; ``p`` is one-sided for large values. The test finds dependence of any
+    shape, also with the wrong sign.
     """
     actions, bins = _codes(action, "action"), _codes(gap_bin, "gap_bin")
     layout = _layout(stratum, episode, step, (len(actions), len(bins)))
@@ -151,9 +158,10 @@ def iid_trend_test(
 ) -> Statistic:
     """Test the trend T of `exchange_test` by permuting frame by frame, within ``stratum`` if given.
 
-    For frames that are declared independent; on autocorrelated episodes it rejects far too often. The arrays are those
-    of `exchange_test`, one entry per frame; ValueError where their lengths differ. Frames without a decision (level -1)
-    are left out. ``p`` is one-sided for small T, (k+1)/(B+1).
+    Use it only for frames that are declared independent; on autocorrelated episodes it rejects far
+    too often. The arrays are those of `exchange_test`, one entry per frame; ValueError if their
+    lengths differ. Frames without a decision (level -1) are left out. ``p`` is one-sided for small
+    T, (k+1)/(B+1).
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     if len(levels) != len(ranks):
@@ -181,7 +189,7 @@ def iid_trend_test(
 
 
 def smallest_p(episodes: int | Sequence[int]) -> float:
-    """Return the smallest p that exchanging episodes can attain: 1 / (k! of each stratum, multiplied).
+    """Return the smallest p of an exchange of episodes: 1 / (the product of k! over strata).
 
     ``episodes`` counts the episodes of each stratum. Without any it is 1.
     """
@@ -189,7 +197,7 @@ def smallest_p(episodes: int | Sequence[int]) -> float:
 
 
 def episodes_needed(strata: int, *, alpha: float = 0.01) -> int:
-    """Return how many episodes each of ``strata`` strata needs for `smallest_p` to be at most ``alpha``.
+    """Return how many episodes each of ``strata`` needs for a `smallest_p` of at most ``alpha``.
 
     ValueError for no stratum or an ``alpha`` outside (0, 1).
     """
@@ -229,7 +237,7 @@ def _arrangements(episodes: Sequence[int]) -> int:
 
 
 def _layout(stratum: npt.ArrayLike, episode: npt.ArrayLike, step: npt.ArrayLike, lengths: tuple[int, int]) -> _Layout:
-    """Return the frame numbers of each exchangeable stratum in step order, cut to a common length."""
+    """Return each exchangeable stratum's frame numbers in step order, cut to a common length."""
     codes, episodes, steps = _codes(stratum, "stratum"), _codes(episode, "episode"), _numbers(step, "step")
     if len({len(codes), len(episodes), len(steps), *lengths}) > 1:
         found = [*lengths, len(codes), len(episodes), len(steps)]
@@ -262,7 +270,7 @@ def _in_order(rows: Ints, step: Floats) -> Ints:
 
 
 def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str) -> Statistic | None:
-    """Return why the test cannot be made: even the most extreme arrangement could not reach alpha."""
+    """Return why the test is impossible: even the most extreme arrangement cannot reach alpha."""
     if not 0 < alpha < 1 or resamples < 1:
         raise ValueError(f"alpha={alpha} must lie in (0, 1) and resamples={resamples} be at least 1")
     sampled = _arrangements(layout.sizes) > ENUMERATED_ARRANGEMENTS
@@ -276,7 +284,7 @@ def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str)
 
 
 def _aligned(pairs: Sequence[Pairs]) -> Floats:
-    """Return the summed pair values of the arrangement that was observed, shape (m,)."""
+    """Return the summed pair values of the observed arrangement, shape (m,)."""
     return np.asarray(sum(np.trace(each, dtype=np.float64) for each in pairs), dtype=np.float64)
 
 
@@ -312,8 +320,9 @@ def _gather(pairs: Pairs, orders: Ints) -> Floats:
 def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Counts:
     """Return counts of (action, bin), flat, for each action episode against each gap episode.
 
-    An action of ``shape[0]`` is no decision and is counted nowhere. A count is at most the number of steps, so that
-    the smallest type that holds it keeps a thousand episodes against a thousand within some ten megabytes.
+    An action of ``shape[0]`` is no decision and does not count. A count is at most the number of
+    steps, so the smallest sufficient type is used. A thousand episodes against a thousand then take
+    some ten megabytes.
     """
     k, steps = actions.shape
     out = np.empty((k, k, shape[0], shape[1]), dtype=np.min_scalar_type(steps))

@@ -1,4 +1,4 @@
-"""Tests that flip signs: do two drivers differ in the same worlds, and is what was moved followed."""
+"""Sign-flip tests: whether drivers differ in the same worlds, and answers follow an object."""
 
 import itertools
 from collections.abc import Callable
@@ -13,21 +13,23 @@ from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 Floats = npt.NDArray[np.float64]
 
 ENUMERATED_FLIPS = 14
-"""Up to so many differences other than 0 all sign patterns are enumerated instead of sampled."""
+"""Up to this number of nonzero differences all sign patterns are enumerated."""
 
 FOLLOW_LEVEL = 0.98
-"""Each end of the interval of `follow` is passed with a chance of .01."""
+"""Each end of `follow`'s interval is exceeded with a chance of .01."""
 
 
 def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test two-sidedly whether paired numbers differ: mean(first) - mean(second).
 
-    Two numeric arrays of one length, paired by world. Where the two of a pair come from the same distribution they
-    may be exchanged, which flips the sign of their difference (Fisher 1935). ``p`` is exact over all sign patterns of
-    the differences that are not 0 where these are at most `ENUMERATED_FLIPS`, else (k+1)/(B+1). ``n`` counts the pairs.
-    ``detail``: how many first values are larger, smaller and equal, both means, and the smallest p that the pairs
-    allow. Without a pair the value is None; where all pairs are equal it is 0 and p is 1. It carries no interval:
-    bootstrap the pairs. ValueError for other arrays.
+    Two numeric arrays of one length, paired by world. If both of a pair have the same distribution,
+    they may be exchanged, which flips the sign of their difference (Fisher 1935). ``p`` is exact
+    over all sign patterns of the nonzero differences if these are at most `ENUMERATED_FLIPS`, else
+    (k+1)/(B+1). ``n`` counts the pairs. ``detail`` has the numbers of larger, smaller and equal
+    first values, both means, and the smallest p that the pairs allow.
+
+    Without a pair the value is None; if all pairs are equal it is 0 and p is 1. There is no
+    interval: bootstrap the pairs. ValueError for other arrays.
     """
     a, b = _numbers(first, "first"), _numbers(second, "second")
     if len(a) != len(b):
@@ -56,14 +58,17 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
 
 
 def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *, seed: int) -> Statistic:
-    """Return how far answers follow what was moved, as a share of what follows it fully, with a one-sided test.
+    """Return how far answers follow a moved object, over full following, with a one-sided test.
 
-    Three arrays of one entry a frame: ``gains``, how far the answer goes along the way that something was moved;
-    ``full``, how far it would go if it followed fully; ``episodes``, labels. The value is sum(gains) / sum(full), its
-    interval a t interval over episodes of the ratio, by leaving each out. ``p`` is that of a mean gain over episodes
-    above 0, by flipping the signs of whole episodes: exact up to `ENUMERATED_FLIPS` of them. With fewer than seven
-    episodes it cannot be below .01. None without a frame, and where nothing would follow. ``n`` counts the frames;
-    ValueError where the lengths differ.
+    Three arrays of one entry a frame: ``gains``, how far the answer goes along the object's way;
+    ``full``, how far it would go if it followed fully; ``episodes``, labels. The value is
+    sum(gains) / sum(full). Its interval is a t interval of the ratio over episodes, by leaving each
+    out.
+
+    ``p`` tests a mean gain over episodes above 0, by flipping the signs of whole episodes. It is
+    exact up to `ENUMERATED_FLIPS` of them, and cannot be below .01 with fewer than seven. The value
+    is None without a frame, and if ``full`` sums to nothing. ``n`` counts the frames; ValueError if
+    the lengths differ.
     """
     along, most = _numbers(gains, "gains"), _numbers(full, "full")
     labels = np.asarray(episodes)
@@ -92,7 +97,7 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
 def _share(
     values: Floats, reaches: Callable[[Floats], npt.NDArray[np.bool_]], seed: int, resamples: int
 ) -> tuple[float, str]:
-    """Return the p of a sum by flipped signs, the share of patterns whose sum ``reaches`` it, and which patterns."""
+    """Return the share of sign patterns whose sum ``reaches`` the observed, and their number."""
     if len(values) <= ENUMERATED_FLIPS:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(values))))
         return float(np.mean(reaches(signs @ values))), f"all {len(signs)} patterns"

@@ -1,7 +1,7 @@
 """Upper bounds on how often a guardian misses, from episodes that nothing else has used.
 
-The unit is the episode, so that frames of one episode may depend on one another in any way; between episodes the
-bounds need independent draws from one source.
+The unit is the episode, so that frames of one episode may depend on one another in any way; between
+episodes the bounds need independent draws from one source.
 """
 
 import math
@@ -15,14 +15,14 @@ from eyechart.stats.statistic import Statistic, UpperBound, cannot_say
 MOST_EPISODES = 10_000_000
 
 STAKES = tuple(2.0**-place for place in range(13))
-"""What a bet against a rate per frame may stake of its wealth; all of it is best where no event is seen."""
+"""Shares of its wealth that a bet against a rate may stake; all is best if no event is seen."""
 
 
 def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
-    """Bound from above the probability of an event that happened in ``k`` of ``n`` independent episodes.
+    """Bound from above the probability of an event, seen in ``k`` of ``n`` independent episodes.
 
-    ``ci`` is (0, bound): the exact one-sided bound of Clopper and Pearson (1934). The value is k/n, None without
-    episodes. ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    ``ci`` is (0, bound): the exact one-sided bound of Clopper and Pearson (1934). The value is k/n,
+    None without episodes. ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     _check(k, n, confidence)
     method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
@@ -35,9 +35,10 @@ def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
 def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
     """Bound from above the mean of ``losses``, one in [0, 1] for each independent episode.
 
-    ``ci`` is (0, bound): the p value of Hoeffding and Bentkus that Learn-then-Test uses (Angelopoulos et al. 2021;
-    Bates et al. 2021), inverted. Without any loss it is 1 - (1 - confidence)^(1/n), which no bound can beat. The
-    value is the mean, None without episodes. ValueError for a loss outside [0, 1].
+    ``ci`` is (0, bound): the p value of Hoeffding and Bentkus that Learn-then-Test uses
+    (Angelopoulos et al. 2021; Bates et al. 2021), inverted. Without any loss it is 1 - (1 -
+    confidence)^(1/n), which no bound can beat. The value is the mean, None without episodes.
+    ValueError for a loss outside [0, 1].
     """
     given = np.asarray(losses, dtype=np.float64)
     if given.ndim != 1 or not ((given >= 0) & (given <= 1)).all():
@@ -52,13 +53,13 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
 
 
 def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, confidence: float = 0.95) -> Statistic:
-    """Bound from above the rate per frame, E[events] / E[frames] of an episode, from independent episodes.
+    """Bound from above the rate per frame, E[events] / E[frames], from independent episodes.
 
-    ``events``, shape (episodes,), are of ``frames``, and no episode has more frames than ``longest``. ``ci`` is
-    (0, bound): the wealth of bets against each rate, mixed over `STAKES`, inverted by Ville's inequality
-    (Waudby-Smith and Ramdas 2024). It holds in whatever way events and frames of an episode hang together, as misses
-    that come in the episodes with most hazards do. ``n`` counts frames; the value is None without any. ValueError for
-    counts that cannot be.
+    ``events``, shape (episodes,), are of ``frames``, and no episode has more frames than
+    ``longest``. ``ci`` is (0, bound): the wealth of bets against each rate, mixed over `STAKES`,
+    inverted by Ville's inequality (Waudby-Smith and Ramdas 2024). Events may depend on an episode's
+    frames in any way, for example if misses occur in the episodes with most hazards. ``n`` counts
+    frames; the value is None without any. ValueError for impossible counts.
     """
     got, of = np.asarray(events, dtype=np.float64), np.asarray(frames, dtype=np.float64)
     if got.shape != of.shape or got.ndim != 1 or not ((got >= 0) & (got <= of) & (of <= longest)).all():
@@ -69,7 +70,8 @@ def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, c
     if n == 0:
         return cannot_say("no frames", method=method)
     value = float(got.sum()) / n
-    share = np.log([0.5, *[0.5 / (len(STAKES) - 1)] * (len(STAKES) - 1)])  # half of it all is staked to the full
+    # Half of the wealth is on the full stake.
+    share = np.log([0.5, *[0.5 / (len(STAKES) - 1)] * (len(STAKES) - 1)])
 
     def beaten(rate: float) -> bool:
         gains = np.maximum((rate * of - got) / ((1 - rate) * longest), -1)
@@ -83,7 +85,7 @@ def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, c
 
 
 def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:
-    """Return a p value of the null that a mean of [0, 1] losses is ``risk`` or more, from the mean of n of them."""
+    """Return a p value of the null "a mean of [0, 1] losses is ``risk`` or more", by n losses."""
     if risk <= mean:
         return 1.0
     if risk >= 1:
@@ -96,10 +98,10 @@ def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:
 
 
 def episodes_needed(rate: float, misses: int = 0, *, confidence: float = 0.95) -> int:
-    """Return how many episodes, ``misses`` of them with a miss, bound the share with a miss by ``rate``.
+    """Return how many episodes, ``misses`` with a miss, bound the share with a miss by ``rate``.
 
-    299 for 1 % without a miss at confidence .95. ValueError for a rate outside (0, 1), or one that ten million episodes
-    do not reach.
+    299 for 1 % without a miss at confidence .95. ValueError for a rate outside (0, 1), or one that
+    ten million episodes do not reach.
     """
     if not 0 < rate < 1:
         raise ValueError(f"rate={rate} must lie between 0 and 1, for example 0.01")
@@ -116,12 +118,13 @@ def episodes_needed(rate: float, misses: int = 0, *, confidence: float = 0.95) -
 
 
 def conformal_threshold(losses: npt.ArrayLike, risk: float) -> tuple[int | None, tuple[float, ...]]:
-    """Return the highest threshold whose conformal risk is at most ``risk``, and the conformal risk of each.
+    """Return the highest threshold with a conformal risk of at most ``risk``, and each one's risk.
 
-    ``losses``, shape (thresholds, episodes), hold each episode's share of missed hazards at threshold 1, 2, …, which
-    does not fall with the threshold. The conformal risk is (n mean + 1)/(n + 1); a threshold that is chosen so keeps
-    the expected loss of a next exchangeable episode at ``risk``, in expectation over the episodes that chose it, and
-    not with a confidence (Angelopoulos et al. 2024). None where not even the lowest threshold does.
+    ``losses``, shape (thresholds, episodes), are each episode's share of missed hazards at
+    threshold 1, 2, …, and do not fall with the threshold. The conformal risk is (n mean + 1)/(n +
+    1). Such a threshold keeps the expected loss of a next exchangeable episode at ``risk``. That
+    holds in expectation over the episodes that chose it, not with a confidence (Angelopoulos et al.
+    2024). None if not even the lowest threshold does.
     """
     given = np.asarray(losses, dtype=np.float64)
     if given.ndim != 2 or not ((given >= 0) & (given <= 1)).all() or (np.diff(given, axis=0) < -1e-12).any():
@@ -148,7 +151,7 @@ def _clopper_pearson(k: int, n: int, confidence: float) -> float:
 
 
 def _lowest(holds: Callable[[float], bool], low: float) -> float:
-    """Return, to 1e-9 from above, the lowest number up to 1 from which on a condition holds."""
+    """Return the lowest number up to 1 from which a condition holds, to 1e-9 from above."""
     high = 1.0
     while high - low > 1e-9:
         middle = (low + high) / 2

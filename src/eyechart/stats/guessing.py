@@ -1,4 +1,4 @@
-"""Whether somebody who was dealt questions at random is right more often than a guesser can be, by an exact test."""
+"""An exact test of whether replies to randomly dealt questions beat guessing."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answered(Statistic):
-    """How many questions were answered right, and how many guessing would be ``expected`` to get right."""
+    """How many replies are right, and how many are ``expected`` from guessing."""
 
     right: int
     expected: float
@@ -24,10 +24,10 @@ class Answered(Statistic):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Questions of one kind: ``choices`` answers, of which ``dealt`` are right, one a question, no two the same.
+    """Questions of one kind: ``choices`` answers, and the right ones ``dealt``, all different.
 
-    Answers are numbers below ``choices``. ``said`` holds what was answered, and None where that is none of them.
-    Raises ValueError where the deal repeats an answer, or the two differ in length.
+    Answers are numbers below ``choices``. ``said`` holds the replies, None for one that is no such
+    answer. Raises ValueError if the deal repeats an answer, or the two differ in length.
     """
 
     choices: int
@@ -46,16 +46,18 @@ class Block:
         return sum(one == other for one, other in zip(self.dealt, self.said, strict=True))
 
     def chances(self) -> npt.NDArray[np.float64]:
-        """Return the chance of each number right, 0 to n, of these replies had the answers been dealt anew.
+        """Return the chance of each number right, 0 to n, of these replies under a new deal.
 
         Deals are counted by inclusion and exclusion (rook polynomials, Riordan 1958).
         """
         n, of = len(self.dealt), self.choices
         named = Counter(one for one in self.said if one is not None)
-        ways = [1]  # of choosing questions whose replies name different answers, by their number
+        # Ways to choose questions whose replies name different answers, by number of questions.
+        ways = [1]
         for times in named.values():
             ways = [one + times * fewer for one, fewer in zip([*ways, 0], [0, *ways], strict=True)]
-        deals = [way * factorial(of - at) for at, way in enumerate(ways[: n + 1])]  # in which at least these are right
+        # Deals in which at least the chosen ones are right.
+        deals = [way * factorial(of - at) for at, way in enumerate(ways[: n + 1])]
         exactly = [
             sum((-1) ** (at - k) * comb(at, k) * deals[at] for at in range(k, len(deals))) for k in range(len(deals))
         ]
@@ -63,12 +65,12 @@ class Block:
 
 
 def right(blocks: Iterable[Block]) -> Statistic:
-    """Return the share of right replies, with the exact p against guessing and a Clopper–Pearson interval.
+    """Return the share of right replies, with the exact p against guessing and an exact interval.
 
-    p is the share of all deals of the right answers to the questions under which these very replies are right at least
-    as often: whatever a guesser does, it cannot know the deal (Fisher's randomisation test). Each end of the interval
-    is a one-sided bound of 95 %; binomial bounds hold for questions that differ in difficulty too (Hoeffding 1956).
-    The value is None without questions.
+    p is the share of all deals under which these very replies are right at least as often. Whatever
+    a guesser does, it cannot know the deal (Fisher's randomisation test). Each end of the
+    Clopper–Pearson interval is a one-sided bound of 95 %. Binomial bounds hold for questions of
+    different difficulty too (Hoeffding 1956). The value is None without questions.
     """
     held = tuple(blocks)
     method = "share right; exact randomisation p; Clopper–Pearson, 95 % at each end"
@@ -85,7 +87,7 @@ def right(blocks: Iterable[Block]) -> Statistic:
 
 
 def fewer_p(right: int, n: int, others_right: int, others: int) -> float:
-    """Return how likely so few of the right ones, or fewer, are among the ``n`` where all are dealt by chance.
+    """Return the chance of so few right, or fewer, among ``n``, if all are dealt at random.
 
     Fisher's exact test, one-sided, of ``right`` of ``n`` against ``others_right`` of ``others``.
     """
@@ -95,7 +97,7 @@ def fewer_p(right: int, n: int, others_right: int, others: int) -> float:
 
 
 def bounds(k: int, n: int) -> tuple[float, float]:
-    """Return the lower and the upper bound, each one-sided at 95 %, of a rate of which k of n were seen.
+    """Return the lower and upper bound, each one-sided at 95 %, of a rate seen as k of n.
 
     Source: Clopper and Pearson 1934.
     """

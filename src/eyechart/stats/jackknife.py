@@ -1,4 +1,4 @@
-"""Intervals over episodes: each episode is left out once, and Student's t says how far these values reach."""
+"""Intervals over episodes by the jackknife: leave each episode out, then use Student's t."""
 
 import math
 from collections.abc import Callable
@@ -13,34 +13,39 @@ from eyechart.stats.statistic import Statistic, cannot_say
 Floats = npt.NDArray[np.float64]
 
 LEAST_EPISODES = 6
-"""Of fewer episodes no interval but a share's is printed: none was measured to cover (benchmarks/long_coverage.py)."""
+"""Below this only shares have intervals; others were not measured (benchmarks/long_coverage.py)."""
 
 _ALONE = "no interval: without one of the episodes nothing is left"
 
 FEW = f"an interval needs {LEAST_EPISODES} episodes or more"
 
 _UNSEEN = 0.5
-"""So much of an episode in which every answer is as frequent, whatever was shown, stands for what was not seen."""
+"""Allowance for unseen episodes: this part of an episode with all answers equally frequent."""
 
 ENDS = 0.90
-"""The level of an interval of which each end is a bound of its own, at .05."""
+"""The level of a two-sided interval whose ends are each one-sided bounds at .05."""
 
 _SKEW = 0.35
-"""Ends are moved out by this share of the square of their distance, over what lies between the value and the bound.
-Measured, as the other is."""
+"""Allowance for skew: ends move out by this share of their squared distance.
+
+The square is divided by the distance from the value to the bound. The share is measured.
+"""
 
 
 def over_tables(
     tables: npt.ArrayLike, statistic: Callable[[Floats], Floats], most: float, *, level: float = 0.95
 ) -> Statistic:
-    """Return a statistic of summed tables, such as information, V or entropy, with an interval over episodes.
+    """Return a statistic of summed tables (information, V, entropy), with its interval.
 
-    ``tables``, shape (episodes, rows, columns), counts each episode; ``statistic`` maps (m, rows, columns) to (m,) and
-    lies between 0 and ``most``. Such a statistic is biased away from independence, and a resample more so: the interval
-    stands around the jackknife's value, which is not. Its width is that of the values without each episode, with
-    episodes - 1 degrees of freedom, and of what half an episode of answers that depend on nothing would change, so that
-    episodes which do not differ show no certainty. It always holds the value. ``n`` counts episodes; no interval below
-    `LEAST_EPISODES`. Source: Quenouille 1956, Tukey 1958.
+    ``tables``, shape (episodes, rows, columns), counts each episode. ``statistic`` maps (m, rows,
+    columns) to (m,) and lies between 0 and ``most``. Such a statistic is biased away from
+    independence, and a resample even more, so the interval is centred at the jackknife's value,
+    which is not.
+
+    The width comes from the values without each episode, with episodes - 1 degrees of freedom. Half
+    an episode of independent answers is added, so that equal episodes do not show certainty. The
+    interval always holds the value. ``n`` counts episodes; no interval below `LEAST_EPISODES`.
+    Source: Quenouille 1956, Tukey 1958.
     """
     counts = np.asarray(tables, dtype=np.float64)
     episodes, method = len(counts), f"{100 * level:g}% interval over episodes (jackknife, t)"
@@ -63,10 +68,11 @@ def over_tables(
 
 
 def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 0.95) -> Statistic:
-    """Return Cramér's V of summed tables, ``value``, with its interval: that of its square, as `over_tables` makes it.
+    """Return Cramér's V of summed tables, ``value``, with the interval of its square.
 
-    Yates' correction, which the paper's V of 2 × 2 tables carries, is a matter of the test: it makes a V of 0 of many
-    that are none. The interval is of the V without it, drawn out to the value where that lies below.
+    `over_tables` makes that interval, for the V without Yates' correction. The paper's V of 2 × 2
+    tables has the correction. It belongs to the test and turns small values of V into 0. If the
+    value lies below the interval, the interval is extended to it.
     """
     squared = over_tables(tables, lambda each: cramers_v_of_tables(each, correction=False) ** 2, 1.0, level=level)
     if squared.ci is None:
@@ -76,11 +82,11 @@ def association_interval(tables: npt.ArrayLike, value: float, *, level: float = 
 
 
 def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: float = 0.95) -> Statistic:
-    """Return a statistic with an interval over episodes, where these are what may be left out.
+    """Return a statistic with an interval over episodes, by leaving each episode out.
 
-    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,), NaN where it is
-    undefined: a mean, or a difference of two runs. ``n`` counts episodes; no interval below `LEAST_EPISODES`, nor where
-    the episodes do not differ.
+    ``statistic`` maps counts of shape (m, episodes), how often each episode is taken, to (m,). It
+    may be a mean, or a difference of two runs, and is NaN if undefined. ``n`` counts episodes.
+    There is no interval below `LEAST_EPISODES`, nor if the episodes do not differ.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     value = float(statistic(np.ones((1, episodes)))[0]) if episodes else np.nan
@@ -98,7 +104,7 @@ def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: 
 
 
 def mean_over_episodes(sums: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return the first sum over the second, of all episodes, with its interval; ``sums`` has shape (episodes, 2)."""
+    """Return the ratio of two sums over all episodes, with its interval; ``sums`` (episodes, 2)."""
     given = np.asarray(sums, dtype=np.float64).reshape(-1, 2)
 
     def ratio(counts: Floats) -> Floats:
@@ -111,14 +117,16 @@ def mean_over_episodes(sums: npt.ArrayLike, *, level: float = 0.95) -> Statistic
 def mean_of_frames(
     scores: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS, fewest: int = LEAST_EPISODES
 ) -> Statistic:
-    """Return the mean of scores in [-1, 1], one a frame, with an interval over whole episodes that frames hold up.
+    """Return the mean of scores in [-1, 1], one a frame, with an interval that allows for episodes.
 
-    ``scores``, shape (frames,), is NaN where a frame has none; ``episodes`` names each frame's. The interval is the
-    jackknife's over the episodes that have scores, with Student's t of one degree less than these. No end is nearer
-    than what a share of frames that was never seen may hide: of ``n`` frames none shows what, at the level of one end,
-    1 - tail^(1/n) of all may show (Clopper and Pearson 1934), and they may all lie at -1 or 1. ``n`` counts the frames
-    with a score. No interval of fewer episodes than
-    ``fewest``, which is two at least.
+    ``scores``, shape (frames,), is NaN for a frame without one; ``episodes`` names each frame's.
+    The interval is the jackknife's over episodes with scores, with Student's t. Its degrees of
+    freedom are one less than these episodes.
+
+    The interval also allows for unseen frames. If none of ``n`` frames shows something, a share
+    1 - tail^(1/n) may show it, at the level of one end (Clopper and Pearson 1934). All of these may
+    have the score -1 or 1. ``n`` counts the frames with a score. No interval below ``fewest``
+    episodes, at least two.
     """
     given, names = np.asarray(scores, dtype=np.float64), np.asarray(episodes)
     have = ~np.isnan(given)
@@ -143,8 +151,9 @@ def half_exceeded(
 ) -> Statistic:
     """Return a rate less half of another, with the jackknife's interval over whole episodes.
 
-    ``first`` and ``second``, shape (2, frames), count what happened and how often it could; ``episodes`` names each
-    frame's. ``n`` counts how often the first could. No interval of fewer episodes than `LEAST_EPISODES`.
+    ``first`` and ``second``, shape (2, frames), count events and chances for them; ``episodes``
+    names each frame's. ``n`` counts the chances of the first. No interval below `LEAST_EPISODES`
+    episodes.
     """
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     each = by_episode([*np.asarray(first, dtype=np.float64), *np.asarray(second, dtype=np.float64)], episodes)
@@ -161,19 +170,20 @@ def half_exceeded(
     if count < LEAST_EPISODES or (rest[[1, 3]] <= 0).any():
         return Statistic(value, n, method=method, note=FEW if count < LEAST_EPISODES else _ALONE, level=level)
     wide = half_width(apart(rest), level)
-    unseen = 1 - (1 - level) ** (1 / np.count_nonzero(np.asarray(first)[1]))  # where no episode differs
+    # The width if no episode differs.
+    unseen = 1 - (1 - level) ** (1 / np.count_nonzero(np.asarray(first)[1]))
     wide = float(wide if wide > 0 else unseen)
     return Statistic(value, n, (value - wide, value + wide), method=method, level=level)
 
 
 def by_episode(columns: npt.ArrayLike, episodes: npt.ArrayLike) -> Floats:
-    """Return the sums of columns, shape (columns, frames), over each episode's frames: shape (columns, episodes)."""
+    """Return the sums of columns (columns, frames) by episode, shape (columns, episodes)."""
     names, codes = np.unique(np.asarray(episodes), return_inverse=True)
     return np.array([np.bincount(codes, one, len(names)) for one in np.asarray(columns, dtype=np.float64)])
 
 
 def half_width(left: npt.ArrayLike, level: float) -> float:
-    """Return how far Student's t reaches about a value of which ``left``, shape (episodes,), are those without one."""
+    """Return the half width of Student's interval; ``left`` are the values without each episode."""
     values = np.asarray(left, dtype=np.float64)
     return _t(level, len(values) - 1) * _error(values)
 

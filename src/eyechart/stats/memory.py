@@ -1,4 +1,4 @@
-"""Whether two answers to one moment differ by chance, or with the call that was made before each."""
+"""Memory: whether two answers to one moment differ by chance, or with the call before each."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,16 +7,18 @@ from eyechart.stats.statistic import Statistic, cannot_say
 
 RESAMPLES = 999
 _LEAST = 20
-"""Calls for each number of the one before, below which a fit says nothing."""
+"""Calls needed for each number that describes the call before; fewer give no fit."""
 
 
 def memory_share(apart: npt.ArrayLike, before: npt.ArrayLike, *, seed: int) -> Statistic:
-    """Return which share of the differences between answers to one moment goes with the call before.
+    """Return the share of the differences between answers that goes with the call before.
 
-    ``apart``, shape (n, d), is what each answer has beyond the mean of those to its moment, and ``before``, shape
-    (n, f), what is known of the call before. The value is the adjusted share of variance of a linear fit. Calls stand
-    in random order, so that of a controller that keeps nothing any call may have been the one before any other: p is
-    that of dealing them out anew, (j + 1) / (B + 1). None where the calls are too few, or nothing differs.
+    ``apart``, shape (n, d), is each answer's deviation from its moment's mean. ``before``, shape
+    (n, f), describes the call before. The value is the adjusted share of variance of a linear fit.
+
+    Calls are in random order, so without memory any call may precede any other. p is from random
+    reassignments of the calls before, (j + 1) / (B + 1). None if there are too few calls, or if
+    nothing differs.
     """
     e, f = (np.asarray(one, np.float64) for one in (apart, before))
     method = "adjusted share of a linear fit on the call before; the calls before are dealt out anew"

@@ -1,6 +1,6 @@
-"""Whether answers that should fall along a scale do: pairs the wrong way round, and rises in some range of it.
+"""Order: whether answers fall along a scale as they should, by pairs and by rises in a range.
 
-A picture is asked twice: what both answers say alike is no noise, and where they contradict each other it is.
+Each picture has two answers. What both show is no noise, and a contradiction between them is noise.
 """
 
 import math
@@ -17,25 +17,26 @@ from eyechart.stats.statistic import Statistic, cannot_say
 Floats = npt.NDArray[np.float64]
 
 FEWEST = 6
-"""No window of `greatest_rise` is narrower."""
+"""The fewest answers in a window of `greatest_rise`."""
 WIDEST = 1 / 4
-"""Nor wider than this share of the answers."""
+"""The widest window, as a share of the answers."""
 WIDTHS = 6
-"""So many widths of windows are tried."""
+"""The number of window widths."""
 SPREAD_OF = 4
-"""A place's own variance is held up by so many answers of the variance of all."""
+"""A place's own variance is mixed with this many answers of the variance of all."""
 ENOUGH = 20
-"""After so many orders with as great a rise p is known to be large, and no more are drawn."""
+"""After this many orders with as great a rise, p is known to be large, and drawing stops."""
 AT_ONCE = 64
-"""So many orders of some hundred answers stay in a processor's cache."""
+"""This many orders of some hundred answers fit a processor's cache."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order(Statistic):
-    """How often comparisons are the wrong way round, with what it comes from.
+    """How often comparisons are the wrong way round, with the counts behind it.
 
-    ``lost`` and ``won`` count the comparisons that both answers to either picture lose, or win; ``contradicted`` those
-    that one loses and the other wins. A comparison counts once, as the mean of the two ways to pair the answers.
+    ``lost`` and ``won`` count the comparisons that both answers to a picture lose, or win.
+    ``contradicted`` counts those that one loses and the other wins. A comparison counts once, as
+    the mean of the two ways to pair the answers.
     """
 
     lost: float
@@ -45,9 +46,9 @@ class Order(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rise(Statistic):
-    """The greatest rise along a scale: levels are less in the range ``nearer`` than in ``farther``.
+    """The greatest rise along a scale: levels are lower in range ``nearer`` than in ``farther``.
 
-    Both are None where nothing rises, and in the unit of the scale.
+    Both ranges are in the unit of the scale, and None without a rise.
     """
 
     nearer: tuple[float, float] | None = None
@@ -56,17 +57,18 @@ class Rise(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Density(Statistic):
-    """How many of drawn places a window of a scale holds: ``value`` on average, ``fewest`` where there are fewest."""
+    """Drawn places in a window of a scale: ``value`` on average, ``fewest`` in the emptiest."""
 
     fewest: int
 
 
 def compared_twice(nearer: npt.ArrayLike, farther: npt.ArrayLike) -> Floats:
-    """Return for each frame how much its comparison is lost twice, won twice, and contradicted.
+    """Return each frame's comparison as lost twice, won twice, and contradicted.
 
-    ``nearer`` and ``farther``, shape (2, frames), are two answers to the picture that calls for more and to the one
-    that calls for less, NaN where there is none; such a frame counts nothing. The answers may be paired in two ways;
-    each counts one half. Shape (3, frames), each of 0, 1/2 and 1; two answers alike are neither lost nor won.
+    ``nearer`` and ``farther``, shape (2, frames), are two answers to the picture that calls for
+    more and to the one that calls for less. A frame with a NaN counts nothing. The answers can be
+    paired in two ways, and each counts one half. The result has shape (3, frames) and values 0, 1/2
+    and 1. Two equal answers are neither lost nor won.
     """
     one, other = np.asarray(nearer, dtype=np.float64), np.asarray(farther, dtype=np.float64)
     found = np.zeros((3, one.shape[1]))
@@ -79,25 +81,28 @@ def compared_twice(nearer: npt.ArrayLike, farther: npt.ArrayLike) -> Floats:
 
 
 def wrong_way(lost: float, won: float, contradicted: float) -> float:
-    """Return the share h of comparisons the wrong way round in expectation over answers; NaN where noise hides it.
+    """Return the expected share h of comparisons the wrong way round; NaN if noise hides it.
 
-    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Where two pictures are told apart the right way with
-    chance p and the wrong way with q, or in a share h of the comparisons with p and q exchanged, won + lost is p² + q²,
-    contradicted 2pq and won - lost (1 - 2h)(p² - q²): the formula gives h, whatever the noise. Where comparisons have
-    several noises it lies above their share, so that noise widens it and buys nothing. Answers that repeat contradict
-    nothing: h is lost / (lost + won).
+    h = 1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)). Let pictures be told apart the
+    right way with chance p and the wrong way with q, exchanged in a share h of the comparisons.
+    Then won + lost is p² + q², contradicted 2pq, and won - lost (1 - 2h)(p² - q²). So the formula
+    gives h for any noise.
+
+    If comparisons have different noise, the result lies above their share, so noise is no
+    advantage. Answers that repeat contradict nothing: h is then lost / (lost + won).
     """
     rest = (won + lost) ** 2 - contradicted**2
     return math.nan if rest <= 0 else 0.5 - (won - lost) / (2 * math.sqrt(rest))
 
 
 def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS) -> Statistic:
-    """Return the share of comparisons the wrong way round, with an interval over whole episodes that frames hold up.
+    """Return the share of comparisons the wrong way round, with an interval over episodes.
 
-    ``compared``, shape (3, frames), sums `compared_twice` over a frame's pairs of pictures; ``episodes`` names each
-    frame's. The interval is the jackknife's, with Student's t of one degree less than there are episodes with a
-    comparison. Neither end is nearer than that of a share of so many frames as have a comparison (Clopper and Pearson
-    1934): the comparisons of a frame are not drawn apart. ``n`` counts these frames.
+    ``compared``, shape (3, frames), sums `compared_twice` over a frame's pairs of pictures;
+    ``episodes`` names each frame's. The interval is the jackknife's, with Student's t of one degree
+    less than there are episodes with a comparison. It is at least as wide as that of a share of as
+    many frames (Clopper and Pearson 1934), since comparisons of a frame are not independent. ``n``
+    counts the frames with a comparison.
     """
     counts = np.asarray(compared, dtype=np.float64)
     decided = counts[:2].sum(axis=0) > 0
@@ -129,12 +134,15 @@ def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float =
 def greatest_rise(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:
     """Test whether levels rise anywhere along a scale on which they should fall or stay.
 
-    ``places`` and ``levels`` have shape (pictures, frames), NaN where a frame has no such answer. Two neighbouring
-    windows of equally many answers are compared at every place and at six widths, from six answers to a quarter of all:
-    ``value`` is the greatest rise of the mean, in standard errors of its own place (the pooled variance of the two
-    windows, held up by four answers' worth of the variance of all). ``p`` is of the levels of frames that have the same
-    pictures exchanged as wholes, so that what a frame has of its own is no rise; orders are drawn until `ENOUGH` of
-    them rise as much, or ``resamples`` (Besag and Clifford 1991). ``n`` counts the answers.
+    ``places`` and ``levels`` have shape (pictures, frames), NaN for no such answer. Neighbouring
+    windows with equally many answers are compared at every place. They have six widths, from six
+    answers to a quarter of all. ``value`` is the greatest rise of the mean, in standard errors of
+    its own place. These use the pooled variance of the two windows, plus the weight of four answers
+    with the variance of all.
+
+    ``p`` comes from exchanging the levels of whole frames with the same pictures, so that a frame's
+    own level is no rise. Orders are drawn until `ENOUGH` of them rise as much, or ``resamples``
+    (Besag and Clifford 1991). ``n`` counts the answers.
     """
     at, of = np.asarray(places, dtype=np.float64), np.asarray(levels, dtype=np.float64)
     have = ~np.isnan(at + of)
@@ -168,7 +176,7 @@ def greatest_rise(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, re
 
 
 def _exchanges(have: npt.NDArray[np.bool_], seed: int, resamples: int) -> Iterator[npt.NDArray[np.int64]]:
-    """Yield orders of frames, one a column, in which frames change places that ``have`` the same pictures."""
+    """Yield orders of frames, one a column; only frames that ``have`` the same pictures move."""
     patterns = np.unique(have, axis=1, return_inverse=True)[1].ravel()
     groups = [np.flatnonzero(patterns == one) for one in np.unique(patterns)]
     rng = np.random.default_rng(seed)
@@ -180,7 +188,7 @@ def _exchanges(have: npt.NDArray[np.bool_], seed: int, resamples: int) -> Iterat
 
 
 def _standardised_rises(levels: Floats, widths: list[int], spread: float) -> Iterator[Floats]:
-    """Yield of each column, for each width, the rise at each place in standard errors of the place."""
+    """Yield for each width the rise at each place of each column, in standard errors."""
     zero = np.zeros((1, levels.shape[1]))
     sums = np.concatenate((zero, np.cumsum(levels, axis=0)))
     squares = np.concatenate((zero, np.cumsum(levels * levels, axis=0)))
@@ -192,10 +200,10 @@ def _standardised_rises(levels: Floats, widths: list[int], spread: float) -> Ite
 
 
 def density(places: npt.ArrayLike, factor: float) -> Statistic:
-    """Return how many of these places, numbers above 0, a window holds whose ends differ by ``factor``.
+    """Return how many places (numbers above 0) lie in a window with ends a factor apart.
 
-    ``value`` is that of places spread evenly in their logarithm from the least to the greatest, ``fewest`` the number
-    inside the emptiest window between them. ``n`` counts the places.
+    ``value`` is for places spread evenly in their logarithm from the least to the greatest.
+    ``fewest`` is the number inside the emptiest window between them. ``n`` counts the places.
     """
     at, method = np.sort(np.asarray(places, dtype=np.float64)), f"drawn places in a window a factor of {factor:g} wide"
     at = at[~np.isnan(at)]
@@ -208,11 +216,12 @@ def density(places: npt.ArrayLike, factor: float) -> Statistic:
 
 
 def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> float:
-    """Return the p of so many pairs lost, where noise alone loses at most half as many as repeats disagree.
+    """Return the p of this number of pairs lost, against noise as in the repeats.
 
-    ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Two answers of one law disagree at least twice as often as the
-    second is the greater of them. Given their sum the lost ones are binomial, as they are of rare events; of frequent
-    ones, which vary less, p is too large. Raises ValueError where there are none.
+    ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Noise alone loses at most half as many
+    pairs as repeats disagree: two answers of one distribution disagree at least twice as often as
+    the second is greater. Given their sum, the number lost is binomial for rare events. Frequent
+    ones vary less, so p is then too large. Raises ValueError without pairs or without repeats.
     """
     from scipy import special  # noqa: PLC0415 - slow to import
 

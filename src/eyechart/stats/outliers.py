@@ -7,25 +7,27 @@ import numpy as np
 import numpy.typing as npt
 
 FAR = 5.0
-"""So many times the distance from the median within which 95 of 100 numbers lie."""
+"""Multiple of the distance from the median within which 95 of 100 numbers lie."""
 FEW = 0.025
-"""More of the numbers than this share are no exception: a fast move in a log that mostly stands is many of them."""
+"""The largest share of exceptions; a fast move in a log that mostly stands has more."""
 WIDER = 1.5
-"""So much wider all numbers spread than the others: fewer change no scale."""
+"""The column's spread over that of its other numbers, from which numbers are far."""
 LEAST = 20
-"""Numbers below which none is far from the others."""
+"""With fewer numbers none counts as far."""
 ONE_IN = 20
-"""What is far in more than one episode, and in more than one of so many, recurs: a move that is rare, and no fault."""
+"""Numbers far in two episodes or more, and in more than one of so many, recur: a rare move."""
 
 
 def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool_]:
-    """Return which numbers lie far from all others of their column, shape (n, d), of ``numbers`` of that shape.
+    """Return which numbers lie far from all others of their column, as an array of shape (n, d).
 
-    These are a few numbers that stand out: beyond `FAR` times the distance from the median that 95 of 100 keep, no more
-    than `FEW` of all, or ``at_once`` where one row of a log is that many of them, and so far that the column's spread
-    is `WIDER` times that of the others. A column of which 95 of 100 numbers are equal has none. NaN is none.
+    They lie beyond `FAR` times the distance from the median that 95 of 100 keep. They are at most
+    `FEW` of all, or ``at_once`` if one row of a log is that many. With them, the column's spread is
+    more than `WIDER` times that of the others. A column with 95 of 100 numbers equal has none. NaN
+    is none.
 
-    They may be faults, or moves that are rare, such as a gripper that closes once: `recurs` tells these apart.
+    They may be faults, or rare moves, such as a gripper that closes once: `recurs` tells these
+    apart.
     """
     given = np.asarray(numbers, np.float64)
     found = np.zeros(given.shape, dtype=bool)
@@ -45,7 +47,7 @@ def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool
 
 
 def recurs(far: npt.ArrayLike, episodes: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return of which columns the numbers that are far lie in several episodes, shape (d,).
+    """Return the columns whose far numbers lie in several episodes, shape (d,).
 
     ``far`` has shape (n, d), ``episodes`` (n,).
     """

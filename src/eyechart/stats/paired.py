@@ -1,4 +1,4 @@
-"""Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
+"""Exact tests and intervals on pairs: whether the same frames got other answers."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
 ENUMERATED_STATES = 20_000
-"""Up to so many distinct outcomes a null distribution is enumerated instead of sampled."""
+"""Up to this number of distinct outcomes a null distribution is enumerated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignTest(Statistic):
-    """A sign test with its counts of frames in which the first is larger, smaller, and the same."""
+    """A sign test, with the numbers of frames in which the first is larger, smaller and equal."""
 
     wins: int
     losses: int
@@ -27,14 +27,14 @@ class SignTest(Statistic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoxedTurns(Statistic):
-    """How often it turns where neither side is clear, less half of how often where one is; it ``turned`` so often."""
+    """The rate of turns with no side clear, less half of that with one; ``turned`` counts them."""
 
     turned: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discordant(Statistic):
-    """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first outcome, ``c`` only the second."""
+    """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first, ``c`` the second."""
 
     b: int
     c: int
@@ -47,12 +47,12 @@ class Discordant(Statistic):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One part of what was shown, and how braking answers to the lead there.
+    """One part of the pictures, and how braking depends on the lead there.
 
-    ``of`` says what it is a part by: the scenario, the range, the lanes. On ``harder`` of ``frames`` frames it brakes
-    harder for the nearer lead, on ``lesser`` less hard; ``effect`` is the mean of these signs, with its one-sided
-    bounds ``low`` and ``high``. ``beside`` is what a vehicle of a neighbouring lane does there less half of what the
-    lead does, and ``beside_low`` its bound.
+    ``of`` is the kind of part: the scenario, the range, the lanes. On ``harder`` of ``frames``
+    frames it brakes harder for the nearer lead, on ``lesser`` less hard. ``effect`` is the mean of
+    these signs, with one-sided bounds ``low`` and ``high``. ``beside`` is the effect of a vehicle
+    in a neighbouring lane less half of the lead's, and ``beside_low`` its bound.
     """
 
     of: str
@@ -68,7 +68,7 @@ class Place:
 
     @property
     def where(self) -> str:
-        """Return in words where it is."""
+        """Return the part's name in words."""
         if self.of == "range":
             return f"from {self.name}"
         return f"in `{self.name}`" if self.of == "scenario" else f"where {self.of} is {self.name}"
@@ -79,14 +79,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Places(Statistic):
-    """How many parts of what was shown are of one kind, out of ``n``; ``places`` are these."""
+    """The number of parts of one kind with a property, out of ``n``; ``places`` lists them."""
 
     places: tuple[Place, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelSwap(Statistic):
-    """A label swap test with how often each label came under either condition."""
+    """A label swap test with each label's count under either condition."""
 
     first: tuple[int, ...]
     second: tuple[int, ...]
@@ -95,10 +95,10 @@ class LabelSwap(Statistic):
 def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> SignTest:
     """Test exactly and one-sidedly whether ``first`` exceeds ``second`` within frames.
 
-    Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value`` is the
-    share of the discordant pairs in which the first is larger, with its Clopper-Pearson interval; ``n``
-    counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no pair is discordant (the
-    value is then None). ``detail``: the mean difference over all pairs.
+    Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value``
+    is the share of the discordant pairs in which the first is larger, with its Clopper-Pearson
+    interval; ``n`` counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no
+    pair is discordant (the value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """
     a, b = _pair(first, second)
@@ -121,11 +121,11 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
 
 
 def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alpha: float = 0.10) -> Statistic:
-    """Test whether wins exceed losses by more than ``margin`` of the pairs: an effect that is worth the name.
+    """Test whether wins exceed losses by more than ``margin`` of the pairs: a relevant effect.
 
-    ``value`` is (wins - losses) / pairs; ``p`` belongs to the null "``margin`` or less" (Tango's score test,
-    one-sided), and ``ci`` is two-sided at 1 - 2 alpha, so that its lower end is the one-sided bound and reaches the
-    margin exactly when p <= alpha. ValueError where the counts do not fit.
+    ``value`` is (wins - losses) / pairs. ``p`` belongs to the null "``margin`` or less" (Tango's
+    score test, one-sided). ``ci`` is two-sided at 1 - 2 alpha, so its lower end is the one-sided
+    bound and reaches the margin exactly when p <= alpha. ValueError if the counts do not fit.
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -140,11 +140,11 @@ def stratified_association(
 ) -> Statistic:
     """Test exactly and one-sidedly whether two 0/1 outcomes go together within groups.
 
-    Three sequences of one length, position by position about the same frame. The margins of each group's table are
-    held, so that a group in which either outcome never varies says nothing. ``value`` is the share of the frames of the
-    other groups in which the outcomes are equal, with its Clopper-Pearson interval, and ``n`` counts these frames;
-    ``p`` is that of the sum of both ones over the groups, each hypergeometric (the exact form of Mantel and Haenszel's
-    test, Birch 1964).
+    Three sequences of one length, in the same order of frames. Each group's margins are fixed, so a
+    group in which either outcome never varies adds nothing. ``value`` is the share of the other
+    groups' frames in which the outcomes are equal, with its Clopper-Pearson interval. ``n`` counts
+    these frames. ``p`` is that of the number of joint ones, summed over groups, each
+    hypergeometric. It is the exact form of Mantel and Haenszel's test (Birch 1964).
     """
     a, b = _pair(first, second)
     method = "equal within group; p: exact conditional test over the groups' tables, one-sided"
@@ -168,9 +168,9 @@ def stratified_association(
 def mcnemar_exact(b: int, c: int) -> Statistic:
     """Test exactly and two-sidedly whether the two kinds of discordant pair are equally frequent.
 
-    ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the smaller
-    tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; ValueError for a negative
-    count. Source: section Symmetry consensus recovers a longitudinal guardian.
+    ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the
+    smaller tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; ValueError for a
+    negative count. Source: section Symmetry consensus recovers a longitudinal guardian.
     """
     if b < 0 or c < 0:
         raise ValueError(f"discordant counts b={b} and c={c} must not be negative")
@@ -184,11 +184,13 @@ def mcnemar_exact(b: int, c: int) -> Statistic:
 def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test whether two conditions give the same marginal distribution of labels on the same frames.
 
-    String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels of the
-    squared differences of marginal counts; the null swaps the two labels within each frame at random, which
-    needs no assumption about how frames depend on one another beyond that. ``n`` counts the pairs. ``p`` is
-    two-sided: enumerated where the distinct outcomes are at most `ENUMERATED_STATES` (always with 12 or
-    fewer discordant pairs), else (k+1)/(B+1). ``detail``: labels, both marginals, discordant pairs.
+    String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels
+    of the squared differences of marginal counts. The null swaps the two labels within each frame
+    at random, and assumes nothing else about the dependence of frames.
+
+    ``n`` counts the pairs. ``p`` is two-sided. It is exact with at most `ENUMERATED_STATES`
+    distinct outcomes (always so with 12 or fewer discordant pairs), else (k+1)/(B+1). ``detail``
+    has the labels, both marginals and the discordant pairs.
     """
     names, counts = _pair_counts(first, second)
     n, labels = int(counts.sum()), len(names)
@@ -227,9 +229,10 @@ def paired_difference(first: npt.ArrayLike, second: npt.ArrayLike, *, level: flo
 def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95) -> Statistic:
     """Return the paired difference of proportions (b - c)/n with Tango's score interval (1998).
 
-    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval stays honest
-    for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level`` is two-sided; 0.98
-    gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds n.
+    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval is
+    valid for small n. Without a discordant pair it is +-z^2/(n + z^2). ``level`` is two-sided; 0.98
+    gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds
+    n.
     """
     if b < 0 or c < 0 or b + c > n:
         raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
@@ -246,12 +249,13 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
 def bounded_below(
     first: npt.ArrayLike, second: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01
 ) -> Statistic:
-    """Test whether mean(first) - mean(second) lies below ``margin``: a claim of absence that needs evidence.
+    """Test whether mean(first) - mean(second) lies below ``margin``: evidence of absence.
 
-    Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is ``margin`` or
-    more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that its upper end is the
-    one-sided bound and lies below the margin exactly when p < alpha, which ``detail["bounded"]`` repeats.
-    ValueError for a margin outside (0, 1) or an ``alpha`` outside (0, .5).
+    Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is
+    ``margin`` or more" (Tango's score test, one-sided). ``ci`` is two-sided at 1 - 2 alpha, so its
+    upper end is the one-sided bound. It lies below the margin exactly when p < alpha, which
+    ``detail["bounded"]`` repeats. ValueError for a margin outside (0, 1) or an ``alpha`` outside
+    (0, .5).
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -265,10 +269,10 @@ def bounded_below(
 
 
 def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: float = 0.01) -> int:
-    """Return how many pairs bound a difference below ``margin`` when it is 0 and looks it.
+    """Return how many pairs bound a difference of 0 below ``margin``.
 
-    ``disagreement`` is the share of discordant pairs, split evenly. For an `undecided` verdict: so many
-    frames would decide. ValueError when the disagreement is outside [0, 1].
+    ``disagreement`` is the share of discordant pairs, split evenly. It serves an `undecided`
+    verdict: this number of frames would decide. ValueError when the disagreement is outside [0, 1].
     """
     if not 0 <= disagreement <= 1 or not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"no such design: disagreement={disagreement}, margin={margin}, alpha={alpha}")
@@ -302,8 +306,8 @@ def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, 
 def _fair_coin_tail(k: int, n: int) -> float:
     """Return P(Bin(n, 1/2) >= k) for 0 <= k <= n, exact in integers until the last division.
 
-    The shorter tail is summed, and each number of ways follows from the one before: a `math.comb` for each takes
-    minutes at 50 000 pairs.
+    The shorter tail is summed, and each number of ways follows from the one before: a `math.comb`
+    for each takes minutes at 50 000 pairs.
     """
     complement = 2 * k <= n
     ways, term = 0, 1
@@ -314,7 +318,7 @@ def _fair_coin_tail(k: int, n: int) -> float:
 
 
 def _hypergeometric(ones: int, others: int, n: int) -> npt.NDArray[np.float64]:
-    """Return the chances of each number of both, from the least on, where ``n`` frames hold these of either kind."""
+    """Return the hypergeometric chances of each overlap of two subsets of ``n`` frames."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
     both = np.arange(max(0, ones + others - n), min(ones, others) + 1)
@@ -337,7 +341,7 @@ def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[obje
 
 
 def _moves(counts: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
-    """Return for each pair of labels that ever exchange: i, j, moves from i to j, moves from j to i."""
+    """Return for each pair of exchanged labels: i, j, moves from i to j, moves from j to i."""
     pairs = zip(*np.triu_indices(len(counts), k=1), strict=True)
     moves = [(int(i), int(j), int(counts[i, j]), int(counts[j, i])) for i, j in pairs]
     return [move for move in moves if move[2] + move[3]]
@@ -354,7 +358,7 @@ def _squared_difference(
 
 
 def _net_moves(sizes: list[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Return every outcome of the swaps: net moves, shape (states, pairs), and their probabilities."""
+    """Return every outcome of the swaps: net moves, shape (states, pairs), and probabilities."""
     nets, weights = np.zeros((1, 0), dtype=np.int64), np.ones(1)
     for size in sizes:
         net = 2 * np.arange(size + 1) - size

@@ -1,4 +1,4 @@
-"""Whose channel a frame is shown: partners of other episodes, each used as often as any, or of a similar state."""
+"""Partners: frames of other episodes, balanced or at a similar state, that lend a channel."""
 
 from collections.abc import Sequence
 
@@ -11,19 +11,20 @@ Places = npt.NDArray[np.intp]
 _Marks = npt.NDArray[np.bool_]
 
 NOBODY = -1
-"""Stands for the partner of a frame that has none."""
+"""The partner of a frame without one."""
 SIMILAR = 0.10
-"""Two states are similar where their squared distance is at most this share of that of two states drawn at random."""
+"""States are similar if their squared distance is at most this share of two random states'."""
 _ROUNDS = 20
 
 
 def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, seed: int) -> Places:
-    """Return for each frame the place of its partner, shape (n,): of another episode, and with another value.
+    """Return each frame's partner of another episode and value, as a place, shape (n,).
 
-    ``episodes`` and ``values`` are labels, one a frame. The partners are a random exchange, so that each frame is the
-    partner of one other; where there is no such exchange (an episode of more than half the frames, values of unequal
-    number) the frames that it leaves over get any partner that fits. A frame gets `NOBODY` only where no frame of
-    another episode has another value. ValueError where the lengths differ.
+    ``episodes`` and ``values`` are labels, one a frame. The partners are a random exchange, so each
+    frame is the partner of one other. Sometimes no such exchange exists: an episode has more than
+    half of the frames, or values differ in number. Then the frames left over get any partner that
+    fits. A frame gets `NOBODY` only if no frame of another episode has another value. ValueError if
+    the lengths differ.
     """
     if len(episodes) != len(values):
         raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
@@ -54,11 +55,12 @@ def matched_partners(
     *,
     within: float = SIMILAR,
 ) -> Places:
-    """Return for each frame the place of the frame of another episode whose state is nearest, shape (n,).
+    """Return each frame's nearest frame by state in another episode, as a place, shape (n,).
 
-    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. Where ``values`` are
-    given, labels of one a frame, the other frame has another. `NOBODY` where none is similar: nearer than a share
-    ``within`` of the squared distance of two states at random. ValueError where the lengths differ.
+    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. With
+    ``values``, one label a frame, the other frame's value differs. `NOBODY` if none is similar:
+    within a share ``within`` of the squared distance of two random states. ValueError if the
+    lengths differ.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
@@ -75,12 +77,13 @@ def matched_partners(
 def near_partners(
     episodes: Sequence[object], states: npt.ArrayLike, matched: Places, values: Sequence[object] | None = None
 ) -> Places:
-    """Return for each frame the place of one of its own episode, as far off in its state as its match, shape (n,).
+    """Return a frame of each frame's own episode, as far off by state as its match, shape (n,).
 
-    ``matched`` are `matched_partners` of the same ``values``. Of all other frames of the episode that have another it
-    is the one that falls least short of the match, number by number of the state: what a smaller change of pose brings
-    about says nothing of a larger one, nor that of a gripper of that of an arm. Of several it is the nearest. `NOBODY`
-    where a frame has no match, or no such frame is there.
+    ``matched`` are `matched_partners` of the same ``values``. Candidates are other frames of the
+    episode with another value. The chosen one falls least short of the match, in each number of the
+    state; among equals it is the nearest. The reason: a small change of pose cannot speak for a
+    larger one, nor a gripper's change for an arm's. `NOBODY` for a frame without a match or a
+    candidate.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     found = np.full(len(episode), NOBODY)
@@ -95,11 +98,11 @@ def near_partners(
 
 
 def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> npt.NDArray[np.float64]:
-    """Return for each number of the state the ratio of two mean squared changes, shape (d,).
+    """Return for each number of the state a ratio of mean squared changes, shape (d,).
 
-    That of ``frames`` to their partners of their own episode over that to their matches; ``states`` has shape (n, d),
-    the others are places in it. Below 1 a change of that number is smaller than the match's. Infinite for a number that
-    no match changes.
+    It is the change of ``frames`` to own-episode partners over that to their matches. ``states``
+    has shape (n, d); the others are places in it. Below 1, a number changes less than to the match.
+    Infinite for a number that no match changes.
     """
     given = np.asarray(states, np.float64)
     own, theirs = (((given[places] - given[frames]) ** 2).mean(axis=0) for places in (near, matched))
@@ -108,7 +111,7 @@ def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places
 
 
 def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return states in units of their spread over the frames; ValueError where they are not one row a frame."""
+    """Return states in units of their spread over frames; ValueError unless one row a frame."""
     given = np.asarray(states, np.float64)
     if given.ndim != 2 or len(given) != len(episodes):
         raise ValueError(f"{len(episodes)} episodes and states of shape {given.shape}: give one row a frame")
@@ -117,7 +120,7 @@ def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np
 
 
 def _valued(episodes: Sequence[object], values: Sequence[object] | None) -> Places:
-    """Return values as numbers, one a frame; without any each frame has its own."""
+    """Return values as numbers, one a frame; without any, each frame has its own."""
     if values is not None and len(values) != len(episodes):
         raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
     return np.arange(len(episodes)) if values is None else _numbered(values)

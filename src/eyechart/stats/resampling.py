@@ -1,4 +1,4 @@
-"""What chance alone would give: permutation p values and Holm's correction."""
+"""Results by chance alone: permutation p values and Holm's correction."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ Floats = npt.NDArray[np.float64]
 def permutation_p(exceedances: int, resamples: int) -> float:
     """Return (k+1)/(B+1), the p of a test by random permutation (Phipson and Smyth 2010).
 
-    ``exceedances`` k counts the B ``resamples`` at least as extreme as the data. The smallest value is
-    1/(B+1), never 0. ValueError unless 0 <= k <= B and B >= 1.
+    ``exceedances`` k counts the B ``resamples`` at least as extreme as the data. The smallest value
+    is 1/(B+1), never 0. ValueError unless 0 <= k <= B and B >= 1.
     """
     if not 0 <= exceedances <= resamples or resamples < 1:
         raise ValueError(f"need 0 <= exceedances <= resamples, got {exceedances} of {resamples}")
@@ -24,11 +24,11 @@ def permutation_p(exceedances: int, resamples: int) -> float:
 def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
     """Test mutual information by i.i.d. permutation of the labels (the paper's rule).
 
-    ``tables`` is a matrix of counts, or a stack of shape (strata, rows, columns) over the same rows and
-    columns: labels are then permuted within each stratum and the information is that of the summed table.
-    ``value`` is the plug-in information in bits, ``p`` one-sided (k+1)/(B+1). One row or one column: value
-    0, p 1; no observations: None. It treats frames as independent: across autocorrelated episodes it
-    rejects far too often, see `exchange.exchange_mi_test`.
+    ``tables`` is a matrix of counts, or a stack of shape (strata, rows, columns) over the same rows
+    and columns. With a stack, labels are permuted within each stratum, and the information is that
+    of the summed table. ``value`` is the plug-in information in bits, ``p`` one-sided (k+1)/(B+1).
+    One row or one column: value 0, p 1; no observations: None. It treats frames as independent.
+    Across autocorrelated episodes it rejects far too often, see `exchange.exchange_mi_test`.
     """
     stack = _stack(tables)
     total = stack.sum(axis=0)
@@ -51,12 +51,13 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
 
 
 def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
-    """Return how often two series of one set of labels agree when one of them stands in random order.
+    """Return the expected agreement of two series with one of them in random order.
 
-    ``table``, shape (k, k), counts how often label i of one meets label j of the other. ``value`` is what is expected
-    of a random order (exact), ``ci`` holds 95 % of the ``resamples`` orders, and ``p`` is one-sided, (k+1)/(B+1): of an
-    order that agrees at least as often as the observed one, which is in ``detail``. None of an empty table. Source:
-    paper, section Results (decision-level replay).
+    ``table``, shape (k, k), counts how often label i of one meets label j of the other. ``value``
+    is the exact expectation over random orders, and ``ci`` holds 95 % of the ``resamples`` orders.
+    ``p`` is one-sided, (k+1)/(B+1): for an order that agrees at least as often as the observed one,
+    which is in ``detail``. None for an empty table. Source: paper, section Results (decision-level
+    replay).
     """
     counts = np.asarray(table, dtype=np.int64)
     n, method = int(counts.sum()), f"the same decisions in random order, 95% of {resamples} orders"
@@ -68,16 +69,17 @@ def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000)
     detail = {"labels": len(counts), "observed": observed / n}
     p = permutation_p(int(np.count_nonzero(drawn >= observed)), resamples)
     expected = float(counts.sum(axis=1) @ counts.sum(axis=0)) / n**2
-    ci = min(low, expected), max(high, expected)  # where nearly all orders agree alike, the mean may lie outside
+    # If nearly all orders agree equally often, the mean may lie outside the quantiles.
+    ci = min(low, expected), max(high, expected)
     return Statistic(expected, n, ci, p, method, detail=detail)
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return Holm's adjusted p values in the given order (Holm 1979).
 
-    A None, a test that was not made, stays None and does not count in the size of the family; a constant
-    model that belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on the others. ValueError for
-    a p outside [0, 1].
+    A None (no test) stays None and does not count in the size of the family. A constant model that
+    belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on the others.
+    ValueError for a p outside [0, 1].
     """
     made = [(p, place) for place, p in enumerate(p_values) if p is not None]
     for p, place in made:
@@ -92,7 +94,7 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
 
 
 def ratio_of_sums(sums: Floats) -> Floats:
-    """Return the first sum over the second, shape (resamples,), NaN where the second is 0.
+    """Return the ratio of two sums, shape (resamples,), NaN if the second is 0.
 
     ``sums`` has shape (resamples, 2): with columns (disagreements, frames) it is a pooled rate.
     """
@@ -111,7 +113,7 @@ def _stack(tables: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _random_tables(stack: npt.NDArray[np.int64], resamples: int, seed: int) -> npt.NDArray[np.int64]:
-    """Return tables of the same margins, stratum by stratum, summed; shape (resamples, rows, columns)."""
+    """Return tables with the same margins, summed over strata; (resamples, rows, columns)."""
     if resamples < 1:
         raise ValueError(f"resamples={resamples}: ask for at least one")
     from scipy import stats  # noqa: PLC0415 - slow to import

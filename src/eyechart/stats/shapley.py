@@ -1,4 +1,4 @@
-"""Shapley values: what an interaction of several parts is worth is divided among them, alike for all."""
+"""Shapley values: a fair division of an interaction's worth among its parts."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -19,11 +19,11 @@ def subsets(names: Sequence[str]) -> tuple[Subset, ...]:
 def shapley_values(worth: Mapping[Subset, npt.ArrayLike]) -> dict[str, Floats]:
     """Return the Shapley value of each part from the worth of every subset, exactly.
 
-    ``worth`` has an array of one shape for each subset, the empty one too, and the values have that shape. They add up
-    to the worth of all parts less that of none; what two parts are worth only together is halved between them, and so
-    on. ValueError where a subset is missing.
-
-    Source: Shapley 1953; of shares of variance, Owen 2014 (SIAM/ASA J. Uncertainty Quantification 2, 245-251).
+    ``worth`` has an array of one shape for each subset, also the empty one, and the values have
+    that shape. They add up to the worth of all parts less that of none. A worth that two parts have
+    only together is halved between them, and so on. ValueError if a subset is missing. Source:
+    Shapley 1953; of shares of variance, Owen 2014 (SIAM/ASA J. Uncertainty Quantification 2,
+    245-251).
     """
     names = sorted(frozenset().union(*worth))
     if missing := set(subsets(names)) - set(worth):
@@ -38,5 +38,5 @@ def shapley_values(worth: Mapping[Subset, npt.ArrayLike]) -> dict[str, Floats]:
 
 
 def _weight(size: int, names: int) -> float:
-    """Return in which share of all orders a part comes right after a subset of a size."""
+    """Return the share of orders in which a part comes right after a subset of a size."""
     return factorial(size) * factorial(names - size - 1) / factorial(names)

@@ -1,4 +1,4 @@
-"""Kinds of statistics about a controller's motions: what a rule reads of them beside value, interval and p."""
+"""Kinds of statistics about a controller's motions: the fields that rules read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -10,14 +10,16 @@ from eyechart.stats.statistic import Statistic
 
 @dataclass(frozen=True, slots=True)
 class Share(Statistic):
-    """A share of what a controller does; what was not looked at is None.
+    """A share of a controller's variation; None in a field means not computed.
 
-    ``episodes`` is how many bound it, ``lost`` the share of its calls without a motion, ``same`` that of its answers
-    of which not one bit changes. ``scatter`` is by how much of the variation the answers scatter otherwise, with
-    ``scatter_p``; ``carried`` names the numbers and steps of an answer that go with it although their mean does not;
-    ``texts`` holds what was told most often, and in its place; ``still`` the numbers that never change; ``seeds`` how
-    many were asked. ``bytes`` is the share that other bytes of the same pictures change, where that is something: then
-    the lower end is of what goes beyond it. ``alike`` says that all answers are the same.
+    ``episodes`` is the number behind the bound, ``lost`` the share of calls without a motion,
+    ``same`` the share of bit-identical answers. ``scatter`` is the change in the answers' spread as
+    a share of the variation, with ``scatter_p``. ``carried`` names the dimensions and steps that
+    change although the mean does not. ``texts`` holds the most frequent instruction and its
+    replacement. ``still`` names the numbers that never change; ``seeds`` counts the seeds.
+
+    ``bytes`` is the share that other bytes of the same pictures change, if any; the lower end is
+    then of the rest. ``alike`` says that all answers are equal.
     """
 
     episodes: int | None = None
@@ -35,10 +37,11 @@ class Share(Statistic):
 
 @dataclass(frozen=True, slots=True)
 class Followed(Share):
-    """How far something that was moved is followed.
+    """How far a moved object is followed.
 
-    ``smallest_p`` is the least that the episodes allow, ``heading`` the cosine of its way and that of what was moved;
-    ``parts`` tells by what was told and by axis how much it is: ``value``, ``at_most`` and ``episodes``.
+    ``smallest_p`` is the least p that the episodes allow. ``heading`` is the cosine between the
+    ways of the answer and of the object. ``parts`` gives ``value``, ``at_most`` and ``episodes`` by
+    instruction and by axis.
     """
 
     smallest_p: float | None = None
@@ -47,12 +50,12 @@ class Followed(Share):
 
     @property
     def least(self) -> tuple[str, Mapping[str, float]] | None:
-        """Return the part that is at most the least, with its name."""
+        """Return the part with the least upper end, with its name."""
         return min(self.parts.items(), key=lambda one: one[1]["at_most"]) if self.parts else None
 
     @property
     def evenly(self) -> float | None:
-        """Return what the least part is at most, as a share of the whole; None where there is none."""
+        """Return the upper end of the least part as a share of the whole; None without parts."""
         return self.least[1]["at_most"] / self.value if self.least and self.value and self.value > 0 else None
 
 
@@ -60,8 +63,9 @@ class Followed(Share):
 class Misfit(Share):
     """How far motions are from logged ones.
 
-    ``offset`` is how many spreads the mean of the number ``offset_of`` is away, ``spread`` by what factor the spread of
-    ``spread_of`` is another; ``far_off`` moments are left out, in which the log's own ``far_off_of`` are far off.
+    ``offset`` is the distance of the means of ``offset_of``, in spreads. ``spread`` is the ratio of
+    the spreads of ``spread_of``. ``far_off`` moments are left out, because the log's ``far_off_of``
+    lie far off there.
     """
 
     offset: float | None = None
@@ -76,12 +80,12 @@ Kind = TypeVar("Kind", bound=Statistic)
 
 
 def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
-    """Return a statistic as one of another kind, with the fields that both have and further numbers."""
+    """Return a statistic as another kind, with the shared fields and further numbers."""
     kinds: tuple[type, type] = (type(one), kind)
     return kind(**{name: getattr(one, name) for name in _shared(*kinds)} | numbers)
 
 
 @cache
 def _shared(one: type, kind: type) -> frozenset[str]:
-    """Return the names of the fields that two kinds have."""
+    """Return the names of the fields that both kinds have."""
     return frozenset(each.name for each in fields(one)) & frozenset(each.name for each in fields(kind))

@@ -1,4 +1,4 @@
-"""A statistic is a number that travels with its n, its interval and its p; the number may be None."""
+"""A statistic: a number with its n, its interval and its p; the number may be None."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -7,22 +7,24 @@ from typing import Self
 from eyechart.records import picked, plain
 
 CHUNK_BYTES = 2**24
-"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
+"""Bytes of resamples drawn at a time; the draws do not depend on it."""
 
 TIE = 1e-9
-"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
+"""Resampled statistics within this relative distance of the observed one are ties."""
 
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """A value with the evidence behind it.
+    """A value with its evidence.
 
-    ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
-    the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``, which holds the value:
-    ValueError where it does not, because it is then of something else. ``p`` is None where no test was made. ``unit``
-    is that of the value, empty for a share or another pure number. ``detail`` holds further plain numbers (a table, bin
-    sizes, a rival variant) for whoever audits the value; numbers that are read by a rule are fields of a kind of
-    Statistic, and stand in the JSON of ``detail`` too.
+    ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n``
+    counts the observations behind the value. ``ci`` is a two-sided interval of this ``level``. It
+    must hold the value, else ValueError, because it would belong to something else. ``p`` is None
+    if there was no test. ``unit`` is that of the value, empty for a share or another pure number.
+
+    ``detail`` holds further plain numbers (a table, bin sizes, a rival variant) for an audit of the
+    value. Numbers that a rule reads are fields of a kind of Statistic, and are in the JSON of
+    ``detail`` too.
     """
 
     value: float | None
@@ -37,7 +39,7 @@ class Statistic:
 
     @property
     def is_sound(self) -> bool:
-        """Return whether the interval, if there is one, holds the value, but for rounding."""
+        """Return whether the interval, if there is one, holds the value up to rounding."""
         if self.ci is None or self.value is None:
             return True
         rounding = TIE * max(1.0, abs(self.value))
@@ -50,23 +52,23 @@ class Statistic:
         return {**picked(self, "value n ci p method note"), "detail": detail or None}
 
     def less(self, by: float) -> Self:
-        """Return the value and its interval moved down by as much, as what of a share is explained otherwise."""
+        """Return the value and its interval moved down by an amount that has another cause."""
         ci = None if self.ci is None else (self.ci[0] - by, self.ci[1] - by)
         return replace(self, value=None if self.value is None else self.value - by, ci=ci)
 
 
 @dataclass(frozen=True, slots=True)
 class UpperBound(Statistic):
-    """A rate that is bounded from above alone; of a rate per frame ``longest`` bounds the frames of an episode."""
+    """A rate with an upper bound only; ``longest`` is the longest episode of a rate per frame."""
 
     longest: int | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What was measured of one model in one place: a bank, or a world that it drove in.
+    """The statistics of one model in one place: a bank, or a simulator.
 
-    ``unfinished`` says in words what its run lacks, and is empty where it lacks nothing.
+    ``unfinished`` describes what its run lacks; empty if nothing.
     """
 
     model: str
@@ -86,7 +88,7 @@ def cannot_say(why: str, n: int = 0, method: str = "") -> Statistic:
 
 
 def chunks(rows: int, width: int) -> Iterator[slice]:
-    """Yield slices that cover the rows of a matrix so wide, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
+    """Yield slices of the rows of a matrix, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
     step = max(1, CHUNK_BYTES // (8 * max(1, width)))
     for start in range(0, rows, step):
         yield slice(start, min(start + step, rows))

@@ -1,8 +1,8 @@
-"""How much of a controller's own variation goes when one of its channels is exchanged: a total-effect share.
+"""Total-effect shares: how much of a controller's own variation goes with one of its channels.
 
-Answers are arrays of shape (answers, frames, …): so many answers of equal standing to each frame, in units of scale.
-One answer is enough of a controller that answers alike whenever it is asked alike; of one that draws its answers, two
-or more let its noise cancel.
+Answers are arrays of shape (answers, frames, …), in units of scale; the answers to a frame are
+exchangeable. One answer is enough for a deterministic controller. For one that draws its answers,
+two or more let the noise cancel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,29 +19,30 @@ Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
 LEVEL = 0.98
-"""Each end of an interval is passed with a chance of .01."""
+"""Each end of an interval is exceeded with a chance of .01."""
 
 _SURE = 2.0
-"""A share so many standard errors above 0 has an interval on the scale of its logarithm alone."""
+"""From this number of standard errors above 0, the interval is on the log scale alone."""
 _MOST_EXPONENT = 50.0
 ROUNDING = 1e-4
-"""What varies less than this share of what it is held against is the same, but for rounding."""
+"""Variation below this share of its reference is rounding."""
 
 
 _MOVES = 0.1
-"""And from this share on the log itself moves it."""
+"""From this share on, the log itself moves a dimension."""
 
 
 LAST_BITS = 1e-6
-"""A few last bits of a number in single precision, as a share of it."""
+"""The last bits of a single-precision number, as a share of it."""
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Half the squared distance of two answers, frame by frame, and the episodes that it belongs to.
+    """Half the squared distance of two answers, frame by frame, and their two episodes.
 
-    ``values``, shape (n,), is in units of scale squared; ``owner`` and ``partner``, shape (n,), number the episode of
-    the frame, and that of the frame whose channel was shown or whose answer it is compared with.
+    ``values``, shape (n,), is in units of scale squared. ``owner``, shape (n,), is the number of
+    the frame's episode. ``partner``, shape (n,), is that of the frame that lends its channel or
+    answer.
     """
 
     values: Floats
@@ -53,7 +54,7 @@ class Pairs:
             raise ValueError("give one finite value, one owner and one partner a frame")
 
     def table(self, episodes: int) -> tuple[Floats, Floats]:
-        """Return the sum and the count of the values by owner and partner, each of shape (episodes, episodes)."""
+        """Return sum and count of the values by owner and partner, each (episodes, episodes)."""
         place, size = self.owner * episodes + self.partner, episodes * episodes
         sums = np.bincount(place, self.values, size).reshape(episodes, episodes)
         counts = np.bincount(place, minlength=size).reshape(episodes, episodes).astype(np.float64)
@@ -61,11 +62,11 @@ class Pairs:
 
 
 def half_squares(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
-    """Return half the mean squared difference of two answers to each frame, shape (n,), net of noise.
+    """Return half the mean squared difference of two answers to each frame, net of noise.
 
-    Both have shape (k, n, …), with as many answers. With one answer it is ``½ |r - s|²``; with more, the mean of
-    ``½ ⟨rₐ - sₐ, r_b - s_b⟩`` over a ≠ b, whose expectation has no noise in it, and which may be negative. ValueError
-    where the shapes differ.
+    The result has shape (n,); both have shape (k, n, …). With one answer it is ``½ |r - s|²``. With
+    more, it is the mean over a ≠ b of ``½ ⟨rₐ - sₐ, r_b - s_b⟩``. Its expectation has no noise in
+    it, and it may be negative. ValueError if the shapes differ.
     """
     r, s = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if r.shape != s.shape or r.ndim < 3:
@@ -85,19 +86,22 @@ def half_products(r: Floats, s: Floats) -> Floats:
 def total_effect(
     effect: Pairs, variation: Pairs, *, sampled: bool = False, signed: bool = False, level: float = LEVEL
 ) -> Statistic:
-    """Return the share of a controller's variation that goes with a channel: mean(effect) / mean(variation).
+    """Return the share of a controller's variation that goes with a channel.
 
-    ``effect`` holds the half squared distances of answers with and without the channel exchanged, ``variation`` those
-    of answers to a frame and to another episode's. Episodes are numbered alike in both. The standard error is a
-    jackknife that leaves each episode out, both as owner and as partner; the interval is t with episodes - 1 degrees of
-    freedom, on the scale of the logarithm. With ``sampled``, where noise can make the share negative, the upper end is
-    never below the plain one, and the lower one of a share below 0 is that share; with ``signed``, of a share that may
-    truly be negative, it is the plain one, both ends.
-    The share is of an intervention: channels that tell the same may each have none, or each all, and it may exceed 1.
-    ``n`` counts the frames. None below three episodes, and where the controller does not vary.
+    It is mean(effect) / mean(variation). ``effect`` holds the half squared distances of answers
+    with and without the channel exchanged. ``variation`` holds those between a frame and another
+    episode's. Both number the episodes in the same way. The share is of an intervention: channels
+    with the same information may each have none, or each all, and it may exceed 1.
 
-    Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs (Fafchamps and Gubert
-    2007). Measured in docs/decisions/policies.md.
+    The standard error is a jackknife that leaves each episode out, both as owner and as partner.
+    The interval is t with episodes - 1 degrees of freedom, on the scale of the logarithm. With
+    ``sampled``, noise can make the share negative. The upper end is then never below the plain one,
+    and the lower end of a share below 0 is that share. With ``signed``, the share may truly be
+    negative, and both ends are the plain ones. ``n`` counts the frames. None below three episodes,
+    and if the controller does not vary.
+
+    Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs
+    (Fafchamps and Gubert 2007). Measured in docs/decisions/policies.md.
     """
     method = f"share of own variation, jackknife over owners and partners, {100 * level:g}% interval"
     episodes = _count(effect, variation)
@@ -120,10 +124,10 @@ def total_effect(
 
 
 def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tuple[int, int]:
-    """Return in how many episodes a channel carries ``least`` of the variation or more, and how many were asked.
+    """Return the number of episodes in which a channel carries ``least`` or more, and of all.
 
-    An episode responds where the mean of its own frames' half squared distances is so large in any of ``effects``.
-    (0, 0) where the controller does not vary.
+    An episode responds if the mean of its frames' half squared distances is that share of the
+    variation in any of ``effects``. (0, 0) if the controller does not vary.
     """
     whole = float(variation.values.mean()) if len(variation.values) else 0.0
     asked, found = set[int](), set[int]()
@@ -136,11 +140,11 @@ def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tupl
 
 
 def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *, level: float = LEVEL) -> Statistic:
-    """Return how much larger the second controller's share is than the first's, about the same frames and partners.
+    """Return how much larger the second controller's share is, on the same frames and partners.
 
-    Each is the ``effect`` and the ``variation`` of `total_effect`. The jackknife leaves each episode out of both, so
-    that what is common to them cancels; interval and p are t with episodes - 1 degrees of freedom. None where either
-    share is.
+    Each is the ``effect`` and the ``variation`` of `total_effect`. The jackknife leaves each
+    episode out of both, so common variation cancels. Interval and p are t with episodes - 1 degrees
+    of freedom. None if either share is.
     """
     method = f"difference of shares, jackknife over owners and partners, {100 * level:g}% interval"
     effect, n = first[0], len(second[0].values)
@@ -164,15 +168,19 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
 
 
 def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float = LEVEL) -> Statistic:
-    """Return by how much a share is larger than another one: (mean(effect) - mean(other)) / mean(variation).
+    """Return how much larger one share is: (mean(effect) - mean(other)) / mean(variation).
 
-    The difference may truly be negative, and both shares are skewed, so that no interval on the scale of its own
-    logarithm, nor a plain one, holds its level. Its ends are the differences d at which the logarithm of ``effect``
-    over ``other`` plus d leaves 0 by t standard errors, of a jackknife that leaves each episode out as owner and as
-    partner, with episodes - 1 degrees of freedom. It holds its own value; without an upper end where that is searched
-    there is none. ``n`` counts the frames. None below three episodes, and where the controller does not vary.
+    The difference may truly be negative, and both shares are skewed. So no interval on the scale of
+    its logarithm, nor a plain one, keeps its level. For each difference d, the logarithm of
+    ``effect`` over (``other`` plus d) is tested against 0. The ends are the d at which it is t
+    standard errors away. The jackknife leaves each episode out as owner and as partner, with
+    episodes - 1 degrees of freedom.
 
-    Source: interval of a difference by inversion (Fieller 1954). Measured in docs/decisions/policies.md.
+    The interval always holds the value; it is None if the search finds no upper end. ``n`` counts
+    the frames. None below three episodes, and if the controller does not vary.
+
+    Source: interval of a difference by inversion (Fieller 1954). Measured in
+    docs/decisions/policies.md.
     """
     method = f"difference of shares by inversion, jackknife over owners and partners, {100 * level:g}% interval"
     every = (effect, other, variation)
@@ -196,13 +204,13 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
 
 
 _DECADES, _STEPS = 4, 2000
-"""How far from a share its bounds are looked for, and in how many steps."""
+"""The range of the search for a share's bounds, in decades, and its steps."""
 
 
 def _inverted(first: float, second: float, left: Floats, quantile: float) -> tuple[float, float] | None:
-    """Return the ends of the difference of two shares; ``left``, shape (2, episodes), holds both without each episode.
+    """Return the ends of the difference of two shares; ``left`` (2, episodes) leaves each out.
 
-    A share that is none is below all that is looked for. None where no upper end is found.
+    A share of 0 lies below the searched range. None if no upper end is found.
     """
     if first <= 0 or (left[0] <= 0).any():
         return 0.0 - second, max(0.0, float(left[0].max()) - second)
@@ -221,12 +229,12 @@ def _inverted(first: float, second: float, left: Floats, quantile: float) -> tup
 
 
 def _count(*pairs: Pairs) -> int:
-    """Return how many episodes are numbered; one may be the partner of a frame and have none among those asked."""
+    """Return the number of episodes; a partner's may have no frame of its own."""
     return max(int(max(np.max(one.owner, initial=-1), np.max(one.partner, initial=-1))) for one in pairs) + 1
 
 
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
-    """Return the mean of all values, and that without each episode, NaN where none is left or it has none."""
+    """Return the mean of all values, and that without each episode (NaN if undefined)."""
     sums, counts = pairs.table(episodes)
     with np.errstate(invalid="ignore", divide="ignore"):
         parts = [one.sum() - one.sum(axis=0) - one.sum(axis=1) + np.diag(one) for one in (sums, counts)]
@@ -246,7 +254,7 @@ def _interval(share: float, wide: float, error: float, *, sampled: bool) -> tupl
 
 
 def t_quantile(level: float, freedom: int) -> float:
-    """Return how many standard errors an interval of this level reaches to either side (Student's t)."""
+    """Return the reach of an interval of this level in standard errors (Student's t)."""
     from scipy import special  # noqa: PLC0415 - slow to import
 
     return float(special.stdtrit(freedom, (1 + level) / 2))
@@ -259,11 +267,11 @@ def _two_sided(t: float, freedom: int) -> float:
 
 
 def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:
-    """Return the p of the hypothesis that exchanging the channel changes nothing at all; None with one answer each.
+    """Return the p of "exchanging the channel changes nothing at all"; None for one answer each.
 
-    Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame stand in any order, so that they are
-    dealt out anew within each frame; the statistic is the sum over frames of the squared distance of the two means.
-    The test is exact for any noise: (j + 1) / (B + 1).
+    Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame are in any order, so
+    they are dealt anew within each frame. The statistic is the sum over frames of the squared
+    distance of the two means. The test is exact for any noise: (j + 1) / (B + 1).
     """
     r, s = (np.asarray(one, np.float64) for one in (first, second))
     k, n = r.shape[:2]
@@ -285,13 +293,16 @@ def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, res
 def scattering(
     first: npt.ArrayLike, second: npt.ArrayLike, variation: float, *, seed: int, resamples: int = 1999
 ) -> tuple[float, float] | None:
-    """Return by how much of the variation the answers to one moment scatter otherwise, and the p that they do.
+    """Return the change in the answers' scatter as a share of the variation, and its p.
 
-    Both have shape (k, n, …), with the channel and with it exchanged; ``variation`` is half the mean squared distance
-    of the answers to two moments. The size is the mean over frames of how far two variances are apart, less what
-    dealing the 2 k answers to a frame out anew brings about, over it; p that of the sum of its squares, (j + 1) /
-    (B + 1). A controller may answer with one mean and another spread, which no difference of means tells. None with one
-    answer each, or without variation.
+    Both have shape (k, n, …), without and with the channel exchanged. ``variation`` is half the
+    mean squared distance of the answers to two moments. The size is the mean over frames of the
+    difference of two variances, over ``variation``. The mean difference when the 2 k answers to a
+    frame are dealt anew is subtracted. p is that of the sum of the squared differences, (j + 1) /
+    (B + 1).
+
+    A controller may answer with the same mean and another spread, which no difference of means
+    shows. None for one answer each, or without variation.
     """
     r, s = (np.asarray(one, np.float64) for one in (first, second))
     k, n = r.shape[:2]
@@ -315,9 +326,10 @@ def scattering(
 def shares_of_parts(
     first: Floats, second: Floats, one: Floats, other: Floats
 ) -> Mapping[str, tuple[float | None, ...]]:
-    """Return the share by ``dimension`` and by ``step`` of the horizon, None where the controller does not vary.
+    """Return the share by ``dimension`` and by ``step`` of the horizon, None without variation.
 
-    Answers of shape (k, frames, steps, dimensions): with the channel, with it exchanged; and of two frames each.
+    The answers have shape (k, frames, steps, dimensions): with the channel, with it exchanged, and
+    of two frames.
     """
     effect, variation = half_products(first, second).mean(axis=0), half_products(one, other).mean(axis=0)
     least = TIE * max(1.0, float(variation.mean()))
@@ -332,10 +344,11 @@ def shares_of_parts(
 
 
 def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike) -> Statistic:
-    """Return which share of a controller's variation is there when nothing changes at all.
+    """Return the share of a controller's variation that is there without any change.
 
-    ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to another episode's.
-    It is the mean squared distance of the first two over that of ``first`` and ``other``; None where those do not vary.
+    ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to
+    another episode's. It is the mean squared distance of the first two over that of ``first`` and
+    ``other``; None if those do not vary.
     """
     a, b, c = (np.asarray(one, np.float64) for one in (first, again, other))
     method = "squared distance of two answers to one frame, over that to another episode's"
@@ -348,10 +361,11 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
 
 
 def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:
-    """Return the mean squared error of answers, over the variance of the logged actions: 0 fits, 1 is their mean's.
+    """Return the mean squared error of answers over the log's variance; 1 is the log's own mean.
 
-    Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and dimension. The interval
-    is a jackknife over episodes on the scale of the logarithm. None without logged actions that vary.
+    Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and
+    dimension. The interval is a jackknife over episodes on the scale of the logarithm. None without
+    logged actions that vary.
     """
     a, b = np.asarray(answers, np.float64), np.asarray(logged, np.float64)
     method = f"squared error over the variance of the logged actions, {100 * level:g}% interval over episodes"
@@ -368,20 +382,21 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
 
 
 def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]:
-    """Return which dimensions are the same in every answer, and are not in the log.
+    """Return the dimensions that never change in the answers, but do in the log.
 
-    Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no movement.
+    Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no
+    movement.
     """
     own, theirs = (np.asarray(one, np.float64).reshape(-1, np.shape(one)[-1]).std(axis=0) for one in (answers, logged))
     return tuple(np.flatnonzero((own < ROUNDING) & (theirs > _MOVES)).tolist())
 
 
 def rounded(answers: npt.ArrayLike) -> Floats:
-    """Return how far two answers to one moment may be apart and be the same but for rounding, shape (dimensions,).
+    """Return the largest difference of answers that is rounding, shape (dimensions,).
 
-    ``answers``, shape (frames, steps, dimensions), are those to different moments: sums in parallel give other last
-    bits each time, of which shares know nothing. Of a dimension that hardly varies it is the last bits of its size in
-    single precision.
+    ``answers``, shape (frames, steps, dimensions), are those to different moments. Parallel sums
+    have other last bits each time, which no share can see. For a dimension that hardly varies, it
+    is the last bits of its size in single precision.
     """
     found = np.asarray(answers, np.float64)
     rows = found.reshape(-1, found.shape[-1])
@@ -389,13 +404,16 @@ def rounded(answers: npt.ArrayLike) -> Floats:
 
 
 def unlikeness(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
-    """Return how far the numbers of a dimension are from the logged ones as a whole, and of which dimension.
+    """Return the largest offset and the largest ratio of spreads to the log, with their dimensions.
 
-    Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
-    logged spread, of the dimensions of which most answers lie half a spread or more outside all that was logged; then
-    the largest ratio of two spreads, above 1 either way, or of two ranges where that is nearer to 1: who closes a
-    gripper rarely, or always, has another mean and another spread, and no other unit. A dimension that was never moved
-    in the log counts in its unit, and has no ratio, nor has one that the controller never moves.
+    Both have shape (n, steps, dimensions), in units of scale. The offset is a distance of means in
+    units of the logged spread. It counts dimensions in which most answers lie at least half a
+    spread outside the logged range. The ratio is of two spreads, above 1 either way, or of two
+    ranges if that is nearer to 1. A gripper that closes rarely, or always, has another mean and
+    spread in the same unit.
+
+    A dimension that never moves in the log has its unit as spread, and no ratio. One that the
+    controller never moves has none either.
     """
     a, b = (one.reshape(-1, one.shape[-1]) for one in (answers, logged))
     spread, own = b.std(axis=0), a.std(axis=0)

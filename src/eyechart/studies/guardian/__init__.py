@@ -1,4 +1,4 @@
-"""The symmetry-consensus guardian: chosen on calibration frames, frozen, and scored on frames that it never saw.
+"""The symmetry-consensus guardian: chosen on calibration frames, frozen, scored on other frames.
 
 Source: section Symmetry-consensus longitudinal guardian.
 """

@@ -1,4 +1,4 @@
-"""A guardian is chosen on calibration frames alone, and frozen; nested, on all episodes but the one that it judges."""
+"""Choose a guardian on calibration frames and freeze it; or nested, leaving each episode out."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -24,16 +24,15 @@ def fit(
     point: Point | None = None,
     costs: Costs | None = None,
 ) -> Frozen:
-    """Choose a committee of ``size`` of the models, and a threshold, on every frame of a table, and freeze them.
+    """Choose a committee of ``size`` models and a threshold on a table's frames, and freeze them.
 
-    ``models`` leaves the choice to these only. ``point`` is the operating point to stand at, two-way where none is
-    given; with ``costs`` that price abstention the point is chosen too. Ties are broken as `TIE_BREAKS` says. Raises
-    GuardianError where the frames do not hold both classes, there are too few models, their run is not finished, or
-    none of them gave a vote.
+    ``models`` limits the candidates. ``point`` is the operating point, two-way by default;
+    ``costs`` with a price of abstention choose it too. `TIE_BREAKS` gives the order of ties. Raises
+    GuardianError if a class is absent, models are too few, a run is unfinished, or no model voted.
     """
     names = _candidates(table, size, models)
     if point is not None and costs is not None and costs.abstention is not None:
-        raise GuardianError("with a cost of abstention the operating point is chosen by the costs: leave out --point")
+        raise GuardianError("with a cost of abstention the costs choose the operating point: leave out --point")
     _require_ready(table, names)
     votes, whole = table.of(names), np.zeros(len(table.frames), dtype=np.int64)
     found = tally(votes, table.hazard, whole, size=size)
@@ -67,23 +66,23 @@ def _candidates(table: VoteTable, size: int, models: Sequence[str]) -> tuple[str
 
 
 def _require_ready(table: VoteTable, models: Sequence[str]) -> None:
-    """Raise GuardianError unless a table has both classes, its run is finished, and one of these models gave a vote."""
+    """Raise GuardianError unless a table has both classes, a finished run, and a vote."""
     require_both(table)
     if words := table.unfinished_words(models):
-        raise GuardianError(f"{words[0]}; finish it, or name the models that are with --model")
+        raise GuardianError(f"{words[0]}; finish it, or name the finished models with --model")
     if (table.of(models) == MISSING).all():
         raise GuardianError(
-            f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so there is nothing "
-            "to choose by; where votes are scene estimates, 'eyechart score' counts why replies hold none"
+            f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so nothing can be "
+            "chosen; for votes from scene estimates, 'eyechart score' counts the reasons"
         )
 
 
 @dataclass(frozen=True)
 class Nested:
-    """What nested leave-one-episode-out found: the choice of each fold, and the pooled answers of all folds.
+    """Nested leave-one-episode-out: the choice of each fold, and the pooled answers of all folds.
 
-    ``folds`` maps the episode that was left out to the models, threshold and operating point that the others chose.
-    ``agreed`` counts the folds that chose what most of them did.
+    ``folds`` maps the left-out episode to the models, threshold and operating point chosen without
+    it. ``agreed`` counts the folds with the most frequent choice.
     """
 
     folds: Mapping[str, tuple[tuple[str, ...], int, str]]
@@ -111,10 +110,10 @@ def nested(
     models: Sequence[str] = (),
     costs: Costs | None = None,
 ) -> Nested:
-    """Choose a committee on all episodes but one, judge that one, and so for each; selection is inside every fold.
+    """Choose a committee without each episode in turn, and judge that episode with it.
 
-    Raises GuardianError below two episodes, where the others of some episode lack a class, for an unfinished run, and
-    where nobody gave a vote.
+    The selection is repeated inside every fold. Raises GuardianError below two episodes, if a class
+    is absent without some episode, for an unfinished run, and if no model voted.
     """
     names = _candidates(table, size, models)
     _require_ready(table, names)

@@ -1,4 +1,4 @@
-"""A frozen guardian: a committee with its threshold, which remembers the frames that chose it and refuses them."""
+"""A frozen guardian: a committee and its threshold, with the frames that chose it."""
 
 import hashlib
 import json
@@ -34,7 +34,7 @@ TIE_BREAKS = f"committees in which every model votes hazard on some frame, then 
 
 _MOST_BYTES = 64_000_000
 NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
-"""By what a frame is known as another one, in words."""
+"""How a frame matches one that chose the guardian, in words."""
 _MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
 _LEFT = {
     NAME: "chose this guardian",
@@ -43,17 +43,18 @@ _LEFT = {
 }
 
 _NAMES = {"single": "best_single_model"}
-"""What a field of a selection is called in the file, where it has another name there."""
+"""Names of a selection's fields in the file, if they differ."""
 _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
 class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=_NAMES):
-    """What chose a guardian: the frames and episodes that it saw, and how.
+    """The choice of a guardian: its frames and episodes, and their scores.
 
-    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
-    counts the committees with their thresholds and operating points. ``single`` is the best single model on the same
-    frames, by its vote on the original picture. ``pictures`` are the digests of the frames' pictures, where the bank
-    records them. ``tie_breaks`` says in words which of equals was taken.
+    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost.
+    ``candidates`` counts the committees with their thresholds and operating points. ``single`` is
+    the best single model on the same frames, by its vote on the original picture. ``pictures`` are
+    the digests of the frames' pictures, if the bank records them. ``tie_breaks`` is the rule for
+    ties.
     """
 
     costs: Costs | None = None
@@ -67,16 +68,16 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def __post_init__(self) -> None:
         if self.tie_breaks not in {TIE_BREAKS, _IN_ORDER}:
-            raise ValueError("its ties were broken by a rule that no eyechart has")
+            raise ValueError("its rule for ties is unknown to this eyechart")
         if len(set(self.frames)) != len(self.frames) or not self.frames:
-            raise ValueError("the frames that chose it are none, or stand there twice")
+            raise ValueError("the frames that chose it are missing or repeated")
         if self.pictures and len(self.pictures) != len(self.frames):
             raise ValueError(
                 f"it remembers {len(self.pictures)} pictures of {len(self.frames)} frames, so that some would not be "
                 "known again"
             )
         if not (self.worth <= 0 if self.costs else 0 <= self.worth <= 1) or not math.isfinite(self.worth):
-            raise ValueError(f"its worth on the frames that chose it is {self.worth:g}, which nothing is")
+            raise ValueError(f"its worth on the frames that chose it is {self.worth:g}, which is impossible")
 
     @property
     def rule(self) -> str:
@@ -86,9 +87,9 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @dataclass(frozen=True, slots=True)
 class Frozen:
-    """A committee of models, its threshold of hazard votes, its operating point, and how all of them were asked.
+    """A committee of models, its threshold of hazard votes, its operating point, and its requests.
 
-    ``selection`` is None in what `export` writes: such a guardian may be asked about pictures, and scores nothing.
+    ``selection`` is None in an exported guardian: that one may judge pictures, but scores nothing.
     ``chosen_as`` is then the digest of the guardian that it was exported from.
     """
 
@@ -107,13 +108,13 @@ class Frozen:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Return the committee, and the best single model where it is none of it."""
+        """Return the committee, and the best single model if it is no member."""
         single = [self.selection.single] if self.selection else []
         return tuple(dict.fromkeys((*self.committee, *single)))
 
     @property
     def digest(self) -> str:
-        """Return the digest of everything that the guardian's file says."""
+        """Return the digest of the guardian's file without the digest."""
         return hashlib.sha256(json.dumps(self._content(), sort_keys=True).encode()).hexdigest()
 
     def as_dict(self) -> dict[str, object]:
@@ -121,15 +122,15 @@ class Frozen:
         return {**self._content(), "digest": self.digest}
 
     def exported(self) -> "Frozen":
-        """Return what a stack needs of this guardian: all but the selection."""
+        """Return the guardian for a stack: without its selection."""
         about = self.about.only(self.committee)
         return replace(self, about=about, selection=None, chosen_as=self.chosen_as or self.digest)
 
     def may_score(self, table: VoteTable) -> None:
-        """Raise GuardianError, naming what it is, where a table must not be scored by this guardian.
+        """Raise GuardianError if this guardian must not score a table, and say why.
 
-        That is a frame that it was chosen on, also one of another name with the same picture or the same name in
-        another spelling; another bank, prompt or view; another version of one of its models.
+        A frame that chose it is refused, also by its picture or its name in another spelling. So
+        are another bank, prompt or view, and another version of a model.
         """
         if self.selection is None:
             raise GuardianError(
@@ -150,21 +151,21 @@ class Frozen:
             )
 
     def unseen(self, table: VoteTable) -> VoteTable:
-        """Return a table without the frames that chose this guardian, known by name or by picture."""
+        """Return a table without the frames that chose this guardian, by name or by picture."""
         if self.selection is None:
             return table
         shared = shared_frames(table, self.selection.frames, self.selection.pictures)
         return table.without([frame for frame, _, _ in shared])
 
     def left_out(self, table: VoteTable) -> dict[str, int]:
-        """Return how many frames of a table ``unseen`` leaves out, by the reason in words; reasons of none are not."""
+        """Return how many frames of a table ``unseen`` leaves out, by reason."""
         if self.selection is None:
             return {}
         known = Counter(how for _, _, how in shared_frames(table, self.selection.frames, self.selection.pictures))
         return {words: known[how] for how, words in _LEFT.items() if known[how]}
 
     def may_show(self, bank: FrameBank) -> None:
-        """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
+        """Raise GuardianError if a bank's pictures differ from those of this guardian's votes."""
         if self.about.bank not in {None, bank.manifest.fingerprint}:
             raise GuardianError(
                 f"the bank differs: this guardian is of {self.about.bank_name}, {bank.root} is {bank.name}"
@@ -180,8 +181,8 @@ class Frozen:
                 )
         if None is not self.about.voting != table.about.voting is not None:
             raise GuardianError(
-                f"what counts as a vote differs: this guardian was chosen under version {self.about.voting} of its "
-                f"rules, {table.name} is read under {table.about.voting}; choose one with 'eyechart guardian fit'"
+                f"the rules for votes differ: this guardian was chosen under version {self.about.voting}, {table.name} "
+                f"is read under version {table.about.voting}; choose a guardian with 'eyechart guardian fit'"
             )
         for model in self.models:
             mine, theirs = (
@@ -196,8 +197,8 @@ class Frozen:
             chosen, here = self.about.modes.get(model), table.about.modes.get(model)
             if chosen is not None and here is not None and not chosen.differs_in_address_only(here):
                 raise GuardianError(
-                    f"the mode of '{model}' differs: {table.name} has votes that were asked for otherwise than those "
-                    "that chose this guardian; choose a guardian for this mode with 'eyechart guardian fit'"
+                    f"the mode of '{model}' differs: {table.name} has votes from other requests than those that "
+                    "chose this guardian; choose a guardian for this mode with 'eyechart guardian fit'"
                 )
 
     def _content(self) -> dict[str, object]:
@@ -217,7 +218,8 @@ class Frozen:
             "view": about.view,
             "mirror_axis": about.axis,
             "reader": about.reader,
-            **({} if about.voting is None else {"voting": about.voting}),  # 0.1.0 had one way, and did not write it
+            # 0.1.0 had one set of rules, and did not record it.
+            **({} if about.voting is None else {"voting": about.voting}),
             "bank": {"name": about.bank_name, "fingerprint": about.bank},
             **(
                 {"selection": {"rule": chosen.rule, **msgspec.to_builtins(chosen)}}
@@ -234,7 +236,7 @@ def write_frozen(path: Path, frozen: Frozen) -> None:
 
 
 def require_own(out: Path, frozen: Frozen) -> None:
-    """Raise OutputError where ``out`` holds another guardian, which would lose the memory of its frames."""
+    """Raise OutputError if ``out`` holds another guardian; overwriting it would lose its frames."""
     if not out.exists() or not out.stat().st_size:
         return
     try:
@@ -246,7 +248,7 @@ def require_own(out: Path, frozen: Frozen) -> None:
 
 
 def read_frozen(path: Path) -> Frozen:
-    """Read a guardian's file, exported or not; raises GuardianError where it is none, or was edited."""
+    """Read a guardian's file, exported or not; GuardianError if it is none or was edited."""
     raw = _read(path)
     said = raw.pop("digest", None)
     if said != hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest():
@@ -266,12 +268,12 @@ def _in_words(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"it has no '{error.args[0]}'"
     if isinstance(error, TypeError | AttributeError | RecursionError):
-        return f"a value in it is of another kind than a guardian's ({error})"
+        return f"a value in it has the wrong type ({error})"
     return str(error)
 
 
 def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
-    """Return what a file has that is not written as this version would, though its digest is its own."""
+    """Return what differs from this version's format in a file whose digest is right."""
     if frozen.made_by != __version__:
         return f"it was written by eyechart {frozen.made_by}, whose guardians this one, {__version__}, cannot read"
     mine = json.loads(json.dumps(frozen.as_dict()))
@@ -305,7 +307,7 @@ class _Bank(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _File(msgspec.Struct, frozen=True):
-    """What a guardian's file holds, but the rule of its selection in words."""
+    """The contents of a guardian's file, without the text of its rule."""
 
     format: str
     committee: tuple[Name, ...]
@@ -343,9 +345,11 @@ def _mode_of(model: str, said: Mapping[str, object]) -> RequestMode:
 
 
 def _frozen(raw: Mapping[str, object]) -> Frozen:
-    said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}  # what else it says, its digest tells
+    # The digest covers the other fields.
+    said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}
     if isinstance(chosen := said.get("selection"), dict):
-        said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}  # in words, for people
+        # The rule is text for people.
+        said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}
     file = build(_File, said)
     about = About(
         bank=file.bank.fingerprint,
@@ -372,10 +376,10 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
 
 
 def shared_frames(table: VoteTable, frames: Sequence[str], pictures: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield each frame of a table that is one of these, which one that is, and in words by what it is known.
+    """Yield each frame of a table that is one of ``frames``, its counterpart, and the match.
 
-    It is known by its name, by the digest of its picture where ``pictures`` has those of ``frames``, or by the same
-    name in another spelling.
+    Frames match by name, by the same name in another spelling, or by the digest of the picture if
+    ``pictures`` has those of ``frames``.
     """
     names, by_picture = set(frames), dict(zip(pictures, frames, strict=False))
     by_spelling = {_spelling(frame): frame for frame in frames}
@@ -389,7 +393,7 @@ def shared_frames(table: VoteTable, frames: Sequence[str], pictures: Sequence[st
 
 
 def _spelling(frame: str) -> str:
-    """Return a frame's name without what a file of the same picture may be written in otherwise: case, form, ending."""
+    """Return a frame's name without case, Unicode form and ending."""
     text = unicodedata.normalize("NFKC", frame).casefold().replace("\\", "/").removeprefix("./")
     return _ENDING.sub("", text)
 

@@ -1,4 +1,4 @@
-"""Modular replay: the guardian brakes, a deterministic reader of the picture keeps collision and lateral clearance.
+"""Modular replay: the guardian brakes, a deterministic reader keeps distance and the sides clear.
 
 Source: section Symmetry-consensus longitudinal guardian.
 """
@@ -25,7 +25,7 @@ from eyechart.studies.guardian.votes import VoteTable
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Scenes = tuple[Scene, Scene]
-"""What the deterministic reader sees in a picture and in its reflection."""
+"""The deterministic reader's scenes of a picture and of its reflection."""
 
 Read = Callable[[str], Scenes | None]
 
@@ -34,18 +34,22 @@ MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 
 @dataclass(frozen=True)
 class Replay(Written):
-    """What a modular controller would have done on each frame, and how that compares.
+    """The actions of a modular controller on each frame, and how they compare.
 
-    ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
-    the share of frames on which the guardian said anything, for where it abstains the renderer policy acts and agrees
-    with itself; ``agreement_answered`` is over these frames. ``ceiling`` and ``ceiling_answered`` are the agreement of
-    a perfect guardian, which answers the truth, on the same frames: it is asked about one distance, and the policy
-    heeds others too. ``equivariance`` is the share of frames whose reflection
-    gets the reflected action, without which it is no symmetric controller; it is of the deterministic reader and the
-    policy alone, since the votes on a frame and its reflection are exchanged. ``directional`` counts the frames on
-    which the renderer policy turns: with few of them nothing is said of lateral control. ``unread`` are the frames that
-    the reader could not read, which count in none of these shares. ``warnings`` say that votes are missing, or still to
-    be asked for, which makes a guardian abstain and so agree.
+    ``agreement`` is with the renderer policy, which acts on what the deterministic reader sees.
+    ``answered`` is the share of frames on which the guardian does not abstain. If it abstains, the
+    renderer policy acts and agrees with itself, so ``agreement_answered`` leaves those frames out.
+
+    ``ceiling`` and ``ceiling_answered`` are the agreement of a perfect guardian, which answers the
+    truth. They are below 1 because the guardian answers about one distance and the policy heeds
+    others too. ``equivariance`` is the share of frames whose reflection gets the reflected action.
+    It tests the reader and the policy alone, since the votes on a frame and its reflection are
+    exchanged.
+
+    ``directional`` counts the frames on which the renderer policy turns. With few of them, lateral
+    control is not tested. ``unread`` are the frames that the reader could not read; no share counts
+    them. ``warnings`` name missing or outstanding votes, which make a guardian abstain and so
+    agree.
     """
 
     agreement: Statistic
@@ -66,10 +70,11 @@ class Replay(Written):
 
 
 def modular_action(answer: str, scene: Scene) -> str:
-    """Return the action of a guardian's answer under deterministic collision and lateral authority.
+    """Return the action for an answer, under deterministic collision and lateral authority.
 
-    STOP nearer than the world's own distance for it (12 m on a highway), whatever the guardian says; then STRAIGHT
-    where it says clear; the one clear side or else SLOW where it says hazard; and the fixed policy where it abstains.
+    Below the world's own stopping distance (12 m on a highway) it is STOP, whatever the answer.
+    Else "clear" gives STRAIGHT, and "hazard" the one clear side or SLOW. If the guardian abstains,
+    the fixed policy decides.
     """
     if scene.gap_m is not None and scene.gap_m < scene.distances.stop_m:
         return "STOP"
@@ -83,10 +88,10 @@ def modular_action(answer: str, scene: Scene) -> str:
 
 
 def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
-    """Replay a guardian's answers to the frames of a table with what ``read`` sees in each and in its reflection.
+    """Replay a guardian's answers with what ``read`` sees in each frame and in its reflection.
 
-    A frame and its reflection have the same votes, exchanged, so the answer to both is one. Raises GuardianError as
-    `Frozen.may_score` does, and where no frame can be read.
+    A frame and its reflection have the same votes, exchanged, so they have one answer. Raises
+    GuardianError as `Frozen.may_score` does, and if no frame can be read.
     """
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
@@ -105,8 +110,8 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
             "pictures of highway-env, of the rover and of the drone"
         )
     few = [
-        f"{model}: {missing} of {2 * len(table.frames)} votes are missing; where the guardian abstains for want of "
-        "them, the renderer policy agrees with itself"
+        f"{model}: {missing} of {2 * len(table.frames)} votes are missing; if the guardian abstains because of "
+        "that, the renderer policy agrees with itself"
         for model in frozen.committee
         if (missing := table.missing(model))
     ]
@@ -131,7 +136,7 @@ _ANSWERED, _AGREES, _PERFECT, _MIRRORED, _TURNS = range(5)
 
 
 def _row(answer: str, truth: str, scenes: Scenes) -> tuple[bool, ...]:
-    """Return of a frame whether it was answered, agrees, would agree of a perfect guardian, is mirrored, and turns."""
+    """Return a frame's values by column: answered, agrees, perfect, mirrored, turns."""
     action, reflected = (modular_action(answer, scene) for scene in scenes)
     reference = safe_action(scenes[0])
     right = modular_action(truth, scenes[0]) == reference
@@ -139,16 +144,17 @@ def _row(answer: str, truth: str, scenes: Scenes) -> tuple[bool, ...]:
 
 
 def _share(told: Floats, episodes: Ints, column: int, of: int | None = None) -> Statistic:
-    """Return the share of frames that one of their columns holds of, with its interval over episodes."""
+    """Return the share of frames for which a column holds, with its interval over episodes."""
     among = np.ones(len(told)) if of is None else told[:, of]
     hits = np.bincount(episodes, weights=told[:, column] * among)
     return share_over_episodes(hits, np.bincount(episodes, weights=among))
 
 
 def reader_of(bank: FrameBank) -> Read:
-    """Return the reader of a bank's pictures, of a highway's or of a forward camera's: the image-only positive control.
+    """Return the reader of a bank's pictures, the image-only positive control.
 
-    It reads each picture and its flip, and raises BankError for one that is not what the bank's manifest recorded.
+    It reads each picture and its flip. Raises BankError for a picture that differs from the one in
+    the manifest.
     """
 
     def read(frame_id: str) -> Scenes | None:

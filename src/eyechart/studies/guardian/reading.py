@@ -1,4 +1,4 @@
-"""Votes are read: a row a frame and two columns a model, or of a run, where a scene that is close says hazard."""
+"""Read votes: from a table with two columns a model, or from a run, where "close" is a hazard."""
 
 import math
 import re
@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 _MOST_FRAMES = 1_000_000
 _WHOLE = re.compile(r"-?(?:0|[1-9][0-9]*)\.0+")
-"""A number without a fraction, written with one: it names the same frame in a table of text and in one of numbers."""
+"""A whole number written with a fraction: it names one frame in tables of text and of numbers."""
 
 
 def read_votes(
@@ -53,10 +53,11 @@ def read_votes(
 ) -> VoteTable:
     """Read votes from CSV, JSON lines or Parquet: a row a frame, two columns a model.
 
-    The columns ``frame``, ``episode``, ``hazard`` and ``split`` may have other names, given in ``columns``; a model's
-    are ``MODEL/original`` and ``MODEL/reflected``. Votes are true or false (or 1 and 0, yes and no, hazard and
-    clear); an empty cell is a missing vote. With a ``bank``, episodes and truth are its own. ``about`` is a TOML file
-    that says how the votes came about. Raises VoteError that names the file, the row and what is wrong.
+    ``columns`` gives other names for the columns ``frame``, ``episode``, ``hazard`` and ``split``.
+    A model's columns are ``MODEL/original`` and ``MODEL/reflected``. Votes are true or false (or 1
+    and 0, yes and no, hazard and clear); an empty cell is a missing vote. With a ``bank``, episodes
+    and truth come from it. ``about`` is a TOML file on the origin of the votes. Raises VoteError
+    that names the file, the row and the fault.
     """
     try:
         table = open_table(path)
@@ -195,14 +196,15 @@ def _of_models(path: Path, raw: object, models: Sequence[str]) -> tuple[dict[str
 
 
 CONDITIONS = ("real", "mirrored")
-"""What the two votes of a model are replies to, in the order of `VIEWS`."""
+"""The conditions of a model's two votes, in the order of `VIEWS`."""
 
 
 def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = False) -> VoteTable:
-    """Return the votes of every model of a run on its frames; what is no vote is a missing one, with why.
+    """Return the votes of every model of a run; other replies are missing votes with a reason.
 
-    Truth is the bank's column ``hazard``, or where it has none whether the gap is below its threshold. Raises VoteError
-    where the folder is no run of scene estimates, or was read by another version of the reader and not ``reread``.
+    Truth is the bank's column ``hazard``, or else whether the gap is below its threshold. Raises
+    VoteError if the folder is no run of scene estimates, or if another version of the reader began
+    it and ``reread`` is not set.
     """
     manifest, bank = read_run(path)
     if not manifest.prompt.asks_scene:
@@ -258,10 +260,10 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
 
 
 def _served_as(names: Mapping[str, str]) -> str | None:
-    """Return what a model's replies name as their model, which is asked of later votes; ``names`` as `_cast` returns.
+    """Return the model that all replies name, and later votes must; ``names`` is `_cast`'s.
 
-    Several configurations of one model are that model. Several models have no reply that is of all, so that a guardian
-    chosen on them gets no vote of any.
+    Configurations of one model count as that model. If the replies name several models, no later
+    reply matches, so a guardian chosen on them gets no vote.
     """
     models = sorted(set(names.values()))
     return next(iter(names)) if len(names) == 1 else " and ".join(models) or None
@@ -274,9 +276,9 @@ def _cast(
     why: npt.NDArray[np.str_],
     close_m: float,
 ) -> dict[str, str]:
-    """Fill in a model's votes, and why some are none, both (frames, 2).
+    """Fill in a model's votes and the reasons for missing ones, both (frames, 2).
 
-    Returns the names it served as, each with the model that it names without the server's configuration.
+    Returns the served names, each with its model's name without the server's configuration.
     """
     place = {frame.id: number for number, frame in enumerate(frames)}
     served = dict[str, str]()

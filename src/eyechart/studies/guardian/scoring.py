@@ -1,7 +1,7 @@
-"""A frozen guardian is scored on frames that it never saw, at each of its operating points, and bounded on others.
+"""Score a frozen guardian on other frames, at each operating point, and bound its misses.
 
-Answers are measured against the truth, each number with its interval over episodes; how often a guardian misses at most
-is said from episodes used neither for its choice nor for its score.
+Each measure has an interval over episodes. The bound on its misses comes from episodes that neither
+its choice nor its score used.
 """
 
 from collections import Counter
@@ -26,13 +26,14 @@ from eyechart.studies.guardian.votes import VoteTable, answered, require_both
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 Metrics = Mapping[str, Statistic]
-"""Coverage, and over the frames that were answered ``acc``, balanced accuracy, sensitivity and specificity."""
+"""Coverage; and over answered frames ``acc``, balanced accuracy, sensitivity, specificity."""
 
 
 def measure(table: VoteTable, said: Mapping[str, Ints]) -> dict[str, Metrics]:
     """Return the metrics of each set of answers to the frames of a table, shape (frames,) each.
 
-    Shares have the interval of `share_over_episodes`, and balanced accuracy that of `mean_of_shares`.
+    Shares have the interval of `share_over_episodes`, and balanced accuracy that of
+    `mean_of_shares`.
     """
     rows: dict[str, Metrics] = {}
     for name, answer in said.items():
@@ -68,7 +69,7 @@ def _metrics(table: VoteTable, answer: Ints) -> dict[str, Statistic]:
 
 
 def _by_episode(table: VoteTable, answer: Ints) -> Floats:
-    """Return what each episode adds to tp, fn, tn, fp and to the number of frames; shape (episodes, 5)."""
+    """Return each episode's counts of tp, fn, tn, fp and frames, shape (episodes, 5)."""
     names, group = table.groups()
     cells = [*_cells(table.hazard, answer).values(), np.ones(len(group), dtype=np.bool_)]
     columns = [np.bincount(group[cell], minlength=len(names)) for cell in cells]
@@ -76,7 +77,7 @@ def _by_episode(table: VoteTable, answer: Ints) -> Floats:
 
 
 def _counted(sums: Floats) -> dict[str, tuple[Floats, Floats]]:
-    """Return of each share what it counts, and of how many frames, in each episode."""
+    """Return for each share its hits and its frames, by episode."""
     tp, fn, tn, fp, frames = sums.T
     return {
         "coverage": (tp + fn + tn + fp, frames),
@@ -87,7 +88,7 @@ def _counted(sums: Floats) -> dict[str, tuple[Floats, Floats]]:
 
 
 TARGET = 0.01
-"""The rate for which the number of episodes that would be needed is said."""
+"""The rate for which `Bound` states the number of episodes needed."""
 
 
 ESTIMANDS = {
@@ -96,20 +97,22 @@ ESTIMANDS = {
     "any_miss_in_an_episode": "share of episodes with hazardous frames in which any of them is called clear",
     "conformal": "expected share of a next episode's hazardous frames called clear, each episode counting alike",
 }
-"""What each bound is a bound of."""
+"""The definition of each bound."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Upper bounds on missed hazards, at ``confidence`` each; `ESTIMANDS` says of what.
+    """Upper bounds on missed hazards, at ``confidence`` each; `ESTIMANDS` defines each.
 
-    A miss is a hazardous frame that was called clear; what was handed on is none. Only episodes with a hazardous frame
-    count. ``rate`` bounds the missed-hazard rate: the expected share of its hazardous frames that an episode has
-    missed, every episode counting alike. ``frame_rate`` bounds the share of all hazardous frames that are missed, which
-    is larger where misses come in the episodes with most hazards. ``any_miss`` bounds the probability that an episode
-    has a miss at all. ``needed`` is how many episodes would bound it by 1 % without one more miss than were seen, and
-    ``needed_at_best`` without any. ``conformal`` maps a threshold to its conformal risk, which holds in expectation
-    only.
+    A miss is a hazardous frame with the answer "clear"; an abstention is none. Only episodes with a
+    hazardous frame count. ``rate`` bounds the expected share of its hazardous frames that an
+    episode misses, with equal weight for every episode. ``frame_rate`` bounds the share of all
+    hazardous frames that are missed. It is larger if the misses are in the episodes with most
+    hazards.
+
+    ``any_miss`` bounds the probability that an episode has a miss at all. ``needed`` is the number
+    of episodes that would bound it by 1 % without a further miss, ``needed_at_best`` that without
+    any. ``conformal`` maps a threshold to its conformal risk, which holds in expectation only.
     """
 
     rate: Statistic
@@ -151,17 +154,17 @@ def bound(
 ) -> Bound:
     """Bound how often a guardian misses, from the episodes of a table.
 
-    ``scored`` is the table of the score and ``used`` names its episodes where there is none; its frames and episodes
-    and those that chose the guardian are refused with a GuardianError, for a bound on them would not hold, also where
-    episodes or frames were renamed. So is a run that is not finished. ``risk`` is what conformal risk control
-    is asked for.
+    ``scored`` is the table of the score; without one, ``used`` names its episodes. Raises
+    GuardianError for frames and episodes of the score or of the choice, also renamed ones, because
+    a bound from them is not valid; and for an unfinished run. ``risk`` is the target of conformal
+    risk control.
     """
     for name, value in (("confidence", confidence), ("risk", risk)):
         if not 0 < value < 1:
             raise GuardianError(f"the {name} must lie between 0 and 1, for example 0.95; got {value}")
     frozen.may_score(table)
     if words := table.unfinished_words(frozen.committee):
-        raise GuardianError(f"{words[0]} and could not be missed hazards: finish it before a bound is taken from it")
+        raise GuardianError(f"{words[0]} and cannot be missed hazards: finish the run before you take a bound from it")
     seen = set(frozen.selection.episodes) if frozen.selection else set()
     spent = {*used, *(scored.episodes if scored is not None else ())}
     for what, names in (("chose this guardian", seen), ("is scored", spent)):
@@ -200,7 +203,10 @@ def bound(
 
 
 def _misses(frozen: Frozen, table: VoteTable, threshold: int | None) -> tuple[Ints, Ints]:
-    """Return missed hazards and hazards of each episode that has any, at the guardian's rule or two-way at another."""
+    """Return missed hazards and hazards of each episode with any, by the guardian's rule.
+
+    With another threshold, by the two-way rule at that one.
+    """
     point = "two_way" if threshold else frozen.point
     answer = answered(table.of(frozen.committee), threshold or frozen.threshold, point)
     names, group = table.groups()
@@ -215,14 +221,16 @@ SINGLE = "single"
 
 @dataclass(frozen=True)
 class GuardianScore:
-    """What a guardian is worth on frames that it never saw.
+    """A guardian's score on frames that did not choose it.
 
-    ``rows`` maps each operating point, and ``single`` for the best single model of the calibration, to its coverage,
-    accuracy, balanced accuracy, sensitivity and specificity over the frames that were answered, each with an interval
-    over episodes. ``mcnemar`` compares the two-way point with the single model, frames taken as independent, and
-    ``over_episodes`` does so by flipping the signs of whole episodes' differences in right answers; ``curve`` is the
-    risk–coverage curve. ``answers`` holds the guardian's own answer to each frame, ``missed`` the hazardous frames that
-    it called clear.
+    ``rows`` maps each operating point, and ``single`` for the calibration's best single model, to
+    its measures with intervals over episodes. These are coverage, and over answered frames
+    accuracy, balanced accuracy, sensitivity and specificity. ``mcnemar`` compares the two-way point
+    with the single model, with frames as independent. ``over_episodes`` does so by flipping the
+    signs of whole episodes' differences. ``curve`` is the risk–coverage curve.
+
+    ``answers`` holds the guardian's answer to each frame. ``missed`` are hazardous frames that it
+    called clear.
     """
 
     frozen: Frozen
@@ -255,8 +263,8 @@ class GuardianScore:
 
 
 LAX = (
-    "eyechart {version} chose this guardian, and took for votes what is none today: replies that contradict "
-    "themselves, or say something else around their estimate; choose a guardian anew with 'eyechart guardian fit'"
+    "eyechart {version} chose this guardian and accepted replies that are no votes today. These contradict "
+    "themselves, or have other words around their estimate; choose a guardian again with 'eyechart guardian fit'"
 )
 WORDS = {HAZARD: "hazard", CLEAR: "clear", ABSTAIN: "abstain"}
 
@@ -270,9 +278,9 @@ def score(
 ) -> GuardianScore:
     """Score a frozen guardian on every frame of a table.
 
-    Raises GuardianError for a frame that chose it, and for votes of another bank, prompt, view or version of a model.
-    Intervals are over episodes. ``resamples`` of the flipped signs are drawn from ``seed`` where these are too many to
-    count.
+    Raises GuardianError for a frame that chose it, and for votes of another bank, prompt, view or
+    version of a model. Intervals are over episodes. ``resamples`` sign patterns are drawn from
+    ``seed`` if there are too many to enumerate.
     """
     frozen.may_score(table)
     assert frozen.selection is not None
@@ -303,7 +311,7 @@ def score(
 
 
 def answer_of(frozen: Frozen, table: VoteTable) -> dict[str, Ints]:
-    """Return what the guardian answers to each frame at each operating point."""
+    """Return the guardian's answer to each frame at each operating point."""
     votes = table.of(frozen.committee)
     return {point: answered(votes, frozen.threshold, point) for point in POINTS}
 
@@ -316,13 +324,13 @@ def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:
     if shared:
         found.append(
             f"{len(shared)} of {len(set(table.episodes))} scored episodes also gave frames that chose the guardian "
-            f"({', '.join(shared[:3])}{', …' if len(shared) > 3 else ''}): neighbouring frames are alike, so the score "
-            "flatters"
+            f"({', '.join(shared[:3])}{', …' if len(shared) > 3 else ''}): neighbouring frames resemble each "
+            "other, so the score is too good"
         )
     if len(set(table.episodes)) < 2:
-        found.append("all frames are of one episode: no interval over episodes can be given")
+        found.append("all frames are of one episode, so there is no interval over episodes")
     if frozen.about.lax:
         found.append(LAX.format(version=frozen.made_by))
     if lacking := frozen.about.unrecorded(frozen.committee):
-        found.append(f"not recorded, so that a change of it would not be found: {', '.join(lacking)}")
+        found.append(f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}")
     return tuple(found)

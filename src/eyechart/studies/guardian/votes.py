@@ -1,4 +1,4 @@
-"""A table of votes: what each model said of each frame, hazard or clear, for the picture and for its reflection."""
+"""A table of votes, hazard or clear: by model and frame, for the picture and its reflection."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -18,7 +18,7 @@ VIEWS = ("original", "reflected")
 """The two pictures of a frame that a model votes on, in the order of a table's last axis."""
 
 PARTS = ("calibration", "score", "bound")
-"""What a frame may serve for, in a column ``split``."""
+"""The parts of a split, in a column ``split``."""
 
 HAZARD_COLUMN = "hazard"
 _WORDS: dict[object, bool] = {
@@ -29,12 +29,12 @@ _WORDS: dict[object, bool] = {
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """How votes came about. What was not recorded is None, or absent; a change of it cannot be found.
+    """The origin of votes. None or absent means not recorded; then a change cannot be noticed.
 
-    ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are keys with
-    digests; ``versions``, ``served`` (what replies name as their model, where they all name one) and ``modes`` are by
-    model. ``wording`` is the prompt itself and ``axis`` the mirror axis of the pictures, which a stack needs;
-    ``reader`` is the version of the reader of scenes, ``voting`` that of the rules by which a reply is a vote.
+    ``bank`` is the bank's fingerprint, ``bank_name`` its short name; ``prompt`` and ``view`` are
+    keys with digests. ``versions``, ``served`` (the model that all replies name) and ``modes`` are
+    by model. ``wording`` is the prompt and ``axis`` the mirror axis, which a stack needs.
+    ``reader`` is the version of the reader of scenes, ``voting`` that of the rules for votes.
     """
 
     bank: str | None = None
@@ -51,18 +51,18 @@ class About:
 
     @property
     def lax(self) -> bool:
-        """Return whether the votes are of scenes that were read before votes had rules of their own."""
+        """Return whether the scenes were read before votes had rules of their own."""
         return self.reader is not None and self.voting is None
 
     def unrecorded(self, models: Collection[str]) -> list[str]:
-        """Return in words what was not recorded of these models' votes."""
+        """Return descriptions of the facts that these models' votes lack."""
         names = [
             name for name, value in (("bank", self.bank), ("prompt", self.prompt), ("view", self.view)) if not value
         ]
         return names + [f"version of {model}" for model in models if not self.versions.get(model)]
 
     def only(self, models: Collection[str]) -> "About":
-        """Return what is known of these models."""
+        """Return the origin of these models' votes only."""
         return replace(
             self,
             versions={model: version for model, version in self.versions.items() if model in models},
@@ -75,13 +75,15 @@ class About:
 class VoteTable:
     """Votes of several models on the frames of one bank.
 
-    ``models`` are in lexicographic order, which breaks ties. ``votes`` has shape (models, frames, 2), the picture and
-    its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame is
-    for, where the table does. ``pictures`` are the SHA-256 digests of the frames' pictures, where the table is of a
-    bank that records them: a frame is then known by its picture too. ``unfinished`` counts by model the votes that its
-    run has still to ask for, which are missing here. ``why``, in the shape of the votes and of runs only, says in a
-    word why a reply was no vote; it is empty where there is one, or no reply. Raises VoteError for a frame that stands
-    twice, and for shapes that do not fit.
+    ``models`` are in lexicographic order, which breaks ties. ``votes`` has shape (models, frames,
+    2), for the picture and its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is
+    the truth. ``split`` gives the part of each frame, if the table has one. ``pictures`` are the
+    SHA-256 digests of the pictures, if the bank records them; they identify a frame too.
+
+    ``unfinished`` counts by model the calls that its run has still to make; their votes are
+    missing. ``why``, in the shape of the votes and for runs only, gives the reason why a reply is
+    no vote. It is empty for a vote and for no reply. Raises VoteError for a repeated frame and for
+    shapes that do not fit.
     """
 
     name: str
@@ -110,7 +112,10 @@ class VoteTable:
             raise VoteError(f"{self.name}: every frame needs one episode and one truth")
 
     def of(self, models: Sequence[str]) -> npt.NDArray[np.int8]:
-        """Return the votes of these models, in this order, shape (models, frames, 2); raises VoteError for another."""
+        """Return the votes of these models, in this order, shape (models, frames, 2).
+
+        Raises VoteError for a model without votes.
+        """
         for model in models:
             if model not in self.models:
                 raise VoteError(f"{self.name} has no votes of '{model}'; it has {', '.join(self.models)}")
@@ -121,14 +126,14 @@ class VoteTable:
         return int((self.of([model]) == -1).sum())
 
     def reasons(self, model: str) -> dict[str, int]:
-        """Return how many of a model's replies were no vote, by their reason, the most frequent first."""
+        """Return how many of a model's replies are no vote, by reason, the most frequent first."""
         if self.why is None:
             return {}
         counted = Counter(self.why[self.models.index(model)].ravel().tolist())
         return {why: n for why, n in counted.most_common() if why}
 
     def mute_words(self, models: Sequence[str]) -> list[str]:
-        """Return in words which of these models vote hazard on no frame."""
+        """Return a sentence for each of these models that votes hazard on no frame."""
         n = len(self.frames)
         return [
             f"{model} votes hazard on none of the {n} frames: it adds nothing to a committee"
@@ -137,23 +142,23 @@ class VoteTable:
         ]
 
     def left(self, models: Sequence[str]) -> int:
-        """Return how many votes of these models the run has still to ask for."""
+        """Return how many calls of these models the run has still to make."""
         return sum(self.unfinished.get(model, 0) for model in models)
 
     def unfinished_words(self, models: Sequence[str]) -> list[str]:
-        """Return in words that the run has still to ask for votes of these models; nothing where it has not."""
+        """Return a sentence if the run has still to make calls of these models."""
         left = self.left(models)
-        words = f"{self.name} is a run that is not finished: {left} calls are left, whose votes count as missing"
+        words = f"{self.name} is a run that is not finished: {left} calls are left; their votes count as missing"
         return [words] if left else []
 
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
-        """Return the episodes, sorted, and the number of each frame's among them."""
+        """Return the sorted episodes, and each frame's number among them."""
         names = tuple(sorted(set(self.episodes)))
         number = {name: place for place, name in enumerate(names)}
         return names, np.array([number[name] for name in self.episodes], dtype=np.int64)
 
     def keep(self, wanted: Collection[str]) -> "VoteTable":
-        """Return the table of these frames only; raises VoteError for one that it has not."""
+        """Return the table of these frames only; raises VoteError for an unknown one."""
         asked = set(wanted)
         if unknown := sorted(asked - set(self.frames)):
             raise VoteError(f"{self.name} has no frame '{unknown[0]}'")
@@ -165,20 +170,20 @@ class VoteTable:
         return self.rows(place for place, frame in enumerate(self.frames) if frame not in left_out)
 
     def part(self, *names: str) -> "VoteTable":
-        """Return the frames that its column ``split`` gives to these parts; raises VoteError where there is no such."""
+        """Return the frames of these parts; raises VoteError without a column ``split``."""
         if self.split is None:
             raise VoteError(f"{self.name} has no column 'split', which says what a frame is for: {', '.join(PARTS)}")
         return self.rows(place for place, part in enumerate(self.split) if part in names)
 
     def of_episodes(self, names: Collection[str]) -> "VoteTable":
-        """Return the frames of these episodes; raises VoteError for an episode that it has not."""
+        """Return the frames of these episodes; raises VoteError for an unknown one."""
         asked = set(names)
         if unknown := sorted(asked - set(self.episodes)):
             raise VoteError(f"{self.name} has no episode '{unknown[0]}'")
         return self.rows(place for place, episode in enumerate(self.episodes) if episode in asked)
 
     def rows(self, places: Iterable[int]) -> "VoteTable":
-        """Return the frames of these numbers, in this order."""
+        """Return the frames with these row numbers, in this order."""
         order = list(places)
 
         def chosen(values: tuple[str, ...]) -> tuple[str, ...]:
@@ -197,7 +202,7 @@ class VoteTable:
 
 
 def require_both(table: VoteTable) -> None:
-    """Raise GuardianError unless a table holds hazardous and clear frames."""
+    """Raise GuardianError unless a table has hazardous and clear frames."""
     hazards = int(table.hazard.sum())
     if not 0 < hazards < len(table.frames):
         raise GuardianError(
@@ -206,7 +211,7 @@ def require_both(table: VoteTable) -> None:
 
 
 def answered(votes: npt.NDArray[np.int8], threshold: int, point: Point) -> npt.NDArray[np.int64]:
-    """Return what a committee with these votes, shape (models, frames, 2), answers to each frame."""
+    """Return the answers of a committee with votes of shape (models, frames, 2)."""
     hazard, missing = ((votes == vote).sum(axis=(0, 2)) for vote in (HAZARD, MISSING))
     return answers(hazard, missing, voters=len(votes) * len(VIEWS), threshold=threshold, point=point)
 
@@ -214,8 +219,8 @@ def answered(votes: npt.NDArray[np.int8], threshold: int, point: Point) -> npt.N
 def join(tables: Sequence[VoteTable]) -> VoteTable:
     """Return the votes of all models of these tables on their frames, in the first one's order.
 
-    Raises VoteError, naming what it is, where a table has other frames, another truth or part of a frame, votes of a
-    model that another has too, or came about with another bank, prompt, view or reader.
+    Raises VoteError that names the difference. Tables must agree in frames, truth, parts, bank,
+    prompt, view and reader, and no two may have votes of one model.
     """
     first, *others = tables
     for other in others:
@@ -252,7 +257,7 @@ def join(tables: Sequence[VoteTable]) -> VoteTable:
 
 
 def _why(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.str_] | None:
-    """Return why votes of these models, by the numbers of their tables, are none; None where no table is of a run."""
+    """Return the reasons for missing votes of these models; None if no table is of a run."""
     if all(one.why is None for one in tables):
         return None
     known = [np.full(one.votes.shape, "", dtype=object) if one.why is None else one.why for one in tables]
@@ -270,15 +275,15 @@ def _require_alike(first: VoteTable, other: VoteTable) -> None:
 
 
 def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
-    """Return the truth of each frame: the bank's column, or where it has none whether the gap is below its threshold.
+    """Return each frame's truth: the bank's column, or else whether the gap is below threshold.
 
-    Raises VoteError naming the frame where the column holds neither true nor false.
+    Raises VoteError that names the frame if the column holds neither true nor false.
     """
     gap = bank.manifest.gap
     if any(column in frame.truth for frame in bank):
         return {one.id: hazard_of(one.truth.get(column), f"frame '{one.id}': '{column}'") for one in bank}
     if gap is None or column != HAZARD_COLUMN:
-        raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which says what is a hazard")
+        raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which marks the hazards")
     found = {}
     for frame in bank:
         value = frame.truth.get(gap.column)
@@ -287,7 +292,7 @@ def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
 
 
 def hazard_of(cell: object, what: str) -> bool:
-    """Return a cell as the truth of a frame; raises VoteError, beginning with ``what``, where it is none."""
+    """Return a cell as the truth of a frame; a VoteError begins with ``what``."""
     value = flag(cell)
     if value is None:
         raise VoteError(f"{what} is {cell!r}, neither true nor false")
@@ -295,12 +300,12 @@ def hazard_of(cell: object, what: str) -> bool:
 
 
 def pictures_of(bank: FrameBank, frames: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the digests of frames' pictures as a bank recorded them, None where it has not recorded all."""
+    """Return the recorded digests of frames' pictures; None unless all are recorded."""
     digests = [bank.manifest.images.get(bank.frame(frame).file) for frame in frames]
     found = tuple(digest for digest in digests if digest)
     return found if len(found) == len(digests) else None
 
 
 def flag(cell: object) -> bool | None:
-    """Return a cell as true or false (1 and 0, yes and no, hazard and clear), None where it is neither."""
+    """Return a cell as true or false (1, yes, hazard; 0, no, clear), None if it is neither."""
     return _WORDS.get(str(cell).strip().lower())

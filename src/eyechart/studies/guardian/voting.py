@@ -1,8 +1,8 @@
-"""A vote is read from a reply more strictly than an estimate is measured, because somebody acts on it.
+"""Read a vote from a reply, more strictly than an estimate, because a guardian acts on it.
 
-What a reply says around its estimate is not understood but compared with a list: beside what is known to be harmless
-there is no vote, so that no refusal, denial, quotation, hedge or example passes for want of a word in a list of bad
-ones. Whatever it says, hazard or clear, is held to the same rules.
+The words around an estimate are not understood. They are compared with a list of harmless words,
+and any other word makes the reply no vote. So no refusal, denial, quotation, hedge or example
+passes because a list of bad words lacks it. Hazard and clear have the same rules.
 """
 
 import re
@@ -13,23 +13,26 @@ from eyechart.spaces.scene import FIELDS, SCENES, Beside, Estimate
 from eyechart.spaces.space import Answer, ending, refuses
 
 VOTED = SCENES.by(3)
-"""Estimates as votes are read of them. What a later version of their reader holds against a reply stands in words and
-fields that pass none of the rules here; so a guardian that was chosen under version 3 goes on."""
+"""The reader of votes' estimates.
+
+Later versions of the reader reject only words and fields that the rules here reject too. So a
+guardian that was chosen under version 3 stays valid.
+"""
 
 VOTE_READER = 1
-"""The version of these rules, which a guardian remembers."""
+"""The version of these rules; a guardian records it."""
 
 Unvoted = Literal[
-    "ended",  # the reply reports another end than a normal one
-    "words_around",  # something else stands around the estimate than a lead-in, a fence and the marks of a turn
-    "several_objects",  # more than one pair of braces, also where they say the same
-    "repeated_field",  # a field stands there twice, also where it says the same
-    "extra_field",  # a field that the question does not have, which may say what it likes of the others
-    "thinking_after",  # thinking begins behind the estimate, and may take it back
+    "ended",  # its finish reason is not a normal one
+    "words_around",  # around the estimate is more than a lead-in, a fence and turn markers
+    "several_objects",  # more than one pair of braces, even with equal contents
+    "repeated_field",  # a field twice, even with equal values
+    "extra_field",  # a field that the question does not have; it may contradict the others
+    "thinking_after",  # thinking that begins after the estimate may withdraw it
     "contradicts_itself",  # near and not close, or close and far
     "no_confidence",  # a confidence of 0
 ]
-"""Why a reply with an estimate is no vote; one without has a reason of the reader of scenes."""
+"""Why a reply with an estimate is no vote; without one the reader of scenes gives the reason."""
 
 _LEAD_IN = """
 a answer answers are as based below certainly course estimate estimates final five following follows for from here
@@ -37,20 +40,20 @@ here's image in is json measurement measurements my object of ok okay on output 
 result results scene single sure the these to value values with your
 """
 LEAD_IN = frozenset(_LEAD_IN.split())
-"""Words that may stand before an estimate. None of them denies, doubts, refuses, quotes or supposes anything."""
+"""Words that may stand before an estimate: none denies, doubts, refuses, quotes or supposes."""
 
 _FENCE = re.compile(r"```(?:json|JSON)?[ \t]*(?=\n|$)|```(?=\s*$)")
 _MARKS = re.compile(r"<\|(?:begin_of_box|end_of_box|im_end|eot_id|endoftext|end)\|>|</s>|<end_of_turn>|<eos>")
 _WORD = re.compile(r"[A-Za-z]+(?:'[a-z]+)?!?")
-"""A word, and a mark of exclamation behind it; one that stands alone is a denial to who writes programs."""
+"""A word with a following "!"; a "!" by itself may be a programmer's negation."""
 _HARMLESS = re.compile(r"[\s:.,*#_\ufeff-]+")
 
 
 @dataclass(frozen=True, slots=True)
 class Vote:
-    """What a reply votes: True for hazard, False for clear, or None and ``why``, a word of `Unvoted` or the reader's.
+    """The vote of a reply: True for hazard, False for clear, or None and the reason ``why``.
 
-    ``words`` say more, in a few words for a person.
+    ``why`` is a word of `Unvoted` or of the reader; ``words`` explain it to a person.
     """
 
     hazard: bool | None
@@ -58,15 +61,15 @@ class Vote:
     words: str = ""
 
     def __str__(self) -> str:
-        """Return why there is none, on one line; nothing where there is."""
+        """Return the reason for no vote, on one line; empty for a vote."""
         return f"{self.why}: {self.words}" if self.words else self.why
 
 
 def read_vote(reply: Answer, close_m: float) -> Vote:
-    """Return the vote of a reply to a question that calls a lead nearer than ``close_m`` close.
+    """Return the vote of a reply, for a question that calls a lead nearer than ``close_m`` close.
 
-    It needs a scene estimate as `SceneSpace.read` reads it, and nothing that speaks against acting on it. A finish
-    reason that is not reported is no fault.
+    It needs a scene estimate as `SceneSpace.read` reads it, and nothing that contradicts it. A
+    missing finish reason is no fault.
     """
     found = VOTED.read(reply)
     if found.missing == "unparsed":
@@ -81,24 +84,24 @@ def read_vote(reply: Answer, close_m: float) -> Vote:
 
 
 def _beside(said: Beside) -> Vote | None:
-    """Return why what stands beside an estimate makes it no vote."""
+    """Return why the text around an estimate makes it no vote, if it does."""
     if said.objects != 1:
-        return Vote(None, "several_objects", f"{said.objects} objects stand in it")
+        return Vote(None, "several_objects", f"{said.objects} objects in one reply")
     if said.thinking_after:
         return Vote(None, "thinking_after")
     if extra := [name for name in said.names if name not in FIELDS]:
-        return Vote(None, "extra_field", f"'{extra[0][:40]}' was not asked for")
+        return Vote(None, "extra_field", f"'{extra[0][:40]}' is no field of the question")
     if len(said.names) != len(FIELDS):
         return Vote(None, "repeated_field")
     around = f"{said.before} {said.after}"
     if refuses(around):
-        return Vote(None, "refused", "it declines in words, and gives an estimate all the same")
+        return Vote(None, "refused", "it declines in words, but gives an estimate")
     strange = _strange(said.before, LEAD_IN) or _strange(said.after)
-    return Vote(None, "words_around", f"'{strange}' stands beside its estimate") if strange else None
+    return Vote(None, "words_around", f"'{strange}' is next to its estimate") if strange else None
 
 
 def _strange(text: str, words: frozenset[str] = frozenset()) -> str:
-    """Return the first thing in a text that is none of these words, nor a fence, a mark of a turn or punctuation."""
+    """Return the first part of a text that is no listed word, fence, turn marker or punctuation."""
     plain = _MARKS.sub(" ", _FENCE.sub(" ", text)).replace("\u2019", "'")
     for word in _WORD.findall(plain):
         if word.lower().removesuffix("!") not in words:
@@ -108,7 +111,10 @@ def _strange(text: str, words: frozenset[str] = frozenset()) -> str:
 
 
 def _within(found: Estimate, close_m: float) -> Vote | None:
-    """Return why an estimate itself is no vote; at the very threshold both are allowed, for a number may be rounded."""
+    """Return why an estimate itself is no vote.
+
+    At the threshold itself both answers are allowed, since a number may be rounded.
+    """
     gap_m = found.gap_m
     if gap_m is not None and gap_m < close_m and not found.close:
         return Vote(None, "contradicts_itself", f"{gap_m:g} m and not close, which is below {close_m:g} m")

@@ -1,7 +1,7 @@
-"""The two-rate hierarchy: whether a competent low-level controller rescues a planner that does not see.
+"""The two-rate hierarchy tests whether a competent controller rescues a blind planner.
 
-Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an ungrounded intent layer, Table
-mpc_intent_ablation.
+Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an ungrounded intent
+layer, Table mpc_intent_ablation.
 """
 
 from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Arms, Choice, Part, plan, read_choice, run

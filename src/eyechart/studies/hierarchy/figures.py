@@ -1,4 +1,4 @@
-"""Figures of the hierarchy: what became of each source in each paired world, and each world from above."""
+"""Figures of the hierarchy: each source's outcome in each paired world, and worlds from above."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,16 +25,17 @@ from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED, count_of
 from eyechart.studies.hierarchy.tables import of_ablation
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
-"""What the truth of a world's first moment tells of its obstacles."""
+"""The fields of truth at a world's first moment that describe its obstacles."""
 
 _PLACE = ("x_m", "y_m", "yaw", "speed_mps")
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One episode from above. ``places`` has shape (n, 4): x, y, yaw and speed at each decision and at the end.
+    """One episode from above. ``places`` (n, 4): x, y, yaw, speed at each decision and at the end.
 
-    x is along the road and y to the left, in metres, yaw in rad, speed in m/s. ``ended`` is goal, crash or time.
+    x is along the road and y to the left, in metres; yaw in rad, speed in m/s. ``ended`` is goal,
+    crash or time.
     """
 
     ended: str
@@ -42,9 +43,9 @@ class Trajectory:
 
     @cached_property
     def curve(self) -> npt.NDArray[np.float64]:
-        """Return a smooth way through the places, shape (3 n - 2, 2): a cubic Bezier's corners from place to place.
+        """Return a smooth way through the places, shape (3 n - 2, 2): corners of a cubic Bezier.
 
-        A second lies between decisions, during which a rover that turns gently stays near this curve.
+        Decisions are a second apart; a rover that turns gently stays near this curve meanwhile.
         """
         x, y, yaw, speed = self.places.T
         at = np.column_stack([x, y])
@@ -60,7 +61,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class PairedWorld:
-    """A world that several sources drove: its obstacles, and each one's way, None where a source did not drive it."""
+    """A world of several sources: its obstacles, and each source's way (None if not driven)."""
 
     scenario: str
     seed: int
@@ -69,9 +70,9 @@ class PairedWorld:
 
 
 def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[str]]:
-    """Return every world with the ways of the sources in their order, and in words which worlds could not be drawn.
+    """Return every world with the sources' ways in order, and a note for each that is not drawn.
 
-    A world whose obstacles here are not those that the record tells of is left out.
+    A world is left out if its obstacles here differ from those of the record.
     """
     found: dict[tuple[str, int], dict[int, Episode]] = {}
     for number, source in enumerate(sources):
@@ -96,15 +97,15 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
 
 
 def in_order(worlds: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
-    """Return worlds, each a scenario and a seed, as the study names its scenarios."""
+    """Return worlds, each a scenario and a seed, in the study's order of scenarios."""
     places = {name: place for place, name in enumerate(FAMILIES)}
     return sorted(worlds, key=lambda one: (places.get(one[0], len(places)), one))
 
 
 def trajectory(drives: Drives, episode: Episode) -> Trajectory:
-    """Return where an episode led. Where its end was not recorded it is driven again, and has to end as it did.
+    """Return an episode's places. If its end was not recorded, it is driven again.
 
-    Raises LedgerError where it does not, and where a place is missing.
+    Raises LedgerError if it then ends differently, or if a place is missing.
     """
     rows = [_place(step.truth) for step in episode.steps]
     last = episode.steps[-1]
@@ -118,12 +119,12 @@ def trajectory(drives: Drives, episode: Episode) -> Trajectory:
 def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
     found = [told.get(name) for name in _PLACE]
     if not all(isinstance(one, int | float) for one in found):
-        raise LedgerError(f"the record holds no place at some step: it needs {', '.join(_PLACE)}")
+        raise LedgerError(f"the record lacks a place at some step: it needs {', '.join(_PLACE)}")
     return tuple(float(one or 0.0) for one in found)
 
 
 def _told_of(drives: Drives, episode: Episode) -> bool:
-    """Return whether a world has the obstacles here that its record tells of."""
+    """Return whether a world has the obstacles of its record here."""
     try:
         drive = drives.open_simulator().drive(episode.key.scenario, episode.key.seed)
     except EyechartError:
@@ -134,9 +135,9 @@ def _told_of(drives: Drives, episode: Episode) -> bool:
 
 
 MOST_WORLDS = 48
-"""Strips of a group; of more worlds, so many evenly taken."""
+"""Strips of a group; more worlds are sampled evenly."""
 MOST_PLANNERS = 6
-"""Planners that have a group in each ablation; the figures of outcomes and the tables have all of them."""
+"""Planners with a group in each ablation; the figures of outcomes and the tables have all."""
 MOST_WAYS = 8
 MOST_NOTES = 12
 
@@ -163,13 +164,15 @@ _SCRIPTED: dict[tuple[str, str], tuple[str, str, Any]] = {
     ("lateral", ORACLE): ("oracle's side", "green", _SOLID),
     ("lateral", ORACLE_MIRRORED): ("its mirror", "vermillion", _SOLID),
 }
-"""How each scripted source is called and drawn: grey and dashed is blind, vermillion is mirrored, ink is the controller
-that knows the obstacles."""
+"""Name and line of each scripted source.
+
+Grey and dashed is blind, vermillion is mirrored, ink is the controller that knows the obstacles.
+"""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One source in a group of strips: its drives, and how they are drawn."""
+    """One source in a group of strips: its drives, and their line style."""
 
     drives: Drives
     name: str
@@ -178,23 +181,23 @@ class Line:
 
     @property
     def ink(self) -> str:
-        """Return the colour as figures write it."""
+        """Return the colour for figures."""
         return INK if self.colour == "ink" else WAYS[self.colour]
 
     @property
     def variable(self) -> str:
-        """Return the colour as a page's style sheet has it."""
+        """Return the colour as a variable of the page's style sheet."""
         return "var(--ink)" if self.colour == "ink" else f"var(--way-{self.colour})"
 
     @property
     def dashes(self) -> str:
-        """Return the dashes as SVG has them, in widths of a thin line."""
+        """Return the dashes for SVG, in widths of a thin line."""
         return "" if self.dash == _SOLID else " ".join(f"{3 * one:g}" for one in self.dash[1])
 
 
 @dataclass(frozen=True)
 class Group:
-    """Strips of the same worlds with the same sources: all scripted ones of an ablation, or one planner's."""
+    """Strips of the same worlds and sources: the scripted ones of an ablation, or one planner's."""
 
     key: str
     ablation: str
@@ -205,13 +208,13 @@ class Group:
 
     @property
     def caption(self) -> str:
-        """Return how many worlds and sources are shown."""
+        """Return the number of worlds and sources in the group."""
         some = "" if len(self.drawings) == self.worlds else f"{len(self.drawings)} of "
         return f"{some}{self.worlds} worlds, {len(self.lines)} sources in each"
 
 
 def groups(score: HierarchyScore) -> tuple[list[Group], list[str]]:
-    """Return the groups of both ablations, and in words what is not drawn."""
+    """Return the groups of both ablations, and notes on missing drawings."""
     found, notes = [], []
     with style():
         for ablation in ("primary", "second"):
@@ -292,7 +295,7 @@ def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
 
 
 def _road(axes: Axes, world: PairedWorld) -> None:
-    """Draw the road and its lines, and each obstacle in a ring that is as wide as half the rover."""
+    """Draw the road with its lines, and each obstacle in a ring half a rover wide."""
     axes.set_axis_off()
     axes.add_patch(Rectangle((-2, -ROAD_HALF_M), GOAL_M + 5, 2 * ROAD_HALF_M, facecolor=SOFT, edgecolor="none"))
     axes.hlines((-ROAD_HALF_M, ROAD_HALF_M), -2, GOAL_M + 3, colors=MUTED, linewidth=0.7)
@@ -331,7 +334,7 @@ def _end(axes: Axes, way: Trajectory, line: Line, gid: str) -> None:
 
 
 def _label(axes: Axes, way: Trajectory | None, line: Line, y: float, gid: str) -> None:
-    """Name a source beside the road, with the sign of its end, and how far it came where that is not the goal."""
+    """Name a source next to the road, with the sign of its end and its distance."""
     where: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": 8.4}
     sign = "–" if way is None else SIGNS.get(way.ended, "?")
     axes.text(1.015, y, sign, color=line.ink, gid=f"{gid}-sign", **{**where, "fontsize": 8.5})
@@ -352,7 +355,7 @@ _ROW_IN = 0.235
 
 
 def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
-    """Draw a row a source and a column a world: goal, crash or out of time, and right of it the share of goals."""
+    """Draw a row a source and a column a world (goal, crash, time), and the shares of goals."""
     rows = of_ablation(score.sources, ablation)[:MOST_ROWS]
     if not rows:
         return None
@@ -376,8 +379,8 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
         _shares(figure.add_axes(box), rows)
     told = "; ".join(f"{label}: {count_of(one.goals)} goals" for label, one in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
-    title = f"{name} ablation: what became of each source in the same {len(every)} worlds"
-    says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the end of the time. {told}."
+    title = f"{name} ablation: the outcome of each source in the same {len(every)} worlds"
+    says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the time limit. {told}."
     return Drawing(f"outcomes-{ablation}", title, says, figure, wide=True)
 
 

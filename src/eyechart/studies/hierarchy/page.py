@@ -1,4 +1,4 @@
-"""The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
+"""The page of the hierarchy: what completion shows, both ablations, and the worlds from above."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -44,7 +44,7 @@ def make_hierarchy_page(
 ) -> Page:
     """Return the report of a study; the same study gives the same bytes.
 
-    ``costs`` say what decisions cost and take; ``tell`` is told what is under way.
+    ``costs`` are the prices and times of decisions; ``tell`` receives progress messages.
     """
     tell("figures")
     drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in TITLES}
@@ -89,7 +89,7 @@ def make_hierarchy_page(
 
 
 def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Opening:
-    """Return what the page says first: which planner completes by its pictures, and where."""
+    """Return the opening: which planner completes by its pictures, and where."""
     said = [
         Said(
             f"{card['planner']} in {card['simulator']}",
@@ -102,7 +102,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
         for card in cards
     ]
     if not said:
-        return Opening("No planner was studied: only scripted sources drove, which see no pictures.")
+        return Opening("No planner drove: only scripted sources did, and these see no pictures.")
     of_camera = [one for _, one in score.blind if one.of_camera]
     shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
     return Opening(
@@ -114,13 +114,13 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
 
 
 def _rates(card: Mapping[str, Any]) -> Iterator[str]:
-    """Yield how often a planner reached its goal, by what it was shown."""
+    """Yield how often a planner reached its goal, by condition."""
     yield f"goals with real pictures {card['real']}"
     yield from (f"{CONDITION_NAMES[name]} {goals}" for name, goals, *_ in card["others"])
 
 
 def _control(found: Paired | None) -> dict[str, object] | None:
-    """Return what the positive control shows: whether this arm can tell a side from its mirror image."""
+    """Return the positive control's result: whether this arm tells a side from its mirror image."""
     if found is None:
         return None
     goals = found.differences["success_rate"]
@@ -135,7 +135,7 @@ def _control(found: Paired | None) -> dict[str, object] | None:
 
 
 def _cards(score: HierarchyScore) -> list[dict[str, object]]:
-    """Return a card for each planner in each arm: its goals with real pictures, and with every other beside them."""
+    """Return a card for each planner in each arm: its goals with real and with other pictures."""
     pairs = pairs_of(score)
     goals = {(one.part, one.driver.policy, one.driver.condition): count_of(one.goals) for one in score.sources}
     completions = {(one.part, one.policy): one for one in score.completions}

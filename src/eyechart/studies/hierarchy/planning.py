@@ -1,4 +1,4 @@
-"""Which sources of intent drive which arm of the hierarchy, and where: up to seven runs, one after another."""
+"""Which sources of intent drive in which arm of the hierarchy: up to seven runs in sequence."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,25 +18,26 @@ from eyechart.studies.closed_loop import Driver
 from eyechart.studies.probed import beside
 
 MPC_ONLY = "constant:STRAIGHT"
-"""No intent: the controller cruises on the track that it is on, as it does for the intent STRAIGHT."""
+"""No intent: the controller stays on its track, as it does for the intent STRAIGHT."""
 
 ORACLE, ORACLE_MIRRORED = "route", "mirrored:route"
 FAMILIES = ("offset", "single", "slalom", "gate", "clutter")
 SIDED = ("offset", "slalom", "gate", "clutter")
-"""The families in which a side matters: in ``single`` both sides are free."""
+"""Families in which a side matters; in ``single`` both sides are free."""
 
 CONDITIONS = ("real", "mirrored", "blank", "shuffled")
-"""What a model is shown: its rates with real pictures stand beside those of the same model that sees nothing."""
+"""A model's conditions: its rates with real pictures are compared with its own blind ones."""
 
 SILENCE = "fail-safe"
-"""A planner that says nothing is part of what is studied here: STOP is executed (docs/decisions/drives.md)."""
+"""A planner's silence is a result here: STOP is executed (docs/decisions/drives.md)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One run of the study: an arm's simulator, who drives in it, and where.
+    """One run of the study: an arm's simulator, its drivers and its worlds.
 
-    ``models`` says whether the models that are studied drive in it too, ``conditions`` what they are shown.
+    ``models`` says whether the studied models drive in it too, ``conditions`` what pictures they
+    get.
     """
 
     simulator: str
@@ -61,8 +62,10 @@ SCRIPTED: Mapping[str, tuple[str, str]] = {
     "oracle, lateral intent": ("lateral", ORACLE),
     "oracle, lateral intent, mirrored": ("lateral", ORACLE_MIRRORED),
 }
-"""The sources that are no model, by their names: the part in which each drives, and its policy there. MPC-only and the
-constant STRAIGHT are the same drives under two names, of which the paper prints the first."""
+"""The scripted sources by name: the part in which each drives, and its policy there.
+
+MPC-only and the constant STRAIGHT are the same drives under two names; the paper prints the first.
+"""
 
 
 def _policies(part: str) -> tuple[str, ...]:
@@ -78,15 +81,18 @@ PARTS: dict[str, Part] = {
     "lateral": Part("rover-mpc-lateral", _policies("lateral"), SIDED, 8),
     "lateral-models": Part("rover-mpc-lateral", (), SIDED, 8, CONDITIONS, models=True),
 }
-"""The paper's two ablations by the name of their folders. The primary one tells the controller where the obstacles
-are; the second does not, but for ``constrained``, its reference."""
+"""The paper's two ablations by the name of their folders.
+
+The primary one gives the controller the obstacles. The second does not, except for its reference
+``constrained``.
+"""
 
 _INTENT = {"unaware-models": ", full intent", "lateral-models": ", lateral intent"}
 _SHOWN = {"real": "", "mirrored": ", mirrored", "blank": ", blank", "shuffled": ", shuffled"}
 
 
 def name_of(part: str, driver: Driver) -> str:
-    """Return the name of a source of intent, of a model its SPEC, what of its intent counts, and what it is shown."""
+    """Return a source's name: SPEC or policy, the part of its intent that counts, its pictures."""
     for name, place in SCRIPTED.items():
         if place == (part, driver.policy):
             return name
@@ -95,10 +101,11 @@ def name_of(part: str, driver: Driver) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What of the study is driven; what is None is all of it.
+    """The chosen part of the study; None means all.
 
-    ``sources`` are those that are no model, pairs of a part and a policy; ``arms`` are parts without ``-models``,
-    ``worlds`` families of obstacles, ``seeds`` those of each family, in place of the paper's 5 and 8.
+    ``sources`` are scripted ones, as pairs of a part and a policy. ``arms`` are parts without
+    ``-models``, ``worlds`` families of obstacles, ``seeds`` those of each family, instead of the
+    paper's 5 and 8.
     """
 
     sources: frozenset[tuple[str, str]] | None = None
@@ -107,7 +114,7 @@ class Choice:
     seeds: tuple[int, ...] | None = None
 
     def of(self, name: str, part: Part) -> Part | None:
-        """Return what is driven of a part, None where nothing is."""
+        """Return the runs of a part that this choice keeps, None if none."""
         if self.arms is not None and name.removesuffix(MODELS) not in self.arms:
             return None
         policies = [one for one in part.policies if self.sources is None or (name, one) in self.sources]
@@ -119,14 +126,14 @@ class Choice:
 ALL = Choice()
 MODELS = "-models"
 NOBODY = "none"
-"""The word for no source but models."""
+"""The word for no scripted source."""
 
 
 def read_sources(text: str) -> frozenset[tuple[str, str]]:
-    """Read names of sources as the tables have them, or their policies, with commas; ``none`` is no scripted source.
+    """Read source names of the tables, or their policies, with commas; ``none`` is no scripted one.
 
-    A policy stands for the source of that policy in every arm; capitals do not matter. Raises SpecError that lists what
-    is known.
+    A policy stands for its source in every arm; case does not matter. Raises SpecError that lists
+    the known names.
     """
     known = {name: {place} for name, place in SCRIPTED.items()}
     for place in SCRIPTED.values():
@@ -146,7 +153,7 @@ def read_sources(text: str) -> frozenset[tuple[str, str]]:
 def read_choice(
     sources: str | None = None, arms: str | None = None, worlds: str | None = None, seeds: Sequence[int] | None = None
 ) -> Choice:
-    """Read what of the study is driven from words with commas; raises SpecError for what it does not have."""
+    """Read a choice from names with commas; raises SpecError for an unknown one."""
     parts = tuple(name for name in PARTS if not name.endswith(MODELS))
     families = tuple(dict.fromkeys(family for part in PARTS.values() for family in part.scenarios))
     return Choice(
@@ -176,11 +183,11 @@ def plan(
     silence: str = SILENCE,
     again: bool = False,
 ) -> dict[str, Episodes]:
-    """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
+    """Plan the study's runs in folders of ``out``, or the rest of them; make no calls.
 
-    Without ``models`` only the scripted sources drive; a ``choice`` leaves some of them out, or some worlds.
-    ``silence`` is what becomes of a call that fails in a way that may pass, one of `eyechart.episodes.SILENCES`.
-    Raises what `eyechart.episodes.plan` raises, and SpecError where nobody is left to drive.
+    Without ``models`` only scripted sources drive; a ``choice`` leaves out sources or worlds.
+    ``silence`` decides about a call that fails temporarily, one of `eyechart.episodes.SILENCES`.
+    Raises what `eyechart.episodes.plan` raises, and SpecError if no source is left.
     """
     planned: dict[str, Episodes] = {}
     chosen = {name: left for name, part in PARTS.items() if (left := choice.of(name, part)) is not None}
@@ -199,20 +206,20 @@ def plan(
             planned[name] = replace(made, again=again)
     if models and not any(chosen[name].models for name in planned):
         arms = ", ".join(name.removesuffix(MODELS) for name, part in PARTS.items() if part.models)
-        raise SpecError(f"no model drives in this choice: models are in the arms {arms}")
+        raise SpecError(f"no model drives in this choice: models drive in the arms {arms}")
     if not planned:
-        raise SpecError("nobody is left to drive: this choice leaves no source in any of its arms and worlds")
+        raise SpecError("no source is left: this choice has none in any of its arms and worlds")
     _require_arms(choice, planned)
     return planned
 
 
 def _require_arms(choice: Choice, planned: Mapping[str, Episodes]) -> None:
-    """Raise SpecError where an arm was asked for by name and nobody drives in it."""
+    """Raise SpecError if a named arm has no driver."""
     driven = {name.removesuffix(MODELS) for name in planned}
     for arm in choice.arms or ():
         if arm not in driven:
             mine = ", ".join(f"{name!r} ({policy})" for name, (part, policy) in SCRIPTED.items() if part == arm)
-            raise SpecError(f"nobody drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
+            raise SpecError(f"no source drives in the arm '{arm}' in this choice; its scripted sources are {mine}")
 
 
 @dataclass(frozen=True)
@@ -230,14 +237,14 @@ class Arms(Planned):
         return next(part for part in self.parts.values() if part.drivers.models)
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield the size of each run, and what its models' calls are expected to take."""
+        """Yield each run's size, and the expected cost of its models' calls."""
         for name, part in self.parts.items():
             size = f"{counted(len(part.keys), 'episode')} in {part.manifest.simulator}"
             yield f"{name}: {size}, {len(part.left())} to drive"
             yield from (f"  {line}" for line in part.forecast(how))
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Drive what is left of each run, in limits of all; a model that is set aside in one drives in no later one."""
+        """Drive the rest of each run within common limits; a model set aside stays so."""
         aside: dict[str, str] = {}
         stopped, uncounted = None, 0
         for name, part in self.parts.items():
@@ -249,7 +256,7 @@ class Arms(Planned):
         return Outcome(aside, stopped, uncounted)
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield what is left and why, and which episodes ended in an error."""
+        """Yield what is left with the reason, and which episodes ended in an error."""
         yield drives_ended(self.parts, outcome, failed)
         yield errors_ended(self.parts, bound="")
 
@@ -266,10 +273,10 @@ def run(
     calls: int | None = None,
     cost_usd: float | None = None,
 ) -> Outcome:
-    """Drive what is left of each part; a model that is set aside in one drives in no later one.
+    """Drive the rest of each part; a model set aside in one drives in no later part.
 
-    ``calls`` and ``cost_usd`` bound the whole study: what the ledgers of its other parts hold counts too. Raises what
-    `eyechart.episodes.run` raises.
+    ``calls`` and ``cost_usd`` bound the whole study, with the ledgers of its other parts. Raises
+    what `eyechart.episodes.run` raises.
     """
     how = Allowed(prices, max_calls=calls, max_cost=cost_usd, sequential=bounds.sequential)
     how = replace(how, processes=bounds.processes, concurrency=bounds.concurrency)

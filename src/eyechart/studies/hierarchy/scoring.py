@@ -1,4 +1,4 @@
-"""score() reads the study's runs and makes no call: who reaches the goal, beside those who see nothing."""
+"""Score the study's runs without calls: the goals of each source, compared with blind ones."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -42,10 +42,10 @@ from eyechart.verdicts.rules import Axis, Rule, compared, fact, p_below
 
 NOT_PERCEPTION = PLANNERS["completion_alone"].says
 NEEDED = ("shuffled", "blank")
-"""The pictures without which fewer worlds must be completed; of shuffled ones the difference says most."""
+"""The pictures under which a model must complete fewer worlds; "shuffled" is the strictest."""
 
 _FEWER = {name: (compared(name, "value", ">", 0.0, untested=False), p_below(name, LEVEL)) for name in NEEDED}
-"""That fewer worlds are completed without the own picture, significantly so after Holm."""
+"""The clauses: fewer worlds completed without the own picture, significant after Holm."""
 
 COMPLETES = Axis(
     "planners",
@@ -55,7 +55,7 @@ COMPLETES = Axis(
         Rule("completion_alone", NEEDED[0]),
     ),
 )
-"""What drives without its own pictures tell of how a planner completes."""
+"""The predicate in sentences about a planner's drives without its own pictures."""
 
 _WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 
@@ -69,7 +69,7 @@ PUBLISHED: Mapping[str, Printed] = {
     "mpc-oracle": ("30/32", "2/32", None, None),
     "mpc-blind": ("1/32", "31/32", None, None),
 }
-"""Goals, crashes, metres and the share of STOP that the paper prints of a source."""
+"""The paper's values of a source: goals, crashes, metres and the share of STOP."""
 
 UNPUBLISHED: Printed = ("", "", None, None)
 
@@ -85,17 +85,18 @@ PUBLISHED_MODELS: Mapping[str, Mapping[str, Printed]] = {
         "full VLM intent": ("0/32", "11/32", None, None),
     },
 }
-"""What the paper prints of its model, by ablation: in Table t:mpc-intent, and in the text below it."""
+"""The paper's values for its model, by ablation: from Table t:mpc-intent and its text."""
 
 
 @dataclass(frozen=True)
 class Source(Written):
-    """One source of intent in one arm: its rates with exact intervals, and what it emitted.
+    """One source of intent in one arm: its rates with exact intervals, and its intents.
 
-    ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the fail-safe executed
-    is in neither. ``no_decision`` counts the steps at which it did, by the reason: the kind of failure of the call, or
-    why its reply holds no decision. ``solver_failures`` are plans that braked instead. The intervals of
-    ``distance_m`` and ``stop_share`` resample episodes, and are None where all have the same.
+    ``intents`` counts the emitted intents, and ``stop_share`` is of them; a STOP of the fail-safe
+    is in neither. ``no_decision`` counts the steps of the fail-safe by reason: the failure of the
+    call, or why its reply has no decision. ``solver_failures`` counts plans that braked instead.
+    The intervals of ``distance_m`` and ``stop_share`` resample episodes; they are None if all have
+    the same value.
     """
 
     written = (
@@ -122,16 +123,16 @@ class Source(Written):
 
     @property
     def fail_safe(self) -> int:
-        """Return at how many steps the fail-safe was executed because there was no decision."""
+        """Return the number of steps with the fail-safe, for want of a decision."""
         return sum(self.no_decision.values())
 
 
 @dataclass(frozen=True)
 class Completion(Written):
-    """How often a model reaches the goal in one arm, beside itself with pictures that show nothing of its world.
+    """How often a model reaches the goal in one arm, with real pictures and with other ones.
 
-    ``goals`` are by condition; it is ``shown`` where both paired differences, from blank and from other worlds'
-    pictures, exclude zero after Holm, upwards.
+    ``goals`` are by condition. It is ``shown`` if both paired differences, real less blank and real
+    less other worlds' pictures, are above zero after Holm.
     """
 
     written = "part source=policy goals shows_perception=shown"
@@ -143,12 +144,12 @@ class Completion(Written):
 
     @property
     def shown(self) -> bool:
-        """Return whether it completes by its pictures."""
+        """Return whether the model completes worlds by its pictures."""
         return self.label is PLANNERS["by_pictures"]
 
     @property
     def sentence(self) -> str:
-        """Return it in words, which end in what completion does not show."""
+        """Return the result in a sentence, with the limits of what completion shows."""
         counts = ", ".join(f"{_WITH[name]} {count_of(one)}" for name, one in self.goals.items())
         found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
@@ -156,9 +157,10 @@ class Completion(Written):
 
 @dataclass(frozen=True)
 class HierarchyScore:
-    """What the study's runs show, each part computed when it is asked for, from the episodes alone.
+    """The study's results, computed on demand from the episodes alone.
 
-    ``unfinished`` is what the runs lack, by part, and why; ``served`` names the models that more than one answered for.
+    ``unfinished`` gives what the runs lack, by part, with the reason. ``served`` names the models
+    that several served models answered for.
     """
 
     drives: Mapping[str, tuple[Drives, ...]]
@@ -168,24 +170,24 @@ class HierarchyScore:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """Return what counts as success: the goal, without a crash."""
+        """Return the definition of success: the goal, without a crash."""
         return outcomes_of([one for drives in self.drives.values() for one in drives])
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """Return a row for each source by its name; MPC-only and the constant STRAIGHT are two names of one."""
+        """Return a row for each source by name; MPC-only and the constant STRAIGHT share one."""
         return tuple(_source(part, name, one, self.outcomes) for part, name, one in self._named())
 
     @cached_property
     def against_mpc_only(self) -> tuple[Paired, ...]:
-        """Return every source of the primary ablation less MPC-only in the same worlds, Holm over all of them."""
+        """Return every source of the primary ablation less MPC-only, same worlds, Holm over all."""
         drives = self._of("primary", "primary-models")
         reference = next((one for one in drives if one.driver.policy == MPC_ONLY), None)
         return () if reference is None else tuple(against(drives, reference, self.outcomes, resamples=self.resamples))
 
     @cached_property
     def oracle_mirrored(self) -> Paired | None:
-        """Return the positive control: the oracle's lateral intent less the same one mirrored, None where undriven."""
+        """Return the positive control, oracle intent less mirrored one; None if not run."""
         drives = {one.driver.policy: one for one in self._of("lateral")}
         if {ORACLE, ORACLE_MIRRORED} - drives.keys():
             return None
@@ -194,7 +196,7 @@ class HierarchyScore:
 
     @cached_property
     def blind(self) -> tuple[tuple[str, Blind], ...]:
-        """Return each model as its own blind baseline, by part; Holm within a part."""
+        """Return each model's comparison with itself blind, by part; Holm within a part."""
         found = []
         for part in ("primary-models", "unaware-models", "lateral-models"):
             found += [(part, one) for one in blind_baselines(self._of(part), self.outcomes, resamples=self.resamples)]
@@ -202,7 +204,7 @@ class HierarchyScore:
 
     @cached_property
     def completions(self) -> tuple[Completion, ...]:
-        """Return each model in each arm, its goals with real pictures beside those without."""
+        """Return each model's goals in each arm, with real pictures and with others."""
         found = []
         for part in (name for name in self.drives if PARTS[name].models):
             goals: dict[str, dict[str, Statistic]] = {}
@@ -212,7 +214,7 @@ class HierarchyScore:
             found += [
                 Completion(part, policy, rates, self._label(part, policy))
                 for policy, rates in goals.items()
-                if "real" in rates  # nothing is concluded of a model before it drove with real pictures
+                if "real" in rates  # without real pictures there is nothing to compare with
             ]
         return tuple(found)
 
@@ -224,7 +226,7 @@ class HierarchyScore:
         return PLANNERS[COMPLETES.evaluate(found).label]
 
     def measured(self) -> tuple[Measured, ...]:
-        """Return the audit of every model in every arm, a simulator each."""
+        """Return the statistics of every model in every arm, a simulator each."""
         found: list[Measured] = []
         for part, drives in self.drives.items():
             lacking = {one.policy: one.words for one in self.unfinished.get(part, ())}
@@ -233,7 +235,7 @@ class HierarchyScore:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Return what completion shows of each model, in words: the conclusions, then each pair."""
+        """Return sentences on each model's completion: the conclusions, then each pair."""
         pairs = (f"{PARTS[part].simulator}: {one.sentence}{unless_shown(one)}" for part, one in self.blind)
         return (*(one.sentence for one in self.completions), *pairs)
 
@@ -263,7 +265,7 @@ def runs_of(path: Path) -> dict[str, Path]:
 
 
 def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
-    """Read the runs of the study in ``out``; raises LedgerError where there is none."""
+    """Read the runs of the study in ``out``; raises LedgerError if there is none."""
     begun = runs_of(out)
     drives = {name: read_drives([run]) for name, run in begun.items() if any(read_episodes(run))}
     if not drives:
@@ -274,10 +276,10 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
 
 
 def _fewer(one: Blind | None) -> Statistic:
-    """Return how many more worlds are completed with real pictures, with its p after Holm; None where none differs.
+    """Return how many more worlds are completed with real pictures, with its p after Holm.
 
-    It is None where calls failed so often that the fail-safe, and not the picture, may have made the difference, and
-    where the model never decided under one of the conditions.
+    None if nothing can be concluded: the model never decided under a condition, or calls failed so
+    often that the fail-safe may explain the difference.
     """
     if one is None or one.finding != DIFFERS:
         return Statistic(None, 0)
@@ -285,13 +287,13 @@ def _fewer(one: Blind | None) -> Statistic:
 
 
 def shows(one: Blind) -> bool:
-    """Return whether more worlds are completed with real pictures, significantly so after Holm."""
+    """Return whether significantly more worlds are completed with real pictures (Holm)."""
     found = {NEEDED[0]: _fewer(one)}
     return all(clause.holds(found) for clause in _FEWER[NEEDED[0]])
 
 
 def unless_shown(one: Blind) -> str:
-    """Return the caveat, where a pair does not show perception."""
+    """Return the caveat if a pair does not show perception, else nothing."""
     return "" if shows(one) else f" So here {NOT_PERCEPTION}."
 
 
@@ -318,11 +320,11 @@ def _source(part: str, name: str, drives: Drives, outcomes: Outcomes) -> Source:
 
 
 def _stops(episode: Episode) -> tuple[float, float]:
-    """Return how many of an episode's intents are STOP, and how many there are."""
+    """Return the number of an episode's STOP intents, and of all its intents."""
     said = [step.decision.action for step in episode.steps if step.decision.action is not None]
     return said.count("STOP"), len(said)
 
 
 def count_of(one: Statistic) -> str:
-    """Return a rate as a count: how many, of how many."""
+    """Return a rate as a count, k of n."""
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"

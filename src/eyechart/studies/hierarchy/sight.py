@@ -1,4 +1,4 @@
-"""Which planners complete by their pictures, in a word, and why it is shown of one no more strongly."""
+"""Which planners complete worlds by their pictures, and why that is not shown of the others."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,7 +10,7 @@ from eyechart.studies.hierarchy.scoring import NEEDED, Completion, HierarchyScor
 
 
 def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
-    """Return by part and planner its comparisons with other pictures."""
+    """Return each planner's comparisons with other pictures, by part and planner."""
     found: dict[tuple[str, str], list[Blind]] = {}
     for part, one in score.blind:
         found.setdefault((part, one.driver.policy), []).append(one)
@@ -18,10 +18,10 @@ def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[Blind]]:
 
 
 def why_not(many: Sequence[Blind]) -> str:
-    """Return in words why it is not shown that a planner completes by its pictures; empty where it is."""
+    """Return why sight is not shown for a planner; empty if it is shown."""
     held = {one.condition: one for one in many}
     if lacking := [name for name in NEEDED if name not in held]:
-        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, which show what it needs."
+        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, so nothing can be compared."
     unshown = [held[name] for name in NEEDED if not shows(held[name])]
     if not unshown:
         return ""
@@ -29,13 +29,13 @@ def why_not(many: Sequence[Blind]) -> str:
         return told_of(unshown[0], "success_rate")[1]
     names = " and ".join(one.condition for one in unshown)
     return (
-        f"It drives otherwise with {names} pictures, but it is not shown that it completes fewer worlds with them: "
+        f"It drives differently with {names} pictures, but it does not complete significantly fewer worlds: "
         f"{bounds(unshown[0].paired, 'success_rate')} in {unshown[0].paired.worlds} worlds."
     )
 
 
 def findings(score: HierarchyScore) -> dict[str, Finding]:
-    """Return what an index says of each planner, over all arms that it drove in: completed by its pictures, or not."""
+    """Return each planner's finding for an index, over all of its arms: by its pictures, or not."""
     pairs = pairs_of(score)
     found = dict.fromkeys((one.policy for one in score.completions), NO_VERDICT)
     for spec in found:
@@ -46,7 +46,7 @@ def findings(score: HierarchyScore) -> dict[str, Finding]:
 
 
 def _finding(score: HierarchyScore, mine: Sequence[Completion], pairs: Mapping[str, Sequence[Blind]]) -> Finding:
-    """Return what one planner's arms show together, by the comparison that says most in the arm that shows most."""
+    """Return one planner's finding: the strictest comparison of the arm that shows most."""
     spec, tones = mine[0].policy, [one.label.family for one in mine]
     tone = tones[0] if len(set(tones)) == 1 else "partly" if "sees" in tones else "open"
     best = mine[tones.index("sees") if "sees" in tones else 0]

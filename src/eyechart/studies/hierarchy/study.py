@@ -58,7 +58,7 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         del banks
         if len(runs) > 1:
-            raise SpecError("a report is about one hierarchy: make one of each study")
+            raise SpecError("a report is about one hierarchy: make one report for each study")
         return self.whole(runs[0], reading, tell)[1]
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[HierarchyScore, Made]:

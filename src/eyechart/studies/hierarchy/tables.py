@@ -1,4 +1,4 @@
-"""Tables of the hierarchy: sources of intent beside the paper's, what they emitted, and whom completion tells apart."""
+"""Tables of the hierarchy: sources with the paper's values, their intents, and completion."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,9 +30,9 @@ def of_ablation(sources: Sequence[Source], ablation: str) -> list[Source]:
 
 
 def source_table(sources: Sequence[Source], ablation: str) -> Table:
-    """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them.
+    """Return the rows of one ablation with exact 95 % intervals, next to the paper's.
 
-    Episodes that ended in an error stand beside the name, and count in no rate.
+    Episodes that ended in an error are listed with the name, and count in no rate.
     """
     rows = []
     for one in of_ablation(sources, ablation):
@@ -51,9 +51,9 @@ def source_table(sources: Sequence[Source], ablation: str) -> Table:
 
 
 def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
-    """Yield Table t:mpc-intent of studies by name, every source with the controller fixed; and the second ablation.
+    """Yield Table t:mpc-intent of studies by name, then the second ablation.
 
-    The second one is printed in the paper's text only. Beside each stand the paper's rows.
+    The paper prints the second one in its text only. Each has the paper's rows too.
     """
     titles = {
         "primary": ("t:mpc-intent", "Intent-source controls with the state-constrained MPC fixed"),
@@ -74,7 +74,7 @@ def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
 
 
 def beside_table(sources: Sequence[Source], ablation: str) -> Table:
-    """Return the rows of one ablation with the share of STOP, the paper's beside them, and those of its model below."""
+    """Return the rows of one ablation with the share of STOP, then the paper's and its model's."""
     mine, table = of_ablation(sources, ablation), source_table(sources, ablation)
     rows: list[tuple[Cell, ...]] = [
         (*row, one.stop_share, PUBLISHED.get(one.name, UNPUBLISHED)[3])
@@ -87,7 +87,7 @@ def beside_table(sources: Sequence[Source], ablation: str) -> Table:
 
 
 def _as_published(sources: Sequence[Source]) -> Table:
-    """Return goals, crashes, metres and the share of STOP, as Table t:mpc-intent has them."""
+    """Return goals, crashes, metres and the share of STOP, in the form of Table t:mpc-intent."""
     rows = tuple(
         (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m, one.stop_share) for one in sources
     )
@@ -99,9 +99,9 @@ def _as_published(sources: Sequence[Source]) -> Table:
 
 
 def intent_table(sources: Sequence[Source], ablation: str) -> Table:
-    """Return what each source emitted, and where it did not: intents, the share of STOP among them, and the fail-safe.
+    """Return each source's intents, the share of STOP among them, and the fail-safe's steps.
 
-    A STOP that the fail-safe executed counts in no share; ``no decision`` says how often it did, and why.
+    A STOP of the fail-safe counts in no share; ``no decision`` gives their number and reason.
     """
     rows = tuple(
         (
@@ -124,12 +124,12 @@ def intent_table(sources: Sequence[Source], ablation: str) -> Table:
         *columns("count", "fail-safe", "solver failed"),
         *columns("text", "no decision", "which intents"),
     )
-    caption = "What was emitted: STOP is a share of the intents, with its 95 % interval; the fail-safe is no intent"
+    caption = "Emitted intents: STOP is a share of them, with its 95 % interval; the fail-safe is no intent"
     return Table(f"intents_{ablation}", caption, named, rows)
 
 
 def completion_table(completions: Sequence[Completion]) -> Table:
-    """Return each model's goals with real pictures beside those without, and whether that shows perception."""
+    """Return each model's goals with real and other pictures, and whether that shows perception."""
     rows = []
     for one in completions:
         goals = [one.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
@@ -157,7 +157,7 @@ def against_table(pairs: Sequence[Paired]) -> Table:
 
 
 def blind_table(score: HierarchyScore) -> Table:
-    """Return each planner with real pictures less itself with others, in the same worlds."""
+    """Return each planner with real pictures less itself with other ones, in the same worlds."""
     rows = tuple(
         (one.driver.label, PARTS[part].simulator, one.condition, *difference_cells(one.paired))
         for part, one in score.blind

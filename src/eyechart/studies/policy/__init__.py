@@ -1,4 +1,4 @@
-"""Any policy: run() asks it about every frame with each of its channels exchanged, score() reads what came back."""
+"""Any policy: run() calls it with each channel exchanged, score() reads the answers."""
 
 from eyechart.studies.policy.planning import ANSWERS, STUDY, Extent, PolicyRun, plan, run
 from eyechart.studies.policy.scoring import PolicyScore, score

@@ -1,4 +1,4 @@
-"""The checkpoints of a training side by side: how each channel's share changes, and when a policy stopped looking."""
+"""Compare the checkpoints of a training: the shares, and when a policy stopped looking."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from eyechart.verdicts.uses import used
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""
 LEAST = 0.001
-"""A share differs by this or more: rounding differs in every frame alike, and no test takes that for chance."""
+"""A smaller difference is rounding: it is in every frame, so no test takes it for chance."""
 
 _STEP = re.compile(
     r"(?<![a-z])(?:step|checkpoint|ckpt|iteration|iter|epoch)s?[ _=:-]*(\d[\d_,]*)(k|m)?(?!\w|\.\d)", re.IGNORECASE
@@ -31,7 +31,7 @@ _THOUSANDS = {"": 1, "k": 1000, "m": 1_000_000}
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A policy of a run: how far its training had come (None where it does not say), and what is said of it."""
+    """A policy of a run, its verdict and its training step; None if it declares no step."""
 
     policy: OnePolicy
     verdict: PolicyVerdict
@@ -39,7 +39,7 @@ class Checkpoint:
 
     @property
     def name(self) -> str:
-        """Return what a sentence calls it."""
+        """Return its name in sentences: the SPEC, with the step if there is one."""
         return self.policy.model if self.step is None else f"{self.policy.model}, step {self.step}"
 
     @property
@@ -51,7 +51,7 @@ class Checkpoint:
 
     @property
     def looks(self) -> bool | None:
-        """Return whether its cameras count, None where that is not settled: a guard failed, or no margin is passed."""
+        """Return whether its cameras count; None if a guard failed or no margin is passed."""
         if self.verdict.guards:
             return None
         if not (label := CAMERA[self.verdict.camera.label]).is_open:
@@ -60,7 +60,7 @@ class Checkpoint:
 
     @property
     def shares(self) -> Mapping[str, Statistic]:
-        """Return the share of each channel, of none where a guard failed."""
+        """Return the share of each channel; empty if a guard failed."""
         return {} if self.verdict.guards else self.verdict.channels
 
     def as_dict(self) -> dict[str, object]:
@@ -72,9 +72,10 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Change(Plain):
-    """One checkpoint and the next: the labels that changed, and each channel's difference with its p after Holm.
+    """The changes from one checkpoint to the next: labels, and shares with their p after Holm.
 
-    Of one whose guard failed no share is compared; ``failed`` names the guards, with whose they are.
+    If a guard failed for one of the two, no share is compared. ``failed`` names each failed guard
+    and its policy.
     """
 
     before: str
@@ -86,7 +87,7 @@ class Change(Plain):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return the channels whose share differs significantly, after correction, and by more than rounding."""
+        """Return the channels whose share differs significantly and by more than rounding."""
         return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA and self._differs(name))
 
     def _differs(self, name: str) -> bool:
@@ -94,7 +95,7 @@ class Change(Plain):
         return value is not None and abs(value) >= LEAST
 
     def says(self) -> str:
-        """Return what changed, in a sentence; of what was not compared, why."""
+        """Return the changes in a sentence, or why there was no comparison."""
         if self.failed:
             return f"not compared: {'; '.join(self.failed)}"
         labels = (f"{axis} {old}, then {new}" for axis, (old, new) in self.labels.items())
@@ -104,7 +105,7 @@ class Change(Plain):
 
 @dataclass(frozen=True)
 class Course:
-    """Checkpoints in their order, which of them are compared, and what changed from each of these to the next."""
+    """Checkpoints in order, the pairs of them that are compared, and the changes in each pair."""
 
     checkpoints: tuple[Checkpoint, ...]
     compared: tuple[tuple[Checkpoint, Checkpoint], ...]
@@ -116,7 +117,7 @@ class Course:
         return not any(one.labels or one.changed for one in self.changes)
 
     def says(self) -> Iterator[str]:
-        """Yield a sentence for each change, and when the pictures stopped or began to count."""
+        """Yield a sentence for each change, and for a start or stop of looking."""
         for one in self.changes:
             yield f"{one.before} → {one.after}: {one.says()}"
         for pair in self.compared if self.stepped else ():
@@ -132,16 +133,16 @@ class Course:
 
     @property
     def stepped(self) -> bool:
-        """Return whether every policy says how far its training had come, and not all the same."""
+        """Return whether every policy has a step, and not all the same one."""
         return None not in (steps := {one.step for one in self.checkpoints}) and len(steps) > 1
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Return the channels of which any policy has a share."""
+        """Return the channels for which any policy has a share."""
         return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.shares))
 
     def tables(self) -> list[Table]:
-        """Return the shares of every checkpoint, and what changed from each to the next."""
+        """Return the tables of shares by checkpoint, and of changes between checkpoints."""
         rows = [
             (
                 one.policy.model,
@@ -153,7 +154,7 @@ class Course:
         ]
         head = (Column("policy", "word"), Column("step", "count"), Column("camera", "word"))
         shares = columns("estimate", *self.channels)
-        note = "the share of its own variation that goes with each channel; 98 % intervals"
+        note = "the share of a policy's own variation that goes with each channel; 98 % intervals"
         named = (*(Column(name, "word") for name in ("from", "to", "channel")), *STATISTIC_COLUMNS, Column("Holm", "p"))
         changed = tuple(
             (one.before, one.after, name, *statistic_cells(apart), one.holm[name])
@@ -166,23 +167,24 @@ class Course:
         ]
 
     def printed(self) -> Iterator[Table | str]:
-        """Yield the tables, and sentences."""
+        """Yield the tables, then the sentences."""
         yield from self.tables()
         yield from self.says()
 
 
 def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = None) -> Course:
-    """Return the policies of runs on one bank in the order of their steps; as they were asked where one has none.
+    """Return the checkpoints of runs on one bank, in the order of their steps.
 
-    Of runs that all ask the same policies, such as one and its replication, each is then compared with itself.
-    A step is ``given`` by SPEC, else declared (``step``), else read from the version that a policy declares of itself
-    ("step 20000", "checkpoint-020000", "ckpt_20k"). Raises SpecError where there are fewer than two policies, they were
-    not asked about the same frames, or a step is given to a policy that is none of them.
+    Without a step for each, they keep the order of the runs. If all runs have the same policies, as
+    in a replication, each policy is compared with itself. A step is ``given`` by SPEC, else
+    declared (``step``), else read from the policy's version ("step 20000", "checkpoint-020000",
+    "ckpt_20k"). Raises SpecError for fewer than two policies, for runs on different frames, or for
+    a step of an unknown policy.
     """
     found = [one for score in scores for one in _checkpoints(score, given or {})]
     asked = {one.policy.model for one in found}
     if unknown := [spec for spec in given or {} if spec not in asked]:
-        raise SpecError(f"--step names '{unknown[0]}', and these runs asked {', '.join(sorted(asked))}")
+        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(asked))}")
     if len(found) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
     _require_same_frames(found)
@@ -191,7 +193,7 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
 
 
 def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[tuple[Checkpoint, Checkpoint]]:
-    """Put policies in their order, and yield which of them are compared; ``specs`` are those of each run."""
+    """Sort the policies, and yield the pairs to compare; ``specs`` are those of each run."""
     again = len(specs) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
     if all(one.step is not None for one in found):
         found.sort(key=lambda one: one.step or 0)
@@ -204,9 +206,10 @@ def _compared(found: list[Checkpoint], specs: Sequence[list[str]]) -> Iterator[t
 
 
 def _require_same_frames(found: Sequence[Checkpoint]) -> None:
-    """Raise SpecError where policies were not asked about the same frames, or for motions that mean something else.
+    """Raise SpecError if the policies have different frames or different definitions of a motion.
 
-    Two banks of one fingerprint may say otherwise what a motion is, as after an import with another ``--kind``.
+    Two banks with one fingerprint may define motions differently, as after imports with two
+    ``--kind``.
     """
     first = found[0].policy.motions.plan
     for one in found[1:]:
@@ -214,18 +217,18 @@ def _require_same_frames(found: Sequence[Checkpoint]) -> None:
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
             banks = "" if same else f": their banks are {first.bank.name} and {plan.bank.name}"
-            raise SpecError(f"{two} were not asked about the same frames{banks}")
+            raise SpecError(f"{two} have different frames{banks}; compare runs on one bank with one --limit")
         spaces = first.bank.manifest.motion, plan.bank.manifest.motion
         if None not in spaces and (apart := spaces[0].apart(spaces[1])):  # type: ignore[union-attr,arg-type]
             said = "; ".join(f"{name}: {mine} and {theirs}" for name, (mine, theirs) in apart.items())
-            raise SpecError(f"{two} answer with other motions, which no test compares: {said}; ask both on one bank")
+            raise SpecError(f"{two} answer with different motions, which cannot be compared: {said}; use one bank")
 
 
 def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
-    """Return the course of the policies of a report where they are checkpoints of a training; None where they are not.
+    """Return the course of a report's policies if they are checkpoints of one training, else None.
 
-    They are where each has a step and was asked about the same frames. Raises SpecError where steps are ``given`` and
-    they are none.
+    They are checkpoints if each has a step and all have the same frames. Raises SpecError if steps
+    are ``given`` and they are not.
     """
     try:
         found = course_of(scores, given)
@@ -235,13 +238,13 @@ def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Cour
         return None
     if given and not found.stepped:
         without = [one.policy.model for one in found.checkpoints if one.step is None]
-        lacking = f"{', '.join(without)}: no step" if without else "all policies it is one"
-        raise SpecError(f"--step gives no order, since of {lacking}; give --step SPEC=N for each")
+        lacking = f"{', '.join(without)} has no step" if without else "all policies have the same step"
+        raise SpecError(f"--step gives no order, since {lacking}; give --step SPEC=N for each")
     return found if found.stepped else None
 
 
 def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int | None:
-    """Return how far a policy's training had come: as given, as it declares, or as its declared version says."""
+    """Return a policy's training step: as given, else as declared, else as its version says."""
     facts, version = manifest.facts.get(spec, {}), manifest.models[spec]
     if spec in given:
         return given[spec]

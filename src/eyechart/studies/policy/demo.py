@@ -1,4 +1,4 @@
-"""The demo of policies: six tiny ones, trained to look in a known way, and what a run says of each."""
+"""The demo of policies: six small policies with a known use of their inputs, and their verdicts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from eyechart.studies.policy.scoring import PolicyScore, judge, score
 from eyechart.verdicts.channels import PolicyVerdict
 
 STEPS, SEEDS, ANSWERS = 6, 3, 2
-"""Frames of an episode and seeds: 12 episodes, 72 frames; how often what draws its answers is asked."""
+"""Frames of an episode, seeds (12 episodes, 72 frames), and answers of a drawing policy."""
 
 PRESETS = tuple(dict.fromkeys(one.preset for one in TRAINED.values()))
-"""The presets of the banks, of which each is asked about in a run of its own."""
+"""The presets of the banks; each has a run of its own."""
 
 Watch = Callable[[str], Progress]
-"""Returns what is told of the progress of a run on this preset."""
+"""Returns the progress display for the run on a preset."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Shown:
 
     @property
     def wrong(self) -> list[str]:
-        """Return the axes whose label is not the one that it deserves, in words."""
+        """Return a sentence for each axis whose label is not the deserved one."""
         return [
             f"{axis} is {self.found[axis]}, deserved {label}"
             for axis, label in self.deserved.items()
@@ -49,8 +49,9 @@ class Shown:
 
 
 def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[str, Shown]]:
-    """Build the banks and ask every trained policy on the preset that it was trained for; a second call goes on."""
-    open_policy(f"trained:{next(iter(TRAINED))}")  # what is not installed is said before a bank is built
+    """Build the banks and run each trained policy on its preset; a second call resumes."""
+    # A missing package must raise its error before a bank is built.
+    open_policy(f"trained:{next(iter(TRAINED))}")
     scores: list[PolicyScore] = []
     found: dict[str, Shown] = {}
     for preset in PRESETS:
@@ -67,7 +68,7 @@ def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[st
 
 
 def shown(spec: str, verdict: PolicyVerdict) -> Shown:
-    """Return a verdict beside what the policy was trained to do."""
+    """Return a verdict together with the labels that the training deserves."""
     lesson = TRAINED[spec.removeprefix("trained:")]
     deserved = {"camera": lesson.camera, "state": lesson.state, "instruction": lesson.instruction}
     deserved |= {f"{name} camera": label for name, label in lesson.cameras.items()}

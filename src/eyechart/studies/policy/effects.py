@@ -1,4 +1,4 @@
-"""Effects: how much of one policy's motions goes with each of its channels, with what was moved, and with the log.
+"""Effect sizes of one policy: by channel, by moved object, and against the log.
 
 Why these: docs/decisions/policies.md.
 """
@@ -65,9 +65,9 @@ from eyechart.verdicts.uses import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
 _LEAST_TOLD = 3
-"""Fewer episodes that were told one thing say nothing of it alone."""
+"""An instruction with fewer episodes has no statistic of its own."""
 _LEAST_PART = 0.1
-"""An axis along which less of the oracle's way lies has no share of its own."""
+"""An axis with a smaller part of the oracle's way has no share of its own."""
 NOT_SHOWN = "no frame of the run can be shown it"
 NO_FRAMES = "no frame has both answers"
 
@@ -75,11 +75,12 @@ NO_FRAMES = "no frame has both answers"
 def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, Statistic]:
     """Return every statistic of one policy's motions, by name.
 
-    ``T.CONDITION`` is the share of its own variation that goes under a condition; ``follow.named`` and
-    ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names, and
-    ``follow.logged`` how much nearer its own instruction brings it to what was logged than another. ``swapped.alike@…``
-    is the share of any other episode's pictures in the moments that have one at a similar state.
-    ``shapley.CHANNEL`` is there where every subset of the channels was asked.
+    ``T.CONDITION`` is the share of the policy's own variation that changes under a condition.
+    ``follow.named`` and ``follow.other`` say how far it follows a moved object. ``follow.told``
+    says how much farther it follows the one that its instruction names. ``follow.logged`` says how
+    much nearer its own instruction brings it to the log than another one. ``swapped.alike@…`` is
+    the share with any other episode's pictures, on the frames that have a match at a similar state.
+    ``shapley.CHANNEL`` exists if the run has every subset of the channels.
     """
     taken = Effects(motions, drawn=drawn, seeded=seeded)
     found = {
@@ -129,9 +130,10 @@ class Effects:
         return np.flatnonzero(good)
 
     def _others(self) -> tuple[Places, Places]:
-        """Return frames, and for each a frame of another episode, that both have their real answers.
+        """Return frames, and for each a frame of another episode; both have real answers.
 
-        Not those in which the log is far off: a place relative to a state that is wrong would be all of the variation.
+        Frames with a log far off are excluded: a place relative to a wrong state would be all of
+        the variation.
         """
         places, there = self._compared, np.zeros(len(self._compared), dtype=bool)
         there[self._whole(self._real)] = True
@@ -146,7 +148,7 @@ class Effects:
         return Pairs(values, self._episodes[frames], self._episodes[others])
 
     def misfit(self) -> Statistic:
-        """Return how far the answers are from what was logged, and how unlike it they are as a whole."""
+        """Return the normalised error to the log, with the offset and the spread."""
         fit = self._motions.fit_to
         frames = self._whole(self._real[:1], fit[None])
         answers, logged = self._real[0, frames], fit[frames]
@@ -162,7 +164,7 @@ class Effects:
         return replace(found, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
-        """Return how much the answers vary between episodes, over how much the logged motions do."""
+        """Return the answers' variation between episodes, over that of the logged motions."""
         frames, others = self._others()
         fit, method = self._motions.fit_to, "variation between episodes, over that of the logged motions"
         good = np.isfinite(fit[frames]).all(axis=(1, 2)) & np.isfinite(fit[others]).all(axis=(1, 2))
@@ -178,11 +180,12 @@ class Effects:
         return Share(own / logged, len(frames), method=method, still=still or None)
 
     def memory(self) -> Statistic:
-        """Return which share of the noise goes with the call before, or with its noise: of who keeps nothing, none.
+        """Return the share of the noise that goes with the call before.
 
-        Of four it is the one that says most. What is kept goes with what was shown before; what drifts with the time,
-        or with a count of calls, with the noise of the call before. Either is looked for in the mean over the steps,
-        and in all of them, since what alternates along the horizon has no mean.
+        It is the most significant of four tests. Kept pictures show in what the call before showed;
+        drift with time or a call counter shows in the noise of the call before. Each is tested on
+        the mean over the steps and on all steps, since an answer that alternates along the horizon
+        has no mean.
         """
         apart, *before = self._motions.remembered()
         parts = (apart.mean(axis=1), apart.reshape(len(apart), apart.shape[1] * apart.shape[2]))
@@ -190,7 +193,7 @@ class Effects:
         return min(found, key=lambda one: 2.0 if one.p is None else one.p)
 
     def noise(self) -> Statistic:
-        """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
+        """Return the share of the variation without any change, or between two seeds."""
         again = self._motions.of("real_repeat")
         if again is None:
             return cannot_say(self._absent("real_repeat"))
@@ -204,9 +207,10 @@ class Effects:
 
     @cached_property
     def _near(self) -> Floats:
-        """Return by how much two answers may differ and be one: by nothing, but of who rounds one moment otherwise.
+        """Return the largest difference of answers that counts as rounding, shape (dimensions,).
 
-        In the numbers that it answers with, shape (dimensions,).
+        It is 0 if the repeats are equal, or if the policy draws its answers or is seeded. It is in
+        the units of the raw answers.
         """
         real, again = (self._motions.answers.get(name) for name in ("real", "real_repeat"))
         exact = np.zeros(self._real.shape[-1])
@@ -216,9 +220,9 @@ class Effects:
         return exact if (real[:, frames] == again[:, frames]).all() else rounded(real[0, frames])
 
     def _same(self, condition: str, frames: Places) -> float:
-        """Return the share of frames on which the numbers that it answers with are the same under a condition.
+        """Return the share of frames with equal raw answers under a condition.
 
-        As they are, since a place that stays is another one relative to another state.
+        The raw answers are compared, since one place is another one relative to another state.
         """
         real, other = (self._motions.answers[name][:, frames] for name in ("real", condition))
         return float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean())
@@ -229,7 +233,7 @@ class Effects:
         return float(values.mean()) if len(values) else 0.0
 
     def _as_given(self) -> tuple[Pairs, Floats, Floats] | str:
-        """Return what goes with another state in the answers as they are, and these; else why there is none."""
+        """Return another state's effect on raw answers, and both answers; else why none."""
         condition = f"swapped{OVER}{STATE}"
         frames = self._answered(condition)
         if isinstance(frames, str):
@@ -238,7 +242,7 @@ class Effects:
         return self._between(condition, frames, real, other), real, other
 
     def reads(self) -> Statistic:
-        """Return the share of places that go with the state as they are, and not relative to it."""
+        """Return the share of raw places, not relative to the state, that goes with the state."""
         condition, given = f"swapped{OVER}{STATE}", self._as_given()
         frames = self._answered(condition)
         if isinstance(given, str) or isinstance(frames, str):
@@ -249,7 +253,7 @@ class Effects:
         return self._net(self._counted(replace(found, p=p), condition), effect, frames, condition)
 
     def _counted(self, found: Statistic, *conditions: str) -> Share:
-        """Return a statistic that says which share of a condition's calls holds no motion, where some do not."""
+        """Return a statistic with the share of its condition's calls without a motion."""
         share = found if isinstance(found, Share) else of_kind(Share, found)
         lost = self._motions.lost(*conditions)
         return replace(share, lost=lost) if lost else share
@@ -262,7 +266,7 @@ class Effects:
         return NOT_FINISHED if any(plan.shows(condition, frame) for frame in plan.frames) else NOT_SHOWN
 
     def _answered(self, condition: str) -> Places | str:
-        """Return the frames that have a real answer and one under a condition; else why there is none."""
+        """Return the frames with answers both real and under a condition, or why none."""
         changed = self._motions.of(condition)
         if changed is None:
             return self._absent(condition)
@@ -270,14 +274,14 @@ class Effects:
         return frames if len(frames) else NO_FRAMES
 
     def _between(self, condition: str, frames: Places, real: Floats, other: Floats) -> Pairs:
-        """Return half the squared distance of two answers to frames, the second shown what a condition shows."""
+        """Return half the squared distance of two answers, the second under a condition."""
         owner = partner = self._episodes[frames]
         if condition.partition(OVER)[0] in PARTNERS:
             partner = self._motions.episodes_of(self._motions.partners(condition)[frames])
         return Pairs(half_squares(real, other), owner, partner)
 
     def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
-        """Return what goes under a condition, and the variation of which it is a share; else why there is none."""
+        """Return a condition's effect and the variation; else why there is none."""
         frames, changed = self._answered(condition), self._motions.of(condition)
         if isinstance(frames, str) or changed is None:
             return str(frames)
@@ -285,7 +289,7 @@ class Effects:
 
     @cached_property
     def _by_bytes(self) -> Floats | None:
-        """Return the answers to pictures with one value one level off, of whom this changes something; else None."""
+        """Return the answers to nudged pictures (one value one level off) if they differ."""
         found = self.total("nudged")
         if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
             return None
@@ -293,9 +297,9 @@ class Effects:
 
     @cached_property
     def _sees_grey(self) -> bool:
-        """Return whether other bytes of a picture are told from grey by more than from that picture itself.
+        """Return whether nudged pictures are farther from grey ones than from their own originals.
 
-        Who knows pictures by their bytes alone takes those with one value one level off for as unknown as grey ones.
+        A policy that recognises pictures by their bytes alone knows neither nudged nor grey ones.
         """
         other, grey = self._by_bytes, self._motions.of("blank")
         if other is None or grey is None or not len(frames := self._whole(self._real, other, grey)):
@@ -306,10 +310,10 @@ class Effects:
         return found.ci is not None and found.ci[0] > USED
 
     def _net(self, found: Statistic, effect: Pairs, frames: Places, condition: str) -> Share:
-        """Return a share whose lower end is of what goes beyond what other bytes of the same pictures change.
+        """Return a share whose lower end counts only what exceeds the effect of nudged pictures.
 
-        The upper end stays: noise that hangs on the bytes neither shows a use nor an absence. Where no picture is told
-        from grey but by its bytes none is used.
+        The upper end stays: noise from the bytes shows neither use nor absence. If nudged pictures
+        are no farther from grey ones than from the originals, the lower end is at most 0.
         """
         share = found if isinstance(found, Share) else of_kind(Share, found)
         if self._by_bytes is None or share.ci is None:
@@ -326,7 +330,7 @@ class Effects:
         return replace(share, ci=(min(low, share.ci[0]), share.ci[1]), bytes=bytes_)
 
     def total(self, condition: str) -> Statistic:
-        """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
+        """Return the share of the variation that changes under a condition."""
         pairs, changed = self.pairs(condition), self._motions.of(condition)
         if isinstance(pairs, str) or changed is None:
             return cannot_say(str(pairs))
@@ -358,7 +362,7 @@ class Effects:
         return found if condition == "nudged" else self._net(found, pairs[0], frames, condition)
 
     def _texts(self, condition: str, frames: Places) -> list[str]:
-        """Return what a policy was told most often, and in its place most often, under another instruction."""
+        """Return the most frequent pair of own and exchanged instruction."""
         bank = self._motions.plan.bank
         column = instruction_column(bank) or ""
         own, theirs = (
@@ -368,11 +372,11 @@ class Effects:
         return list(Counter(zip(own, theirs, strict=True)).most_common(1)[0][0])
 
     def _carried(self, frames: Places, changed: Floats, effect: Pairs) -> dict[str, float]:
-        """Return the numbers and steps of the answer that go under a condition as much as must not be ignored.
+        """Return the dimensions and steps whose own share is too large for "ignored".
 
-        With their shares, of those whose lower end is above the margin of use, and that vary as a number of the log
-        does: a part that hardly moves has a share of anything. What a few moments of the log make small is held to
-        nothing but its own variation.
+        Listed are parts whose lower end is above the margin of use. A part must vary at least as
+        much as one of the log does, since one that hardly moves can have any share. A part whose
+        logged spread comes from a few frames is compared with its own variation alone.
         """
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
@@ -392,10 +396,11 @@ class Effects:
         return found
 
     def shapley(self) -> dict[str, Statistic]:
-        """Return each channel's Shapley share of the variation, which add up to 1; nothing where none was asked for.
+        """Return each channel's Shapley share of the variation; they add up to 1.
 
-        The worth of a subset is half the squared distance of the answer to the frame, and of that with the subset from
-        the partner of its pictures; of all channels, that partner's own answer.
+        The worth of a subset is half the squared distance between the frame's answer and the answer
+        with that subset from the frame's partner. The worth of all channels uses the partner's own
+        answer.
         """
         every = subset_conditions(self._motions.plan.bank)
         if not every or not set(every.values()) <= set(self._motions.plan.conditions):
@@ -419,7 +424,7 @@ class Effects:
         }
 
     def _pictures_of(self, good: npt.NDArray[np.bool_]) -> tuple[Places, Places]:
-        """Return of good frames those whose pictures' partner has a real answer too, and the places of the partners."""
+        """Return good frames whose partner has a real answer, and the partners' places."""
         plan = self._motions.plan
         at = {frame.id: place for place, frame in enumerate(plan.frames)}
         ids = [plan.bank.frames[place].id for place in self._motions.partners(f"swapped{OVER}{CAMERAS}")]
@@ -429,10 +434,10 @@ class Effects:
         return frames, places[frames]
 
     def responds(self, channel: str, claim: str) -> Statistic:
-        """Return the share of episodes in which a channel carries `IGNORED` or more, bounded for the whole data set.
+        """Return the share of episodes in which a channel carries `IGNORED` or more, with bounds.
 
-        It may do so under any condition that the claim of absence rests on. The data set is all episodes from which
-        these were drawn.
+        Each condition that the claim of absence needs counts. The bounds hold for all episodes from
+        which these were drawn.
         """
         found = [self.pairs(one) for one in rests_on(claim, channel)]
         effects = [one[0] for one in found if not isinstance(one, str)]
@@ -441,9 +446,10 @@ class Effects:
         return share_bound(*responding(effects, self._variation(), IGNORED), confidence=SURENESS)
 
     def beyond(self, channel: str) -> Statistic:
-        """Return the share that goes with pictures at a similar state, over what goes with those of the own episode.
+        """Return the share with pictures at a similar state, less that with own-episode ones.
 
-        Where that is nothing, what is left at a similar state may be the little by which the states still differ.
+        If the latter is none, the rest may come from the small differences that the states still
+        have.
         """
         matched, near = (self._motions.of(f"{name}@{channel}") for name in BY_STATE)
         if matched is None or near is None:
@@ -462,9 +468,9 @@ class Effects:
         return replace(found, still=still) if still else found
 
     def alike(self, channel: str) -> Statistic:
-        """Return the share that goes with any other episode's pictures, of the moments with one at a similar state.
+        """Return the share with any other episode's pictures, on frames that have a match by state.
 
-        A share at a similar state is of these moments, and to be held against this one.
+        It is the baseline of the matched share, on the same frames.
         """
         matched, swapped = (self._motions.of(f"{name}@{channel}") for name in ("matched", "swapped"))
         if matched is None or swapped is None:
@@ -481,7 +487,7 @@ class Effects:
         return self._net(found, effect, frames, f"swapped@{channel}")
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
-        """Return how far what was moved is followed; of two objects, how much farther the first than the second."""
+        """Return how far the answer follows a moved object; of two, how much farther the first."""
         gains, full = self._gains(which[0])
         if gains is None:
             return cannot_say(NOT_ASKED)
@@ -498,10 +504,11 @@ class Effects:
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
 
     def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, dict[str, float]]]:
-        """Yield how much farther the first of two objects is followed by what was told, and by axis of the world.
+        """Yield how much farther the first of two objects is followed, by instruction and by axis.
 
-        Of what three episodes or more have been told, where two such things were; along an axis as a share of that part
-        of the oracle's way. Of less than six episodes ``at_most`` is an upper end (.99), else the share itself.
+        Instructions count from three episodes on, if there are two such instructions. An axis is a
+        share of its part of the oracle's way. With fewer than six episodes, ``at_most`` is the
+        upper end (.99), else the share itself.
         """
         plan = self._motions.plan
         column, good = instruction_column(plan.bank) or "", np.isfinite(gains) & np.isfinite(full)
@@ -522,7 +529,7 @@ class Effects:
                 yield from [(f"along {axis}", part)] if part is not None else ()
 
     def _part(self, gains: Floats, full: Floats, episodes: Places) -> dict[str, float] | None:
-        """Return the share of a part of the frames, and what it is at most; None of too few episodes."""
+        """Return the share on a part of the frames and its upper end; None for too few episodes."""
         names, which = np.unique(episodes, return_inverse=True)
         count, whole = len(names), float(full.sum())
         if count < _LEAST_TOLD or whole <= 0:
@@ -533,10 +540,10 @@ class Effects:
         return {"value": value, "at_most": value + wide * float(np.sqrt((left**2).sum())), "episodes": count}
 
     def _heading(self, which: str, gains: Floats) -> float | None:
-        """Return the cosine of the way that an object was moved and the way that the answer goes with it.
+        """Return the cosine between the way of an object and the way of the answer.
 
-        Over all frames, net of the noise of drawn answers, which has no way: the sum along, over what it would be if
-        each went its own length along.
+        It is taken over all frames and net of the noise of drawn answers, which has no direction:
+        the sum of the projections, over the product of the lengths.
         """
         forth, back = (self._motions.raw(f"{which}_{side}") for side in ("plus", "minus"))
         if forth is None or back is None:
@@ -550,11 +557,11 @@ class Effects:
         return float(gains[good].sum()) / whole**0.5 if whole > 0 else None
 
     def _way(self, which: str, axis: str) -> Floats:
-        """Return how far along an axis an object was moved, frame by frame."""
+        """Return how far an object was moved along an axis, by frame."""
         return np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in self._motions.plan.frames])
 
     def told(self) -> Statistic:
-        """Return how much farther the named object is followed than the other, over both instructions."""
+        """Return how much farther the answer follows the named object than the other."""
         own = [self._gains(which) for which in OBJECTS]
         told = [self._gains(which, TOLD) for which in OBJECTS]
         (named, named_full), (other, other_full) = own
@@ -565,10 +572,10 @@ class Effects:
         return self._counted(found, *MOVES, *(f"{TOLD}{name}" for name in MOVES))
 
     def logged(self) -> Statistic:
-        """Return how much nearer its own instruction brings the answer to what was logged than another one does.
+        """Return how much nearer its own instruction brings the answer to the log than another.
 
-        As a share of what the two answers differ by: 1 of who answers what was logged; 0 of who changes by what it is
-        told in a way that has nothing to do with it.
+        It is a share of the difference of the two answers. 1: the answer matches the log; 0: the
+        change is unrelated to the log.
         """
         condition = f"swapped{OVER}{INSTRUCTION}"
         changed, fit = self._motions.of(condition), self._motions.fit_to
@@ -588,16 +595,16 @@ class Effects:
         return follow(gains[good], full[good], self._episodes[good], seed=key_seed("follow"))
 
     def _gains(self, which: str, told: str = "") -> tuple[Floats | None, Floats]:
-        """Return how much farther along its way the motion goes with an object moved forth than back, frame by frame.
+        """Return each frame's gain along the object's way, moved forth over back, and the oracle's.
 
-        And how far the oracle goes; NaN where there is no answer.
+        NaN if there is no answer.
         """
         full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in self._motions.plan.frames])
         along = self._along(which, told)
         return (None if along is None else sum(along.values(), np.zeros(len(full)))), full
 
     def _along(self, which: str, told: str = "") -> dict[str, Floats] | None:
-        """Return how much farther the motion goes with an object moved forth than back, by axis; None if not asked."""
+        """Return the motion with the object forth less that with it back, by axis."""
         forth, back = (self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus"))
         space = self._motions.plan.motions
         if forth is None or back is None or not space.axes:
@@ -606,7 +613,7 @@ class Effects:
         return {axis: self._way(which, axis) * space.displacement(apart, axis) for axis in space.axes}
 
     def mirror(self) -> Statistic:
-        """Return how far the answer to the mirrored moment is from the reflected one, over the variation: 0 fits."""
+        """Return the distance of the mirrored moment's answer from the reflected one; 0 fits."""
         changed, space = self._motions.of("mirrored"), self._motions.plan.motions
         if changed is None:
             return cannot_say(NOT_ASKED)

@@ -1,4 +1,4 @@
-"""Figures of policies: how much each channel carries, and what one moment becomes when a channel is exchanged."""
+"""Figures of policies: each channel's share, and one moment with each channel exchanged."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -49,16 +49,16 @@ _OF_ALL = {
     f"swapped@{INSTRUCTION}": "another instruction",
     f"swapped@{STATE}": "another episode's state",
 }
-"""The conditions of which a moment's motion is drawn, beside its answer, and what each changes."""
+"""The conditions whose motion is drawn at a moment, and what each changes."""
 _OF_PICTURES = {f"matched@{CAMERAS}": "pictures at a similar state", "blank": "grey pictures"}
-"""Those of pictures alone, of which the first moment is drawn once more, with each camera's exchanged."""
+"""Conditions of pictures alone; the first moment is drawn again under them, camera by camera."""
 _OF_THE_WORLD = {
     "exchanged": "the objects' colours exchanged",
     "other_plus": "the other object moved",
     "recoloured": "another table",
     "decoys": "further objects",
 }
-"""Those that a world draws, of which the first moment is drawn too."""
+"""Conditions that a simulator draws; the first moment is drawn again under them."""
 _LINES: Sequence[tuple[str, Any]] = (
     (WAYS["vermillion"], "-"),
     (WAYS["blue"], (0, (5, 1.5))),
@@ -66,22 +66,20 @@ _LINES: Sequence[tuple[str, Any]] = (
     (WAYS["amber"], (0, (6, 1.5, 1.2, 1.5))),
     (WAYS["green"], (0, (3, 3))),
 )
-"""The lines of a figure beside its answer: no more stand in one, and each differs in colour and in dashes."""
+"""The lines of the conditions; no figure has more, and each has its own colour and dashes."""
 _OWN, _OWN_WIDTH = "its answer", 2.6
 _MOMENTS = 2
 STRETCHED = "The axis is stretched near 0 (square root)."
-MARGINS = (
-    f"Shaded, 0 to {USED:g}: too little to be called used. Dashed line, {IGNORED:g}: what stays below it is ignored."
-)
+MARGINS = f"Shaded, 0 to {USED:g}: too small to count as used. Below the dashed line, {IGNORED:g}: ignored."
 ABOVE_ONE = (
-    "The share is of the policy's own variation between moments: one above 1 says that the exchange changes its answer "
-    "more than another moment does."
+    "The share is of the policy's own variation between moments. Above 1, the exchange changes its answer more than "
+    "another moment does."
 )
 
 
 @dataclass(frozen=True)
 class Line:
-    """A motion as it is drawn: in words what was changed, its colour and dashes, and its numbers, step by dimension."""
+    """A motion as drawn: the change in words, colour, dashes, and numbers (steps, dimensions)."""
 
     words: str
     colour: str
@@ -90,14 +88,15 @@ class Line:
 
     @property
     def width(self) -> float:
-        """Return how thick it is: the policy's own answer stands out."""
+        """Return the line's width: the policy's own answer stands out."""
         return _OWN_WIDTH if self.words == _OWN else 1.5
 
 
 def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
-    """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins.
+    """Draw each channel's share, similar-state and grey pictures included, with both margins.
 
-    A row whose axis is undecided is open, whatever its own numbers say. Yields nothing where no share can be said.
+    A row with an undecided axis is hollow, whatever its interval. Yields nothing if no share has a
+    value.
     """
     rows = [(_in_words(name), one, _channel(judged, name)) for name, one in _drawn(policy)]
     if not rows:
@@ -135,14 +134,14 @@ def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
 
 
 def _drawn(policy: OnePolicy) -> Iterator[tuple[str, Statistic]]:
-    """Yield the shares that have a row, by their names."""
+    """Yield the name and value of each share that has a row."""
     for name, one in policy.statistics.items():
         if name.startswith("T.") and name.removeprefix("T.").partition("@")[0] in _INSTEAD and one.value is not None:
             yield name, one
 
 
 def _in_words(name: str) -> str:
-    """Return what was shown instead, of a share's name: ``T.matched@camera:top`` is 'top: at a similar state'."""
+    """Return a share's name in words: ``T.matched@camera:top`` is 'top: at a similar state'."""
     base, _, channel = name.removeprefix("T.").partition("@")
     what = channel.removeprefix(CAMERA) or CAMERAS
     return f"{what if len(what) <= _LONGEST else f'…{what[1 - _LONGEST :]}'}: {_INSTEAD[base]}"
@@ -159,35 +158,35 @@ _INSTEAD = {
 
 
 def _axes(judged: PolicyVerdict) -> dict[str, Judged]:
-    """Return what is said of each channel."""
+    """Return the verdict on each channel."""
     cameras = {f"{CAMERA}{name}": one for name, one in judged.cameras.items()}
     return {CAMERAS: judged.camera, **cameras, STATE: judged.state, INSTRUCTION: judged.instruction}
 
 
 def _channel(judged: PolicyVerdict, name: str) -> str:
-    """Return the channel whose axis a share speaks for: of ``T.blank@top`` the top camera, of ``T.blank`` all."""
+    """Return the channel of a share: ``T.blank@top`` is the top camera's, ``T.blank`` is of all."""
     channel, axes = name.rpartition("@")[2], _axes(judged)
     return next((one for one in (channel, f"{CAMERA}{channel}") if one in axes), CAMERAS)
 
 
 def _colour(one: Statistic, axis: Judged) -> str:
-    """Return the colour of a share: grey where it, or its axis, is open."""
+    """Return the colour of a share: grey if it or its axis is undecided."""
     if USES[axis.label].is_open:
         return MUTED
     return BLUE if used(one) else VERMILLION if ignored(one) else MUTED
 
 
 def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence on the channels whose rows are open whatever their intervals are, where there are any."""
+    """Yield a sentence that names the undecided channels with a row, if there are any."""
     axes = _axes(judged)
     found = [one.removeprefix(CAMERA) for one in axes if one in channels and USES[axes[one].label].is_open]
     if found:
-        yield f"Open whatever the interval is, because the verdict on it is: {_all(found)}; its line below says why."
+        yield f"Hollow because the verdict is undecided, whatever the interval: {_all(found)}. The line below says why."
 
 
 def _of_similar(names: Sequence[str]) -> Iterator[str]:
     if any(name.endswith(_SIMILAR) for name in names):
-        yield "At a similar state: of another episode's moments the one whose state is nearest."
+        yield "At a similar state: the moment of another episode with the nearest state."
 
 
 def _all(names: Sequence[str]) -> str:
@@ -208,13 +207,13 @@ def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
 
 
 def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
-    """Draw a share: full where it says something, hollow where it is open."""
+    """Draw a share: filled if it is decided, hollow if it is open."""
     face = PAPER if colour == MUTED else colour
     axes.scatter([x], [y], s=28, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3, clip_on=False)
 
 
 def training(course: Course) -> Drawing:
-    """Draw each channel's share against the step of the training, a row each, with the margins that `shares` has."""
+    """Draw each channel's share against the training step, a row each, with the margins."""
     names = course.channels
     points = [(one.step or 0, one.verdict, one.shares) for one in course.checkpoints]
     every = [one for *_, each in points for one in each.values()]
@@ -244,7 +243,7 @@ def training(course: Course) -> Drawing:
 
 
 def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic, Judged]]) -> None:
-    """Draw a channel's shares, joined, each with its interval and in the colour of what is said of it."""
+    """Draw a channel's shares joined, each with its interval, in the colour of its verdict."""
     held = [(step, one, axis) for step, one, axis in shares if one.value is not None]
     axes.plot([step for step, *_ in held], [_on_page(one.value) for _, one, _ in held], color=LINE, lw=1, zorder=1)
     for step, one, axis in held:
@@ -269,13 +268,13 @@ def _on_page(value: float | None) -> float:
 
 
 def _around(steps: Sequence[int]) -> tuple[float, float]:
-    """Return limits that leave a margin on both sides of steps."""
+    """Return limits with a margin on both sides of the steps."""
     room = 0.06 * (max(steps) - min(steps) or 1)
     return min(steps) - room, max(steps) + room
 
 
 def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
-    """Return where steps are marked, none nearer to the last than its words are long, and the words."""
+    """Return the steps with a mark, far enough apart for their words, and the words."""
     kept: list[int] = []
     for step in sorted(set(steps)):
         if not kept or step - kept[-1] >= 0.12 * (max(steps) - min(steps)):
@@ -285,9 +284,10 @@ def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
 
 
 def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
-    """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged.
+    """Draw the most telling moments: the pictures, the motion, and it with each channel exchanged.
 
-    Others show other pictures, and what a world changes in them. No moment is drawn twice where there are enough.
+    Further figures exchange single cameras and change the world. No moment is drawn twice if there
+    are enough.
     """
     found = policy.motions
     cameras = [name for name in channels_of(found.plan.bank) if name.startswith(CAMERA)]
@@ -304,20 +304,20 @@ def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Dr
 
 
 def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
-    """Yield so many entries of a mapping at a time."""
+    """Yield a mapping in parts of at most ``most`` entries."""
     names = list(whole)
     for start in range(0, len(names), most):
         yield {name: whole[name] for name in names[start : start + most]}
 
 
 _MOST = "It is the moment at which other pictures change its answer most."
-_MIDDLE = "At half of the moments or more other pictures change its answer more than at this one."
+_MIDDLE = "At half of the moments or more, other pictures change its answer more than here."
 
 
 def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
-    """Return the moment at which other pictures change the answer most, and ones in the middle, of other episodes.
+    """Return the moment that other pictures change most, and middle ones of other episodes.
 
-    Each with what it is in words; of who was not shown other pictures, the first moments.
+    Each comes with a sentence about it. Without exchanged pictures, these are the first moments.
     """
     real, other = found.of("real"), found.of(f"swapped@{CAMERAS}")
     if real is None or other is None:
@@ -336,7 +336,7 @@ def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
 def _moment(
     kind: str, spec: str, found: Motions, place: int, why: str, shown: Mapping[str, str], pictures: FrameBank | None
 ) -> Drawing | None:
-    """Draw one moment; None where it has no answer, or none with anything changed."""
+    """Draw one moment; None if it has no answer, or no changed one."""
     frame, space = found.plan.frames[place], found.plan.motions
     lines = _lines(found, place, shown)
     if len(lines) < 2 or lines[0].words != _OWN:
@@ -346,7 +346,7 @@ def _moment(
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
     told = f"told “{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "without an instruction"
-    says = "Its motion as it was, and with one thing changed of what it is shown: "
+    says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(
         _slug(f"{kind}-{spec}-{frame.id}"),
@@ -358,7 +358,7 @@ def _moment(
 
 
 def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
-    """Return the motions of a moment that are there, its own answer first."""
+    """Return a moment's motions, its own answer first; missing ones are left out."""
     made = []
     looks = [(INK, "-"), *_LINES]
     for (name, words), (colour, dashes) in zip({"real": _OWN, **shown}.items(), looks, strict=False):
@@ -369,12 +369,10 @@ def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
 
 
 def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
-    """Return in words what is drawn of a motion, and how to read it."""
+    """Return what the figure draws of a motion and how to read it."""
     steps = counted(space.horizon, "step")
     rate = f", {space.rate_hz:g} a second" if space.rate_hz else ""
-    exchanged = (
-        "Thick: its answer as things were. Every other line: with that one thing changed, and all else as it was."
-    )
+    exchanged = "Thick: its own answer. Every other line: its answer with that one input changed."
     if on_a_plane:
         down = space.axes[1]
         return (
@@ -384,23 +382,23 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
     alone = len(space.dimensions) == 1
     what = "the number of its motion" if alone else "one number of its motion"
     names = {one.name for one in space.dimensions if space.kind in PLACES and one.state is not None}
-    relative = " Places are drawn from the state on that it is shown." if names else ""
+    relative = " Places are drawn relative to its state." if names else ""
     units = "" if any(one.unit for one in space.dimensions) else " The bank names no units."
     units = f" All are in {_unit(space)}." if _unit(space) else units
     return f"Each curve is {what} over {steps}{rate}; each axis has a scale of its own.{relative}{units} {exchanged}"
 
 
 def _of_answers(found: Motions) -> str:
-    """Return in words which of several answers are drawn."""
+    """Return a note if only the first of several answers is drawn."""
     real = found.of("real")
-    return f"Of {len(real)} answers the first is drawn." if real is not None and len(real) > 1 else ""
+    return f"The first of {len(real)} answers is drawn." if real is not None and len(real) > 1 else ""
 
 
 _ONE_COLUMN, _WIDE = 2, 4.4
 
 
 def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, float]]:
-    """Return where so many pictures stand, from above, left in a figure of 4.4 by 3.3 inches and ``below`` more."""
+    """Return the boxes of pictures at the left of a figure, 4.4 by 3.3 inches plus ``below``."""
     columns = 1 if count <= _ONE_COLUMN else 2 if count <= 4 * _ONE_COLUMN else 3
     rows = max(2, -(-count // columns))
     wide, step = 1.2 / columns - 0.1, 3.0 / rows
@@ -417,7 +415,7 @@ def _boxes(count: int, below: float = 0.0) -> list[tuple[float, float, float, fl
 
 
 def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
-    """Return a frame's pictures by camera, none where they cannot be read."""
+    """Return a frame's pictures by camera; empty if they cannot be read."""
     try:
         frame = bank.frame(frame_id)
         return {name: np.asarray(decode(one, name)) for name, one in bank.images(frame).items()}
@@ -434,7 +432,7 @@ def _show(figure: Figure, picture: Floats, box: tuple[float, float, float, float
 
 
 def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line]) -> Figure:
-    """Draw where motions lead along the first two axes of the world, y downwards as in a picture."""
+    """Draw the motions' paths along the world's first two axes, y downwards as in a picture."""
     left, below = (1.35 if seen else 0.25), 0.18 * _legend_rows(lines) - 0.36
     high = 3.3 + below
     figure = Figure(figsize=(_WIDE, high))
@@ -460,19 +458,19 @@ def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line])
 
 
 def _with_unit(space: MotionSpace, axis: str) -> str:
-    """Return an axis of the world with the unit of the numbers along it; of velocities, which are summed, without."""
+    """Return an axis of the world with its unit; velocities are summed, so they get none."""
     units = {one.unit for one in space.dimensions if one.along == axis and one.unit}
     return f"{axis} ({', '.join(sorted(units))})" if units and space.kind != "velocity" else axis
 
 
 _FEW, _IN_A_ROW, _LEAST_SIGNS = 3, 4, 24
-"""So many dimensions stand in one column, more in two; so many pictures in a row; no name is made shorter."""
+"""Dimensions in one column (more: two), pictures in a row, and least signs of a short name."""
 
 
 def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line], scales: Floats) -> Figure:
-    """Draw every dimension over the horizon, each in a small chart below its name, and the pictures above them.
+    """Draw each dimension over the horizon in a small chart, with the pictures above.
 
-    An axis spans at least the scale of its dimension, so that what hardly differs looks alike.
+    An axis spans at least its dimension's scale, so that small differences look small.
     """
     names = [f"{one.name} ({one.unit})" if one.unit and not _unit(space) else one.name for one in space.dimensions]
     columns = 1 if len(names) <= _FEW else 2
@@ -505,7 +503,7 @@ def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line]
 
 
 def _with_room(names: Sequence[str], inches: float) -> list[str]:
-    """Return names that stand in so many inches, each still unlike the others."""
+    """Return names shortened to a width in inches, each still unique."""
     made = list(names)
     for most in range(max(map(len, names)), _LEAST_SIGNS - 1, -1):
         short = shorten(names, most)
@@ -516,13 +514,13 @@ def _with_room(names: Sequence[str], inches: float) -> list[str]:
 
 
 def _unit(space: MotionSpace) -> str:
-    """Return the unit of all numbers, nothing where they have several or none."""
+    """Return the common unit of all dimensions, empty if there is none."""
     units = {one.unit for one in space.dimensions}
     return next(iter(units)) if len(units) == 1 else ""
 
 
 def _over_steps(axes: Axes, lines: Sequence[Line], dimension: int, scale: float) -> None:
-    """Draw one number of every line over the steps of the horizon."""
+    """Draw one dimension of every line over the steps of the horizon."""
     values = np.array([one.numbers[:, dimension] for one in lines])
     steps = range(1, values.shape[1] + 1)
     for one, column in zip(lines, values, strict=True):
@@ -545,7 +543,7 @@ def _legend_rows(lines: Sequence[Line]) -> int:
 
 
 def _legend(figure: Figure, lines: Sequence[Line]) -> None:
-    """Say below a figure what each line is, in two columns."""
+    """Draw the legend below a figure, in two columns."""
     drawn = [Line2D([], [], color=one.colour, linestyle=one.dashes, linewidth=one.width) for one in lines]
     figure.legend(
         drawn,

@@ -1,4 +1,4 @@
-"""The page of policies: for each what is said of it and why, its shares, two moments; then all numbers."""
+"""The page of policies: verdict and reason, shares and two moments of each, then all numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -26,11 +26,11 @@ from eyechart.verdicts.channels import MISFIT, PolicyVerdict
 from eyechart.verdicts.labels import CAMERA, GUARDS, INSTRUCTION, STATE, USES
 
 Shown = tuple[PolicyScore, FrameBank | None]
-"""A scored run, and its bank with the pictures where they are at hand."""
+"""A scored run, and its bank if the pictures are available."""
 
 
 def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
-    """Return the report of runs of policies; those of a training with its course, by ``steps`` or as they declare."""
+    """Return the report of runs of policies, with the course of a training if there is one."""
     course = training_of([score for score, _ in runs], steps or {})
     first = _opening(runs)
     shown = "" if first.figure is None else first.figure.title
@@ -53,7 +53,7 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
 
 
 def _opening(runs: Sequence[Shown]) -> Opening:
-    """Return what the page says first: who looks, what each does, what to do next, and one moment of the first."""
+    """Return the opening: the answer for each policy, its next step, and one figure."""
     judged = [(spec, one, score) for score, _ in runs for spec, one in judge(score).items()]
     said = [
         Said(
@@ -73,7 +73,7 @@ def _opening(runs: Sequence[Shown]) -> Opening:
 
 
 def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[Shown]) -> list[Drawing]:
-    """Return the figures of the policy that the page speaks of first."""
+    """Return the figures of the first policy on the page."""
     pictures = next(pictures for other, pictures in runs if other is score)
     return [*moments(spec, score.models[spec], pictures), *_shares(score, one)]
 
@@ -87,22 +87,22 @@ _LOOK = {
     "Inconclusive": ("is undecided", "are undecided"),
     "none": ("gets no verdict", "get no verdict"),
 }
-"""What one policy does, or several, by `_does`."""
+"""The verb phrase for one policy, and for several, by `_does`."""
 _MOST_NAMED = 4
 
 
 def _does(one: PolicyVerdict) -> str:
-    """Return in a word of `_LOOK` what a policy does."""
+    """Return the key of `_LOOK` for a policy."""
     looks = "none" if one.guards else one.answer
     if looks != "Yes":
         return looks
-    if INSTRUCTION[one.instruction.label].is_absence:  # why it does something else, too
+    if INSTRUCTION[one.instruction.label].is_absence:  # that also explains a misfit
         return "deaf"
     return "unfit" if is_unfit(one) else looks
 
 
 def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
-    """Return of how many policies each answer holds, in the order in which they stand, by name where they are few."""
+    """Return how many policies have each answer, in their order, with names if there are few."""
     by_answer: dict[str, list[str]] = {}
     for spec, does in found:
         by_answer.setdefault(does, []).append(spec)
@@ -114,12 +114,12 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
 
 
 def _tone(one: PolicyVerdict) -> str:
-    """Return what a policy is shown as: by its cameras, and no better than in part where more is amiss."""
+    """Return the severity: by the cameras, "partly" at best for a deaf or unfit policy."""
     return "partly" if _does(one) in {"deaf", "unfit"} else CAMERA[one.camera.label].family
 
 
 def _tables(score: PolicyScore) -> list[Table]:
-    """Return what is written beside the page."""
+    """Return the tables that are written next to the page."""
     verdicts = judge(score)
     costs = costs_table(score.accounting, every=True)
     parts = [parts_table(score), steps_table(score)]
@@ -127,13 +127,13 @@ def _tables(score: PolicyScore) -> list[Table]:
 
 
 def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alone: bool) -> Iterator[Section]:
-    """Yield a section a policy, and the tables; the figure of the title ``shown`` is above already."""
+    """Yield a section a policy, then the tables; the figure titled ``shown`` is already above."""
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
         others = [drawn for drawn in moments(spec, score.models[spec], pictures) if drawn.title != shown]
         drawings = [*_shares(score, one), *others]
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
-    intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
+    intro = "The share of a policy's own variation that goes with each channel, and the verdicts."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
     every = [meaning_table(score), *statistics_table(score).split(), parts_table(score), steps_table(score)]
     yield Section(f"Every statistic{of}", _EVERY, tables=every, folded=True)
@@ -141,13 +141,13 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alo
 
 
 _EVERY = (
-    "Every number of every policy, with its interval, n and p; — means that the data cannot say, and the note why. "
-    "The first table says what each statistic is; 'What is measured' of docs/policy-reference.md says how."
+    "Every number of every policy, with its interval, n and p. — means that the data cannot say; the note says why. "
+    "The first table defines each statistic; 'What is measured' in docs/policy-reference.md says how it is computed."
 )
 
 
 def _shares(score: PolicyScore, one: PolicyVerdict) -> Iterator[Drawing]:
-    """Draw the shares of a policy, none of one whose guard failed: nothing is said of what it uses."""
+    """Draw the shares of a policy; nothing if a guard failed, since then it has no verdict."""
     if not one.guards:
         yield from shares(one, score.models[one.model])
 
@@ -162,9 +162,9 @@ def _labels_of(one: PolicyVerdict) -> str:
 
 
 def _answer(one: PolicyVerdict) -> str:
-    """Return in a few sentences what is said of a policy."""
+    """Return a policy's verdict in a few sentences."""
     if one.guards:
-        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " Nothing else is said of it."
+        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " It gets no other verdict."
     said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
     unfit = [f"Its error is {one.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(one) else []
     return " ".join([*unfit, *(label.says for label in said)])
@@ -174,12 +174,12 @@ _UNFIT = "it does something else than was logged"
 
 
 def is_unfit(one: PolicyVerdict) -> bool:
-    """Return whether a policy does something else than was logged, whatever it looks at."""
+    """Return whether a policy does something else than was logged, whatever it uses."""
     return one.misfit is not None and one.misfit >= MISFIT
 
 
 def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
-    """Yield what to do next, why, axis by axis, and what stands in the way of more, once for all axes that share it."""
+    """Yield next steps, the reason for each label, and what prevents a stronger claim."""
     yield from (f"Next: {advice}" for advice in _next(one, score))
     yield from (f"{name}: {why}." for name, why in one.guards.items())
     axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
@@ -195,7 +195,7 @@ def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
 
 
 def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
-    """Return what somebody who trains this policy could do next, the first thing first."""
+    """Return next steps for the policy's training, the most urgent first."""
     axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
     found = [GUARDS[name].advice for name in one.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
@@ -203,27 +203,27 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     found += dict.fromkeys(str(settling(score, one.model, CHANNEL_OF[name])) for name in still_open)
     spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
     if len(spare) == 1 and not one.guards:
-        found.append(f"leave out the {spare[0]} camera, or find out why: a crop, a dark picture, another key.")
+        found.append(f"leave out the {spare[0]} camera, or find out why it is ignored: crop, dark picture, wrong key.")
     elif spare and not one.guards:
-        found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may tell the same.")
+        found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may show the same.")
     for name, judged in one.cameras.items() if not one.guards else ():
         if judged.label == "undecided" != one.camera.label:
-            found.append(f"what the {name} camera is used for is open: {settling(score, one.model, f'camera:{name}')}")
+            found.append(f"the use of the {name} camera is undecided: {settling(score, one.model, f'camera:{name}')}")
     return found or [named(UNFIT, score) if is_unfit(one) else FINE]
 
 
 def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
-    """Return what a label advises; of a channel of which nothing is used, and that may not be connected, to ask."""
+    """Return a label's advice, or to check the connection if a channel may have none."""
     label = USES[one.label]
     unconnected = one.may_be_unconnected and label.is_absence
     return named(str(ASK_ROAD) if unconnected else label.advice, score, CHANNEL_OF[axis])
 
 
 FINE = (
-    "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
-    "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
+    "no fault was found. Check the next checkpoint with 'eyechart gate RUN --require camera:camera_content', and "
+    "test it in closed loop, which no run of frames replaces."
 )
 UNFIT = (
-    "it uses what it is given, and does something else than was logged: look at its actions beside the logged ones, "
-    "and ask 'eyechart doctor SPEC --frames {bank}' for other forms of its pictures, before it is driven."
+    "it uses its inputs but does something else than was logged. Before you drive it, compare its actions with the "
+    "logged ones, and let 'eyechart doctor SPEC --frames {bank}' try other forms of its pictures."
 )

@@ -1,4 +1,4 @@
-"""Planning and running: every frame under every condition once, and again where a policy draws its answers."""
+"""Planning and running: every frame under every condition, with repeats for policies that draw."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,15 +30,15 @@ from eyechart.studies.battery import run as run_battery
 
 STUDY = "policy"
 ANSWERS = 4
-"""How often a policy that draws its answers is asked for each, unless another number is given."""
+"""Answers to each call of a policy that draws its answers, by default."""
 LEAST_EPISODES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much is asked: so many frames, one ``shard`` of the calls (i, n), and how often what draws is asked anew.
+    """The size of a run: frames, one ``shard`` of the calls (i, n), answers of a policy that draws.
 
-    With ``shapley`` every subset of the channels is asked, whatever conditions are named.
+    With ``shapley`` the run has every subset of the channels, whatever conditions are named.
     """
 
     limit: int | None = None
@@ -52,36 +52,36 @@ WHOLE = Extent()
 
 @dataclass(frozen=True)
 class PolicyRun(Battery):
-    """A run of policies that was planned and not yet made: a battery whose conditions are of channels.
+    """A planned run of policies: a battery whose conditions change channels.
 
-    Its calls are counted as far as it is known who draws. ``of_shapley`` says how many of them are there for Shapley
-    shares alone.
+    Its number of calls depends on which policies draw, as far as that is known. ``of_shapley``
+    counts the calls that only Shapley shares need.
     """
 
     plan: MotionPlan
     of_shapley: int = 0
 
     def staged(self, ledger: Ledger) -> MotionPlan:
-        """Return the plan with who draws, as far as the answers in its ledger tell."""
+        """Return the plan with the policies that draw, as far as the ledger's answers show."""
         return replace(self.plan, drawn=drawers(ledger, self.manifest) & set(self.plan.models))
 
     def stages(self, manifest: RunManifest, ledger: Ledger) -> tuple[MotionPlan, Stages]:
-        """Return what is asked now, and what asks again where answers turn out to be drawn."""
+        """Return the calls of now, and a stage that repeats calls once answers turn out drawn."""
         begun = replace(self, manifest=manifest).staged(ledger)
         return begun, _Again(begun, manifest, ledger)
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield what is left out and why, and how many calls there are."""
+        """Yield the conditions left out, each with its reason, and the number of calls."""
         del how
         calls, finished, _ = self.counts()
         size = self._counted("policy", str(calls - finished))
         yield from (*self._left_out(), *notes(self.plan.bank))
-        yield f"{size}; a policy that turns out to draw its answers is asked {self.plan.answers} times"
+        yield f"{size}; a policy that draws its answers gets each call {self.plan.answers} times"
         if self.of_shapley:
-            yield f"of these for Shapley shares alone: {self.of_shapley} calls, as far as it is known who draws"
+            yield f"of these, {self.of_shapley} calls are for Shapley shares alone; more if a policy draws its answers"
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield which policies answer with no motion, and how the calls ended."""
+        """Yield the policies without any motion, and how the calls ended."""
         nothing, (calls, finished, _) = self.motionless(), self.counts()
         for spec, (count, why) in nothing.items():
             last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
@@ -89,13 +89,13 @@ class PolicyRun(Battery):
         yield calls_ended(outcome, failed, calls - finished, nothing=bool(nothing))
 
     def motionless(self) -> dict[str, tuple[int, str]]:
-        """Return of each policy with finished calls of which none holds a motion how many these are, and why."""
+        """Return the policies without any motion: their finished calls, and the last fault."""
         with Ledger(self.out / LEDGER, absent=True) as ledger:
             found = {spec: self._without(ledger, spec) for spec in self.plan.models}
         return {spec: one for spec, one in found.items() if one[0]}
 
     def _without(self, ledger: Ledger, spec: str) -> tuple[int, str]:
-        """Return how many finished calls a policy has, where none holds a motion, and what the last one lacks."""
+        """Return a policy's finished calls if none holds a motion, and the last fault."""
         count, why = 0, ""
         for _, reply in ledger.replies(spec):
             if reply.error in UNFINISHED:
@@ -117,14 +117,14 @@ def plan(
     conditions: Sequence[str] | None = None,
     timeout_s: float | None = None,
 ) -> PolicyRun:
-    """Plan a run of policies on a bank, or the rest of one that ``out`` holds; nothing is written or asked yet.
+    """Plan a run of policies on a bank, or the rest of the run in ``out``; write and call nothing.
 
-    ``conditions`` default to all that the bank can show. Raises BankError where the bank declares no motion, has fewer
-    than three episodes, or a picture is not the recorded one; SpecError for an unknown policy, channel or condition;
-    LedgerError where ``out`` holds another run.
+    ``conditions`` default to all that the bank can show. Raises BankError for a bank without
+    motions, with fewer than three episodes, or with a changed picture. Raises SpecError for an
+    unknown policy, channel or condition, and LedgerError if ``out`` holds another run.
     """
     if extent.answers < 2:
-        raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one cannot tell noise from what was shown")
+        raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one answer cannot show a policy's noise")
     opened = {one.mode.spec: one for one in (open_policy(each, timeout_s) for each in specs)}
     if not opened:
         raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
@@ -160,11 +160,11 @@ def plan(
 
 
 def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -> tuple[str, ...]:
-    """Return the conditions of a run; raises SpecError or BankError where one is unknown or cannot be shown."""
+    """Return the conditions of a run; SpecError or BankError for one that is impossible here."""
     supplied, left_out = conditions_of(bank)
     every, further = subset_conditions(bank), further_conditions(bank)
     if shapley and not every:
-        raise BankError(f"the bank {bank.root} has no channel but its cameras, and --shapley divides among several")
+        raise BankError(f"the bank {bank.root} has no channel but its cameras; --shapley needs several")
     asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
     for name in asked:
         find_condition(name, "policy")
@@ -174,7 +174,7 @@ def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -
 
 
 def _unknown(name: str, bank: FrameBank) -> str:
-    """Say that a bank has not the channel, or the camera, that a condition names, and which there are."""
+    """Say which channel or camera of a condition the bank lacks, and which it has."""
     base, over, channel = name.partition(OVER)
     cameras = [one.name for one in bank.frames[0].cameras]
     if not over or (base not in PARTNERS and channel in cameras):
@@ -184,7 +184,7 @@ def _unknown(name: str, bank: FrameBank) -> str:
 
 
 def _require_asked(bank: FrameBank) -> None:
-    """Raise BankError where a bank says too little to ask a policy about it."""
+    """Raise BankError if a bank has no definition of a motion, or too few episodes."""
     if bank.manifest.motion is None:
         raise BankError(
             f"the bank {bank.root} does not say what a motion is; 'frames build tabletop' makes a bank that does"
@@ -192,23 +192,23 @@ def _require_asked(bank: FrameBank) -> None:
     episodes = {frame.drive for frame in bank}
     if len(episodes) < LEAST_EPISODES or "episode" in bank.manifest.absent:
         raise BankError(
-            f"the bank {bank.root} has {len(episodes)} episodes, and a policy is shown what other episodes have: "
-            f"it needs {LEAST_EPISODES} or more"
+            f"the bank {bank.root} has {len(episodes)} episodes; a run exchanges channels between episodes and "
+            f"needs {LEAST_EPISODES} or more"
         )
 
 
 def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
-    """Return the plan of a run's manifest, as long as nobody knows who draws."""
+    """Return the plan of a run's manifest, before any policy is known to draw."""
     found = plan_of(manifest, bank)
     assert isinstance(found, MotionPlan)
     return replace(found, seeded=frozenset(spec for spec in manifest.models if seeded(manifest, spec)))
 
 
 def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
-    """Return the policies that draw their answers: two to one moment differ, of who says it is seeded to one seed.
+    """Return the policies that draw: two answers to one moment differ (if seeded, to one seed).
 
-    By more than rounding: a policy that sums in parallel answers otherwise in the last bits, and asking it again for
-    those would cost calls and tell nothing.
+    The difference must exceed rounding. A policy that sums in parallel differs in the last bits,
+    and repeated calls for those would cost much and show nothing.
     """
     space = require_motions(manifest.prompt.space)
     return frozenset(
@@ -222,7 +222,7 @@ def seeded(manifest: RunManifest, spec: str) -> bool:
 
 
 def _draws(replies: Iterator[tuple[CallKey, Reply]], space: MotionSpace, *, again: int) -> bool:
-    """Return whether two motions differ by more than rounding; what is no motion is like every other."""
+    """Return whether two motions differ by more than rounding; other replies are ignored."""
     first: dict[str, Motion] = {}
     apart = []
     for key, reply in replies:
@@ -237,14 +237,14 @@ def _draws(replies: Iterator[tuple[CallKey, Reply]], space: MotionSpace, *, agai
 
 
 class _Again(Stages):
-    """Asks a policy again when all has been asked once, where its answers turned out to be drawn."""
+    """Repeats the calls of a policy after its first pass, if its answers turned out to be drawn."""
 
     def __init__(self, planned: MotionPlan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._manifest, self._ledger = planned, manifest, ledger
         self._asked = set(planned.drawn)
 
     def more(self, model: str) -> Sequence[CallKey]:
-        """Return every call once more, so many times, of a policy that draws."""
+        """Return the repeats of every call of a policy that draws its answers."""
         if model in self._asked or model not in drawers(self._ledger, self._manifest):
             return ()
         self._asked.add(model)
@@ -254,12 +254,12 @@ class _Again(Stages):
 
 
 def run(planned: PolicyRun, *, again: bool = False, **how: Unpack[Calling]) -> Outcome:
-    """Make the calls that the run's ledger does not hold yet, one at a time a policy, and return how that ended.
+    """Make the calls that the run's ledger lacks, one at a time a policy, and return the outcome.
 
-    With ``again``, those that ended in a failure of the road are made once more before.
+    With ``again``, calls that failed in transport are repeated first.
 
-    Where an event loop is running, as in a notebook, the calls are made in a thread with a loop of its own. Raises
-    LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    Inside a running event loop, as in a notebook, the calls run in a thread with a loop of its own.
+    Raises LedgerError if another process writes to the run, or the ledger cannot be written.
     """
     progress = how.pop("progress", None)
     asked: Calling = {"concurrency": 1, **how}

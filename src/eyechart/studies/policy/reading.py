@@ -1,4 +1,4 @@
-"""What one policy answered: arrays by condition, in units of scale and relative to the state that was shown."""
+"""One policy's answers: arrays by condition, in units of scale, relative to the state shown."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,10 +23,10 @@ Floats = npt.NDArray[np.float64]
 class Motions:
     """One policy's answers about the frames of a plan.
 
-    ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN where there is none; ``missing``
-    counts by reason the calls that came back without a motion, ``planned`` and ``finished`` those of the plan, and
-    ``order`` has the attempts as they were sent. ``without`` counts the finished calls of a condition that hold no
-    motion, and all finished ones.
+    ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN if missing.
+    ``missing`` counts calls without a motion by reason; ``planned`` and ``finished`` count the
+    plan's calls. ``order`` has the attempts in the order of sending. ``without`` counts by
+    condition the finished calls without a motion, and all finished ones.
     """
 
     plan: MotionPlan
@@ -38,13 +38,13 @@ class Motions:
     without: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def lost(self, *conditions: str) -> float:
-        """Return the largest share of finished calls without a motion, of some conditions and of the frames' own."""
+        """Return the largest share of finished calls without a motion, ``real`` included."""
         counts = [self.without.get(name, (0, 0)) for name in ("real", *conditions)]
         return max(empty / finished if finished else 0.0 for empty, finished in counts)
 
     @cached_property
     def logged(self) -> Floats:
-        """Return the logged motions, NaN where `logs` has none, shape (frames, steps, dimensions)."""
+        """Return the logged motions, shape (frames, steps, dimensions); NaN without a log."""
         empty, kept = np.full(self.plan.motions.shape, np.nan), {frame.id for frame in logs(self.plan.bank)}
         return np.stack([np.array(frame.motion) if frame.id in kept else empty for frame in self.plan.frames])
 
@@ -61,7 +61,7 @@ class Motions:
 
     @cached_property
     def scales(self) -> Floats:
-        """Return the scale of each dimension, shape (dimensions,), of the whole bank's relative logged motions."""
+        """Return the scale of each dimension over the whole bank's log, shape (dimensions,)."""
         frames = logs(self.plan.bank)
         if not frames:
             return self.plan.motions.scales()
@@ -69,22 +69,22 @@ class Motions:
 
     @cached_property
     def fit_to(self) -> Floats:
-        """Return the logged motions as `of` returns answers, without a first axis."""
+        """Return the logged motions in the form of `of`, without its first axis."""
         return np.asarray(self.plan.motions.relative(self.logged, self.states) / self.scales)
 
     def of(self, condition: str) -> Floats | None:
-        """Return a condition's answers relative to the state that was shown, in units of scale; None if not asked."""
+        """Return a condition's answers relative to the state shown, in scales; None if not run."""
         if condition not in self.answers:
             return None
         return np.asarray(self.plan.motions.relative(self.answers[condition], self._shown(condition)) / self.scales)
 
     def raw(self, condition: str) -> Floats | None:
-        """Return a condition's answers relative to the state that was shown, in their own units; None if not asked."""
+        """Return a condition's answers relative to the state shown, in own units, or None."""
         found = self.of(condition)
         return None if found is None else np.asarray(found * self.scales)
 
     def _shown(self, condition: str) -> Floats | None:
-        """Return the states that were shown under a condition."""
+        """Return the states that a policy gets under a condition."""
         base, _, channel = condition.partition(OVER)
         if self.states is None:
             return None
@@ -96,7 +96,10 @@ class Motions:
         return self.states
 
     def partners(self, condition: str) -> Places:
-        """Return whose channel each frame is shown, as its place in the bank; its own place without a partner."""
+        """Return the frame whose channel each frame is shown, as a place in the bank.
+
+        It is the frame's own place if it has no partner.
+        """
         base, _, channel = condition.partition(OVER)
         own = np.array([self._places[frame.id] for frame in self.plan.frames])
         if base not in PARTNERS:
@@ -107,25 +110,25 @@ class Motions:
 
     @cached_property
     def compared(self) -> Places:
-        """Return for each frame the place, among those of the plan, of one of another episode; NOBODY for none."""
+        """Return for each frame a frame of another episode, as a place in the plan, or NOBODY."""
         if len(self.plan.frames) == len(self.plan.bank.frames):
             return partners(self.plan.bank.frames, "swapped", CAMERAS)
         return partners(self.plan.frames, "swapped", CAMERAS)
 
     def episodes_of(self, places: Places) -> Places:
-        """Return the numbers of the episodes of frames of the bank, those that the plan has first."""
+        """Return the episode numbers of places in the bank; the plan's episodes come first."""
         names = list(dict.fromkeys(sorted({frame.drive for frame in self.plan.frames})))
         numbers = {name: number for number, name in enumerate(names)}
         every = [numbers.setdefault(frame.drive, len(numbers)) for frame in self.plan.bank]
         return np.array(every)[places]
 
     def remembered(self) -> tuple[Floats, Floats, Floats]:
-        """Return what answers have beyond the mean of those to their call, and what is known of the call before each.
+        """Return each answer's deviation from its call's mean, and two facts of the call before.
 
-        The first has shape (calls, steps, dimensions); the second (calls, numbers): the mean answer to the call before,
-        at its first and last step, and the state that it showed; the third (calls, dimensions), what the answer of the
-        call before has beyond its mean, on average over the steps. Of calls that were answered more than once, and
-        whose call before was.
+        The deviations have shape (calls, steps, dimensions). The first fact, shape (calls,
+        numbers), holds the mean answer of the call before at its first and last step, and the state
+        it showed. The second, shape (calls, dimensions), is that call's own deviation, averaged
+        over the steps. Only calls with several answers count, after a call that has several too.
         """
         every = {name: one for name in self.answers if (one := self.of(name)) is not None and len(one) > 1}
         means = {name: one.mean(axis=0) for name, one in every.items()}
@@ -159,9 +162,9 @@ class Motions:
 def read_motions(
     replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, model: str, order: Sequence[CallKey] = ()
 ) -> Motions:
-    """Return one policy's answers; ``replies`` are those of the ledger, of calls that the plan does not have too.
+    """Return one policy's answers; ``replies`` may hold calls outside the plan, which are ignored.
 
-    ``order`` has its attempts as they were sent.
+    ``order`` has its attempts in the order of sending.
     """
     expected = set(plan.keys_of(model))
     turns = plan.answers if model in plan.drawn else 1
@@ -177,7 +180,7 @@ def read_motions(
         decision = plan.motions.read(reply)
         empty[key.condition] += decision.action is None
         if key.condition == "real_repeat" and key.repeat:
-            continue  # asked with the seed of all calls, to see whether it fixes the answer
+            continue  # it has the seed of all calls, and only tests whether that fixes the answer
         array = found.setdefault(key.condition, np.full(shape, np.nan))
         if decision.action is None:
             missing[str(decision.reason)] += 1

@@ -1,4 +1,4 @@
-"""Scoring: from a ledger of motions to every policy's statistics; it reads only, and gives the same each time."""
+"""Scoring: from a ledger of motions to each policy's statistics; it only reads."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
 @dataclass(frozen=True)
 class OnePolicy(Written):
-    """One policy: its statistics by name, its answers, and whether these are drawn."""
+    """One policy: its statistics by name, its answers, and whether it draws them."""
 
     written = "version motions.planned answered motions.missing drawn statistics"
 
@@ -48,7 +48,7 @@ class OnePolicy(Written):
 
 @dataclass(frozen=True)
 class PolicyScore(Written):
-    """Every policy of a run, and what their calls took."""
+    """Every policy of a run, and the costs of its calls."""
 
     written = (
         "manifest.study bank=bank.name manifest.fingerprint manifest.seed manifest.prompt.space.reader channels "
@@ -78,7 +78,7 @@ class PolicyScore(Written):
         )
 
     def scope(self, spec: str) -> str:
-        """Return the sentence that bounds what is said of a policy."""
+        """Return the sentence that limits the verdict on a policy."""
         one = self.models[spec]
         frames = one.motions.plan.frames
         episodes = len({frame.drive for frame in frames})
@@ -92,8 +92,8 @@ class PolicyScore(Written):
 def score(path: Path, *, reread: bool = False) -> PolicyScore:
     """Score the run of policies in a folder, finished or not.
 
-    Raises LedgerError or BankError where the folder is no such run, or was begun under another version of the reader
-    and ``reread`` is not given.
+    Raises LedgerError or BankError if the folder is no such run. LedgerError also for a run begun
+    under another version of the reader, unless ``reread`` is set.
     """
     manifest, bank = read_run(path)
     require_scorable(path, manifest, reread=reread)
@@ -101,7 +101,7 @@ def score(path: Path, *, reread: bool = False) -> PolicyScore:
 
 
 def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
-    """Raise LedgerError where a run is none of policies, or may not be scored so."""
+    """Raise LedgerError if a run is not one of policies, or its reader has another version."""
     if manifest.study != STUDY:
         raise LedgerError(
             f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score {path}', "
@@ -111,9 +111,9 @@ def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False)
 
 
 def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> PolicyScore:
-    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these.
+    """Score the calls of a ledger by a run's manifest and its bank.
 
-    Where they are ``held`` to these here, LedgerError is raised for one that asked something else than the run does.
+    With ``held``, a call whose request differs from the run's raises LedgerError.
     """
     found: dict[str, OnePolicy] = {}
     with Ledger(ledger_path) as ledger:
@@ -152,7 +152,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
 def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
     """Return the verdict on every policy as plain JSON values, with each camera by its name.
 
-    A single camera is all of them: what is said of them is said of it.
+    With a single camera, its entry repeats the one of all cameras.
     """
     said = {spec: one.as_dict() for spec, one in judge(found).items()}
     names = [one.name for one in found.bank.frames[0].cameras]
@@ -172,7 +172,7 @@ def drawn_of(ledger: Ledger, manifest: RunManifest, bank: FrameBank) -> MotionPl
 
 
 def took(path: Path, prices: Prices) -> Took:
-    """Return what every policy's calls took, and whether the guards hold, without the statistics."""
+    """Return every policy's costs and guards, without the statistics."""
     manifest, bank = read_run(path)
     with Ledger(path / LEDGER) as ledger:
         return _took(ledger, manifest, drawn_of(ledger, manifest, bank), prices)
@@ -187,7 +187,7 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Price
 
 
 def difference(first: OnePolicy, second: OnePolicy, channel: str) -> Statistic:
-    """Return how much larger a channel's share is of the second policy; both were asked about the same frames."""
+    """Return how much larger a channel's share is for the second policy, on the same frames."""
     found = [Effects(one.motions, drawn=one.drawn).pairs(f"swapped@{channel}") for one in (first, second)]
     less, more = found
     if isinstance(less, str) or isinstance(more, str):

@@ -1,4 +1,4 @@
-"""What would settle an axis of a policy that is undecided: more episodes, other questions, or a look at the road."""
+"""What would decide an undecided axis of a policy: more episodes, other conditions, or a check."""
 
 import shlex
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from eyechart.verdicts.uses import ALPHA, USED, Known, used
 
 
 class Advice(NamedTuple):
-    """What to ``do``, and what may be said ``besides``; as text it is one sentence."""
+    """What to ``do``, and an optional second clause; as text it is one sentence."""
 
     do: str
     besides: str = ""
@@ -24,16 +24,16 @@ class Advice(NamedTuple):
 SETTLE = Advice("ask more episodes", "'eyechart plan {bank}' says how often so many settle it")
 ASK_ROAD = Advice(
     "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it",
-    "a policy that is not to read it declares the channels that it reads",
+    "if the policy must not read it, declare the channels that it reads",
 )
-"""What to do about a channel that changes not one bit of any answer."""
+"""Advice for a channel that changes no bit of any answer."""
 IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
 CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
-"""The channel of each axis of its own."""
+"""The channel of each axis."""
 
 
 def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
-    """Return what would settle the axis of a channel."""
+    """Return the advice that would decide a channel's axis."""
     ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
     return next(iter(ways), _of(SETTLE, score, channel))
 
@@ -43,53 +43,53 @@ def _of(advice: Advice, score: PolicyScore, channel: str) -> Advice:
 
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
-    """Return advice with the bank of the run, and a channel in words, in their places."""
+    """Return advice with the run's bank and the channel's name filled in."""
     told = advice.replace("{bank}", shlex.quote(score.manifest.bank_path))
     return told.replace("{what}", _in_words(channel))
 
 
 def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
-    """Yield what the bank or the run lacks."""
+    """Yield advice on what the bank or the run lacks."""
     what = _in_words(channel)
     if channel not in channels_of(score.bank):
-        yield Advice(f"ask about a bank with {what.replace('its', 'an', 1)}: this one has none")
+        yield Advice(f"use a bank with {what.replace('its', 'an', 1)}: this one has none")
     elif missing := ", ".join(_not_asked(score, channel)):
-        yield Advice(f"ask what this run left out ({missing}): 'eyechart run policy' without --conditions asks all")
+        yield Advice(f"run the missing conditions ({missing}): 'eyechart run policy' without --conditions runs all")
     elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
-        yield Advice(f"take a bank in which every frame finds {what.replace('its', 'another', 1)} in another episode")
+        yield Advice(f"use a bank in which every frame has {what.replace('its', 'another', 1)} in another episode")
 
 
 def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
-    """Yield what speaks for a fault before the policy, or against its words."""
+    """Yield advice if the channel may not arrive, or the answers go against the instruction."""
     statistics = Known(score.models[spec].statistics)
     swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
     if swap.same == 1.0:
         yield _of(ASK_ROAD, score, channel)
     if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
-        yield Advice("look for names that were exchanged in its training, or a sign: it goes elsewhere than it is told")
+        yield Advice("look for exchanged names or a wrong sign in its training: it goes against its instruction")
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
-        yield Advice("ask each moment more often (--answers): its answers are drawn, and the difference may be chance")
+        yield Advice("use more --answers a call: its answers are drawn, and the difference may be chance")
 
 
 def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
-    """Yield what would tell content from pose, of pictures that are used."""
+    """Yield advice to separate content from pose, for pictures that are used."""
     statistics, lacking = score.models[spec].statistics, conditions_of(score.bank)[1]
     if channel in {STATE, INSTRUCTION} or not used(statistics.get(f"T.swapped{OVER}{channel}")):
         return
     if any(f"{name}{OVER}{channel}" in lacking for name in BY_STATE):
         yield Advice(
-            "ask about frames at which the robot stands alike in several episodes: without them no picture is told "
-            "from its pose"
+            "add frames with the same robot pose in several episodes: without them the effect of a picture may be "
+            "that of the pose"
         )
     if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
         yield Advice(
-            "ask about frames in which objects stand elsewhere while the robot stands alike, or a world that moves "
-            "them: more frames like these may never tell what it sees from where it stands"
+            "add frames with the same robot pose and objects elsewhere, or use a world that moves them: frames like "
+            "these may never separate its view from its pose"
         )
 
 
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
-    """Yield the conditions that a label of a channel rests on, that the bank can show and the run did not ask."""
+    """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
     able, asked = conditions_of(score.bank)[0], score.manifest.conditions
     wanted = ["real_repeat", f"swapped{OVER}{channel}"]
     if channel not in {STATE, INSTRUCTION}:

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 
 _OPEN = f"T.matched@{CAMERAS}"
-"""What stands for the cameras where no statistic decided."""
+"""The statistic shown for the cameras if none decided."""
 
 
 class Policies(OfFrames[PolicyScore]):
-    """Policies asked about every frame with each of their channels exchanged."""
+    """Policies: every frame with each of their channels exchanged."""
 
     names = (STUDY,)
     runs_are = "policies"

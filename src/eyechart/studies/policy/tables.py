@@ -1,4 +1,4 @@
-"""Tables of policies: a verdict a row, the share of every channel and condition, and what every statistic is."""
+"""Tables of policies: verdicts, the share of every channel and condition, and all statistics."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ Verdicts = Mapping[str, PolicyVerdict]
 
 
 def mark(label: str) -> Mark:
-    """Return a label in the colours of its family; the names of guards that failed, as what is open."""
+    """Return a label in the colours of its family; failed guards are marked as open."""
     return Mark(label, USES[label].family if label in USES else "open")
 
 
@@ -42,21 +42,21 @@ def verdict_table(verdicts: Verdicts) -> Table:
 
 
 def channel_table(verdicts: Verdicts) -> Table:
-    """Return a policy a row, the share of its variation that goes with each channel."""
+    """Return the share of variation that goes with each channel, a policy a row."""
     names = list(dict.fromkeys(name for one in verdicts.values() for name in one.channels))
     rows = []
     for spec, one in verdicts.items():
         found = {} if one.guards else one.channels
         rows.append((spec, *(found.get(name) for name in names), _counts(found)))
     head = (Column("policy", "word"), *columns("estimate", *names), Column("n", "count"))
-    note = "the share of the policy's own variation that goes when the channel is another episode's; 98 % intervals"
+    note = "the share of the policy's own variation that goes with a channel of another episode; 98 % intervals"
     if failed := [f"{spec} ({', '.join(one.guards)})" for spec, one in verdicts.items() if one.guards]:
-        note = f"{note}; none of whose guard failed: {', '.join(failed)}"
+        note = f"{note}; not computed where a guard failed: {', '.join(failed)}"
     return Table("channels", "how much each channel carries", head, tuple(rows), note)
 
 
 def _counts(channels: Mapping[str, Statistic]) -> str | int | None:
-    """Return of how many frames the shares are; where they are of unlike numbers, the usual one and the others."""
+    """Return the number of frames of the shares; exceptions are listed."""
     usual = Counter(one.n for one in channels.values()).most_common(1)
     if not usual:
         return None
@@ -76,7 +76,7 @@ def statistics_table(score: PolicyScore) -> Table:
 
 
 def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: PolicyVerdict) -> Table:
-    """Return the five statistics that decided, or would have, and what each is."""
+    """Return the at most five statistics that decided, or could have, each with its meaning."""
     decided = [one.by for one in verdict.axes.values()]
     there = [name for name in dict.fromkeys((*decided, *_MAIN)) if name in statistics][:_SHOWN]
     rows = []
@@ -91,7 +91,7 @@ def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: Poli
 
 
 _MAIN = ("misfit", "noise", "T.swapped@cameras", "T.matched@cameras", "T.blank", "T.swapped@state")
-"""What stands beside the statistics that decided."""
+"""What is listed after the statistics that decided."""
 _SHOWN = 5
 
 
@@ -99,47 +99,47 @@ MEANINGS: Mapping[str, str] = {
     "motions": "the share of calls that came back with a motion: finite, and of the bank's shape",
     "misfit": "squared error to the logged motions over their variance; 1 is what the log's mean has",
     "variation": "how much the policy varies between episodes, over how much the log does",
-    "noise": "the share of the variation that is there when nothing changes at all",
+    "noise": "the share of the variation without any change",
     "memory": "the share of the noise that goes with the call before",
     "T.swapped": "the share of the policy's own variation that goes when the channel is another episode's",
-    "T.matched": "the same, of the moment of another episode whose state is nearest",
-    "T.near": "the same, of a moment of its own episode, as far off in its state as the matched one or farther",
-    "T.kept": "the same, when this channel is its own and all others are another episode's",
-    "T.alone": "the same, when this channel alone is that of the moment whose pictures swapped@cameras shows",
+    "T.matched": "the same, with the moment of another episode that has the nearest state",
+    "T.near": "the same, with a moment of its own episode, at least as far off in its state as the matched one",
+    "T.kept": "the same, with this channel its own and all others another episode's",
+    "T.alone": "the same, with this channel alone from the moment that lends its pictures in swapped@cameras",
     "T.blank": "the same, with grey pictures, of all cameras or of one",
     "T.nudged": "the same, with one value of one pixel one level off: other bytes, the same pictures",
     "T.noise": "the same, with noise for pictures, of all cameras or of one",
     "T.exchanged": "the same, with the objects' colours exchanged in the pictures, or in those of one camera",
     "T.recoloured": "the same, on another table",
     "T.decoys": "the same, with further objects in the pictures",
-    "reads": "of places: the share of the answers as they are, not relative to the state, that goes with another state",
-    "beyond": "the share with pictures at a similar state, less that of its own episode: what is not the pose",
-    "swapped.alike": "the share with any other episode's pictures, of the moments that have one at a similar state",
-    "responds": "the share of episodes in which the channel carries .10 or more under any condition of its label, "
-    "and at most how many of the whole data set may",
+    "reads": "for places: the share of the raw answers, not relative to the state, that goes with another state",
+    "beyond": "the share with pictures at a similar state, less that with its own episode's: the part without the pose",
+    "swapped.alike": "the share with any other episode's pictures, on the moments that have one at a similar state",
+    "responds": "the share of episodes in which the channel carries .10 or more under any condition of its label; "
+    "its upper bound holds for the whole data set",
     "responds.shown": "the same, without grey pictures",
     "responds.alike": "the same, at a similar state alone",
     "follow.named": "how far the answer goes along with the named object, as a share of the oracle's way",
     "follow.other": "the same, of the other object",
-    "follow.told": "how much farther it goes with what is named, over both instructions",
+    "follow.told": "how much farther it goes with the named object, over both instructions",
     "follow.rather": "how much farther it goes with the named object than with the other",
-    "follow.logged": "how much nearer its own instruction brings the answer to what was logged than another one",
+    "follow.logged": "how much nearer its own instruction brings the answer to the log than another one",
     "mirror": "how far the answer to the mirrored moment is from the reflected answer, over the variation",
     "shapley": "the channel's Shapley share; those of cameras, state and instruction sum to 1",
 }
-"""What each statistic is, by its name up to its channel; docs/policy-reference.md says how it is made."""
+"""The meaning of each statistic, by its name without channel; see docs/policy-reference.md."""
 
 
 def meaning_table(score: PolicyScore) -> Table:
-    """Return what each statistic of a run is, a row each."""
+    """Return the meaning of each statistic of a run, a row each."""
     names = dict.fromkeys(meant_by(name) for one in score.models.values() for name in one.statistics)
     rows = tuple((name, MEANINGS[name]) for name in names if name in MEANINGS)
-    note = "behind @ stands the channel or the camera that is exchanged"
+    note = "the name after @ is the exchanged channel or camera"
     return Table("meanings", "what each statistic is", (Column("statistic", "word"), Column("what it is")), rows, note)
 
 
 def meant_by(name: str) -> str:
-    """Return the name of `MEANINGS` of a statistic: ``T.blank@top`` is ``T.blank``."""
+    """Return a statistic's key in `MEANINGS`: ``T.blank@top`` has ``T.blank``."""
     return "shapley" if name.startswith("shapley.") else name.partition("@")[0]
 
 
@@ -155,7 +155,7 @@ def parts_table(score: PolicyScore) -> Table:
 
 
 def steps_table(score: PolicyScore) -> Table:
-    """Return the share of every channel by step of the horizon; of a long one, so many steps of all its parts."""
+    """Return each channel's share by step of the horizon; a long one is sampled evenly."""
     space = score.bank.manifest.motion
     horizon = 0 if space is None else space.horizon
     kept = sorted({round(turn * (horizon - 1) / max(1, _STEPS - 1)) for turn in range(min(horizon, _STEPS))})
@@ -170,12 +170,12 @@ def steps_table(score: PolicyScore) -> Table:
 
 
 _STEPS = 8
-"""So many steps of a horizon stand in a table."""
+"""The most steps of a horizon in a table."""
 P = TypeVar("P", list[float], dict[str, float])
 
 
 def _parts(score: PolicyScore, by: str, kind: type[P]) -> Iterator[tuple[tuple[str, str], P]]:
-    """Yield the parts of every share of every policy whose guards hold, with its SPEC and condition."""
+    """Yield the parts of each share, with SPEC and condition, if the guards hold."""
     for spec, one in judge(score).items():
         for name, share in score.models[spec].statistics.items() if not one.guards else ():
             parts = (share.detail or {}).get(by)
