@@ -92,7 +92,7 @@ def demo(
 
 def _why(one: "Verdict") -> str:
     """Return what a controller may be trusted with, and why."""
-    reason = str(one.calibrated.reason)
+    reason = one.calibrated.reason
     return f"{one.trust} {reason[:1].upper()}{reason[1:]}."
 
 

@@ -24,7 +24,7 @@ from eyechart.verdicts.labels import (
     Label,
 )
 from eyechart.verdicts.paper import paper_rules
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_notes, words_of
 
 __all__ = [
@@ -48,7 +48,6 @@ __all__ = [
     "VALIDITY",
     "Evidence",
     "Label",
-    "Reason",
     "Ruling",
     "Scored",
     "Stopped",

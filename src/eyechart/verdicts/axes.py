@@ -12,7 +12,7 @@ from eyechart.records import picked
 from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.shares import Followed, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, fail, missing, there
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, missing, there, word
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.uses import (
     ALPHA,
@@ -26,7 +26,6 @@ from eyechart.verdicts.uses import (
     IGNORED,
     LEAST_NOISE,
     USED,
-    WORDS,
     Asked,
     Known,
     Statistics,
@@ -42,7 +41,6 @@ from eyechart.verdicts.uses import (
     of_action,
     opposing,
     quoted,
-    say,
     sentence,
     settled,
     share,
@@ -50,7 +48,6 @@ from eyechart.verdicts.uses import (
     use,
     used,
     way,
-    word,
 )
 
 OF_DATA_SET = 0.10
@@ -271,11 +268,11 @@ class _Camera:
         words = (
             f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
         )
-        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), say(words))
+        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), words)
         shown = f"{self.shown}, and grey pictures {{share:{grey}}}"
         yield from _absence(gone, "responds", self.channel, shown, self.beside)
         shown = f"{self.shown}, but grey pictures {{share:{grey}}}"
-        says = say(f"{shown}: that there is a picture matters, not which of these it is")
+        says = f"{shown}: that there is a picture matters, not which of these it is"
         there_ = Rule("camera_presence", grey, (*needs, *use(grey)), says)
         yield from _absence(there_, "responds.shown", self.channel, shown, self.beside)
         open_ = f"{{without:{grey.removeprefix('T.')}|settled:{grey}|why_open:{grey}}}"
@@ -293,9 +290,7 @@ class _Camera:
         )
         why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
         yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
-        pose = Rule(
-            "pose_only", matched, needs, say(f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
-        )
+        pose = Rule("pose_only", matched, needs, f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
         yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
@@ -312,7 +307,7 @@ class _Camera:
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
         yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
-        plain = Rule("camera_content", self.share("matched"), needs, say(self.seen))
+        plain = Rule("camera_content", self.share("matched"), needs, self.seen)
         if self.channel == "cameras":
             yield from _grounded(plain, self.seen)
         yield plain
@@ -379,7 +374,7 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
 
     def plain(why_not: str, *needs: Clause, may: bool = False, broken: tuple[Clause, ...] = ()) -> Rule:
         may_be = "object_grounded" if may else ""
-        return replace(content, needs=(*content.needs, *needs), why_not=say(why_not), may_be=may_be, broken=broken)
+        return replace(content, needs=(*content.needs, *needs), why_not=why_not, may_be=may_be, broken=broken)
 
     words = "so whether it is followed is open"
     yield plain(f"{{{_FORGOT_MOVES}}}, {words}", may=True, broken=tuple(map(asked, _ALL_MOVES)))
@@ -400,7 +395,7 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
         off = f"its way is {{degrees:{_GAIN}}} degrees off that of the moved object, and goes {{way:{_GAIN}}}"
         yield plain(f"{off} of the oracle's along it", *given, compared(_GAIN, "heading", "<", HEADING))
         farther = f"{{way:{control}}} farther than where another is named"
-        says = say(f"{seen}; moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}")
+        says = f"{seen}; moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}"
         yield Rule("object_grounded", _GAIN, (*content.needs, *given), says)
 
 
@@ -443,7 +438,7 @@ def _of_state() -> Iterator[Rule]:
     open_ = f"its state cannot be judged: {{without:swapped@state|why_open:{swap}}}"
     yield undecided(swap, (missing(swap, "value"),), open_)
     shown = f"its answers are places, and change by {{share:{reads}}} with its state"
-    yield from _absence(Rule("ignores_state", reads, disuse(reads), say(shown)), "responds", "state", shown)
+    yield from _absence(Rule("ignores_state", reads, disuse(reads), shown), "responds", "state", shown)
     shown, given = f"its state carries {{of_action:{swap}}}", there(reads, "value")
     along = (
         f"its answers are places that go along with it ({{share:{reads}}}): it reads it, and does the same from there"
@@ -453,14 +448,14 @@ def _of_state() -> Iterator[Rule]:
         f"its answers are places, and as they are change by {{share:{reads}}} with it: relative to another state the"
     )
     yield undecided(reads, (given, *use(swap), fail(use(reads))), f"{shown}; but {stays} same place is another motion")
-    yield from _absence(Rule("ignores_state", swap, disuse(swap), say(shown)), "responds", "state", shown)
+    yield from _absence(Rule("ignores_state", swap, disuse(swap), shown), "responds", "state", shown)
     yield undecided(swap, (fail(use(swap)),), f"{shown}: {{why_open:{swap}}}")
     short, blind = (
-        say(f"{shown}, and its cameras next to nothing{{hears}}"),
+        f"{shown}, and its cameras next to nothing{{hears}}",
         compared("ignores_camera", "value", ">=", 1.0),
     )
     yield Rule("state_shortcut", swap, (blind,), short, bound="responds@cameras")
-    yield Rule("state_used", swap, (), say(shown))
+    yield Rule("state_used", swap, (), shown)
 
 
 WORDS["hears"] = lambda found, _: (
@@ -475,12 +470,12 @@ def _of_instruction() -> Iterator[Rule]:
     yield undecided(swap, (), open_, asked("swapped@instruction"))
     yield undecided(swap, (measured(swap), missing(swap, "value")), open_)
     why = "{without:swapped@instruction|=no two episodes of the bank are told different things}"
-    yield Rule("no_power", "", (missing(swap, "value"),), say(why))
+    yield Rule("no_power", "", (missing(swap, "value"),), why)
     open_ = f"{shown}; whether it goes to what is named is open: {{{_FORGOT_MOVES}|lost:{_TOLD}}}"
     for known in (use(swap), disuse(swap)):
         yield undecided(swap, known, open_, *map(asked, _ALL_MOVES))
         yield undecided(swap, (*known, lossy(_TOLD)), open_)
-    unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), say(shown))
+    unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), shown)
     yield from _absence(unheard, "responds", "instruction", shown)
     yield from _heard(use(swap), shown)
     follows = f"it follows what is named {{share:{_TOLD}}} of the oracle's way more than what is not"
@@ -496,7 +491,7 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     tested.
     """
     label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
-    says = say(f"{shown}, and it follows what is named {more} than what is not")
+    says = f"{shown}, and it follows what is named {more} than what is not"
     yield Rule(label, _TOLD, (*needs, *following(_TOLD, HEARD)), says)
     away = f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way"
     yield undecided(_TOLD, (*needs, *opposing(_TOLD)), f"{shown}, but {away}: it may take one name for the other")
@@ -505,7 +500,7 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
         yield undecided(_TOLD, (*needs, *following(name, FOLLOWED)), f"{only}; {{unfollowed:{_TOLD}}}")
     nearer = f"its own brings it nearer to what was logged by {{way:{_LOG}}} of what both differ by"
     yield undecided(_LOG, (*needs, *opposing(_LOG)), f"{shown}, but {nearer}: the other way")
-    moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), say(f"{shown}, and {nearer}")
+    moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), f"{shown}, and {nearer}"
     not_shown, none = "that it follows an object is not shown", "the bank moves no object"
     sure = above(_LOG, HEARD)
     for proof, what in (
@@ -513,7 +508,7 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
         ((still, *following(_LOG, HEARD)), none),
         ((still, *sure), none),
     ):
-        open_ = say(f"whether it goes to what is named is open: {what}")
+        open_ = f"whether it goes to what is named is open: {what}"
         yield Rule(label, _LOG, (*needs, *proof), says, why_not=open_)
     only = f"{only} than what is not"
     yield undecided(_TOLD, (*needs, moved, there(_LOG, "value")), f"{only}, and {nearer}; {{unfollowed:{_LOG}}}")
@@ -521,7 +516,7 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     why = f"{nearer}; {{unfollowed:{_LOG}}}: that it changes towards what it is told is not shown"
     yield replace(undecided(_LOG, (*needs, there(_LOG, "value")), f"{shown}, but {why}"), may_be=label)
     why = "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
-    yield Rule(label, _HEARS, needs, say(f"{shown}; {why}"), why_not=why)
+    yield Rule(label, _HEARS, needs, f"{shown}; {why}", why_not=why)
 
 
 @word
@@ -539,8 +534,8 @@ def judged(ruling: Ruling, *beside: str) -> Judged:
 
     ``beside`` is what else is said, by sentence; without it the reason alone.
     """
-    one, why = ruling.bound, str(ruling.why_not)
-    because = " ".join(map(sentence, beside or (str(ruling.reason),)))
+    one, why = ruling.bound, ruling.why_not
+    because = " ".join(map(sentence, beside or (ruling.reason,)))
     found = Judged(ruling.label, because, ruling.decided_by, why, may_be=ruling.may_be)
     if one is None or one.value is None or one.ci is None:
         return found

@@ -26,6 +26,7 @@ from eyechart.verdicts.depth import (
 )
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.rules import (
+    WORDS,
     Axis,
     Clause,
     Found,
@@ -39,7 +40,7 @@ from eyechart.verdicts.rules import (
     p_from,
     there,
 )
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling, p_value
 
 CONTENT = {
     "content_shuffled": "another frame of the scenario",
@@ -113,17 +114,13 @@ _BLANK = p_below("bound_blank", ALPHA)
 _PRESENCE = p_below("presence", ALPHA)
 
 
-def _open_bound(found: Found, clause: Clause | None) -> Reason:
+def _open_bound(found: Found, name: str) -> str:
     """Say of the bound that is open whether there is an effect, or how many frames would decide."""
-    assert clause is not None
-    alpha = ALPHA if clause.statistic in STRICT else BOUND_ALPHA
-    needed = frames_to_bound(found[clause.statistic], alpha)
+    needed = frames_to_bound(found[name], ALPHA if name in STRICT else BOUND_ALPHA)
     if needed is None:
-        words = "{what} changes its decision more than a repeat does, which no rule makes a claim of"
-        what = clause.statistic.removeprefix("bound_").removeprefix("content_")
-        return Reason(words, {"what": what})
-    words = "no test decided; an effect of {margin} is not excluded ({under}, about {need} frames would)"
-    return Reason(words, {"margin": MARGIN, "need": needed[0], "under": needed[1]})
+        what = name.removeprefix("bound_").removeprefix("content_")
+        return f"{what} changes its decision more than a repeat does, which no rule makes a claim of"
+    return "no test decided; an effect of {2} is not excluded ({1}, about {0} frames would)".format(*needed, MARGIN)
 
 
 def _no_answer(name: str, condition: str) -> Rule:
@@ -175,7 +172,7 @@ _REST = (
             p_below("bound_kappa", ALPHA),
             p_below("kappa_pooled", ALPHA),
         ),
-        "it disagrees with itself on the same picture (s = {self_disagreement}), about as often as chance would",
+        "it disagrees with itself on the same picture (s = {value:self_disagreement}), about as often as chance would",
     ),
     Rule(
         "scene_cue",
@@ -217,8 +214,8 @@ _REST = (
         "some pictures get another answer than most, and get it twice; what is in them was not shown",
     ),
     # where the effect of a blank is shown, what is open is the effect of content
-    Rule("undecided", needs=(_PRESENCE,), says=_open_bound, broken=_OF_CONTENT, worst=True),
-    Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
+    Rule("undecided", needs=(_PRESENCE,), says="{open_bound}", broken=_OF_CONTENT, worst=True),
+    Rule("undecided", says="{open_bound}", broken=(*_OF_ALL, _BLANK), worst=True),
 )
 
 DISTANCE = Axis("distance", (*_ANSWERED, *RULES, *_REST))
@@ -296,16 +293,22 @@ def lateral_facts(found: Found, seen: Mapping[str, int]) -> Mapping[str, Statist
     }
 
 
-def _few_turns(found: Found, clause: Clause | None) -> Reason:
+def _few_turns(found: Found, _: str) -> str:
     """Say how many directions would tell, or that those which there are do not."""
-    del clause
     swap = found[_SWAP]
     need = _turns_for(number_of(swap, "chance") or 0.0)
     if need <= swap.n:
-        words = "its {n} directional decisions do not tell whether it exchanges half of them"
-        return Reason(words, {"n": swap.n})
-    return Reason("{n} directional decisions would tell a rate of .65 from chance", {"n": need})
+        return f"its {swap.n} directional decisions do not tell whether it exchanges half of them"
+    return f"{need} directional decisions would tell a rate of .65 from chance"
 
+
+WORDS.update(
+    open_bound=_open_bound,
+    few_turns=_few_turns,
+    hundredths=lambda found, name: f"{found[name].value:.2f}",
+    chance=lambda found, name: f"{found[name].chance:.2f}",
+    p_value=lambda found, name: p_value(found[name].p),
+)
 
 _SWAPS = (
     compared("every_direction", "value", ">=", 1.0),
@@ -317,12 +320,12 @@ _SWAPS = (
 LATERAL_AXIS = Axis(
     "lateral",
     (
-        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), f"{{{_SWAP}.note}}", quiet=True),
+        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), f"{{note:{_SWAP}}}", quiet=True),
         Rule(
             "one_sided",
             _SWAP,
             (compared("one_direction", "value", ">=", 1.0),),
-            "{one_direction.note} is the only direction it ever gives, mirrored or not",
+            "{note:one_direction} is the only direction it ever gives, mirrored or not",
         ),
         *(
             Rule(
@@ -338,23 +341,24 @@ LATERAL_AXIS = Axis(
             "swaps",
             "turns_against",
             (*_SWAPS, p_below("turns_against", BOUND_ALPHA), compared("turns_against", "value", ">", MARGIN)),
-            "directions are exchanged, but {turns_against.value:.2f} of its turns, beyond its noise, go to the blocked "
-            "side",
+            "directions are exchanged, but {hundredths:turns_against} of its turns, beyond its noise, go to the "
+            "blocked side",
         ),
         Rule(
             "turns_clear",
             "turns_clear",
             (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
-            "directions are exchanged and go to the clear side, within each lane too (p = {turns_clear_within.p})",
+            "directions are exchanged and go to the clear side, within each lane too "
+            "(p = {p_value:turns_clear_within})",
         ),
-        Rule("swaps", _SWAP, _SWAPS, f"directions are exchanged, chance is {{{_SWAP}.chance:.2f}}"),
+        Rule("swaps", _SWAP, _SWAPS, f"directions are exchanged, chance is {{chance:{_SWAP}}}"),
         Rule(
             "does_not_swap",
             _SWAP,
             (compared(_SWAP, "high", "<", SWAP_RATE),),
             f"directions are exchanged in less than {SWAP_RATE} of the cases",
         ),
-        Rule("no_power", _SWAP, says=_few_turns),
+        Rule("no_power", _SWAP, says="{few_turns}"),
     ),
 )
 """Whether directions are exchanged under reflection, and go to the clear side."""

@@ -21,7 +21,7 @@ from eyechart.verdicts.axes import (
 )
 from eyechart.verdicts.card import card
 from eyechart.verdicts.labels import CAMERA, INSTRUCTION, LOOKS, STATE, USES, Use, meets
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, fail, missing, there
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, missing, there, word
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.uses import (
     EVERYTHING,
@@ -30,7 +30,6 @@ from eyechart.verdicts.uses import (
     LEAST_NOISE,
     UNSCORABLE,
     USED,
-    WORDS,
     Asked,
     Known,
     Statistics,
@@ -39,10 +38,8 @@ from eyechart.verdicts.uses import (
     following,
     lossy,
     measured,
-    say,
     undecided,
     use,
-    word,
 )
 from eyechart.verdicts.uses import asked as asked_for
 
@@ -231,10 +228,10 @@ def _reached(ruling: Ruling, reaches: Ruling, alone: str, *, unread: bool) -> Ju
     It stands behind an absence, which is true either way, and before what else leaves an axis open; and is not made of
     a channel that the policy declares to leave ``unread``. What is said of it ``alone`` ends the last sentence.
     """
-    absent, said = USES[ruling.label].is_absence, [str(ruling.reason)]
+    absent, said = USES[ruling.label].is_absence, [ruling.reason]
     still = reaches.label != HOLDS and (absent or ruling.label == "undecided")
     if still and not unread:
-        said.insert(len(said) if absent else 0, str(reaches.reason))
+        said.insert(len(said) if absent else 0, reaches.reason)
     elif still and absent:
         said[-1] += "; it declares that it does not read it"
     if alone:
@@ -273,7 +270,7 @@ def failed_guards(found: Known, missing: Mapping[str, int]) -> dict[str, str]:
 
     ``missing`` counts the calls without a motion by their reasons.
     """
-    failed = {one.label: str(one.reason) for axis in GUARDING if (one := axis.evaluate(found)).label != HOLDS}
+    failed = {one.label: one.reason for axis in GUARDING if (one := axis.evaluate(found)).label != HOLDS}
     if why := failed.get("not_scorable"):
         return {"not_scorable": f"{why}{_reasons(missing, 'none came back')}"}
     return failed
@@ -289,18 +286,18 @@ UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">"
 
 def _guards() -> Iterator[Axis]:
     """Yield what is asked before any axis, in the order of `GUARDS`."""
-    few = say("{unanswered:motions} calls hold no motion")
+    few = "{unanswered:motions} calls hold no motion"
     yield _guard(
         Rule("not_scorable", "motions", (missing("motions", "value"),), few),
         Rule("not_scorable", "motions", (compared("motions", "value", "<", 1 - UNSCORABLE),), few),
     )
     words = "a skipped normalisation, another action space, or a policy that is hardly trained"
     words = f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {words}"
-    yield _guard(Rule("misfit", "misfit", (UNFIT, UNLIKE), say(words)))
+    yield _guard(Rule("misfit", "misfit", (UNFIT, UNLIKE), words))
     words = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}"
     yield _guard(
-        Rule("constant", "variation", (compared("variation", "value", "<", CONSTANT),), say(words)),
-        Rule("constant", "noise", (compared("noise", "alike", ">=", 1.0),), say("its answers are all the same")),
+        Rule("constant", "variation", (compared("variation", "value", "<", CONSTANT),), words),
+        Rule("constant", "noise", (compared("noise", "alike", ">=", 1.0),), "its answers are all the same"),
     )
     label, noisy = "self_inconsistent", compared("noise", "value", ">", INCONSISTENT)
     noise = "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames"
@@ -317,13 +314,13 @@ def _guards() -> Iterator[Axis]:
     )
     kept = "{percent:memory} of its noise goes with the call before (p {p3:memory}, {n:memory} calls)"
     yield _guard(
-        Rule(label, "noise", (noisy,), say(noise)),
-        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), say(f"{nudged}: {by_bytes}")),
+        Rule(label, "noise", (noisy,), noise),
+        Rule(label, "T.nudged", (compared("T.nudged", "value", ">", INCONSISTENT),), f"{nudged}: {by_bytes}"),
         *(
-            Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(name))), say(f"{nudged}, {words}"))
+            Rule(label, "T.nudged", (*use("T.nudged"), fail(use(swap)), fail(disuse(name))), f"{nudged}, {words}")
             for name in (swap, "T.nudged")
         ),
-        Rule(label, "memory", remembers, say(f"{kept}: it keeps something; empty it before every call (reset)")),
+        Rule(label, "memory", remembers, f"{kept}: it keeps something; empty it before every call (reset)"),
     )
 
 
@@ -360,7 +357,6 @@ def _dimension(name: str | None) -> str:
 
 WORDS |= {
     "unanswered": lambda found, name: f"{1 - (found[name].value or 0.0):.0%} of {found[name].n}",
-    "value": lambda found, name: f"{found[name].value:.3f}",
     "percent": lambda found, name: f"{found[name].value:.0%}",
     "p3": lambda found, name: f"{found[name].p:.3f}",
     "n": lambda found, name: str(found[name].n),
@@ -416,12 +412,12 @@ def _remarks(known: Known, camera: str) -> Iterator[str]:
     known["ignores_camera"] = Share(float(camera == "ignores_camera"), 1)
     for rule in REMARKS:
         if ruling := rule.ruling(known):
-            words = str(ruling.reason)
+            words = ruling.reason
             yield f"{words[0].upper()}{words[1:]}"
 
 
 def _remark(sentence: str, *needs: Clause) -> Rule:
-    return Rule("remark", needs=needs, says=say(sentence))
+    return Rule("remark", needs=needs, says=sentence)
 
 
 _BLIND = compared("ignores_camera", "value", ">=", 1.0)

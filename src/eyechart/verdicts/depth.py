@@ -5,6 +5,7 @@ docs/verdicts.md has them on one screen, docs/statistics.md what each statistic 
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
@@ -27,8 +28,7 @@ from eyechart.verdicts.labels import (
     THIRD_REFUTED,
     UNPARSED_CUT,
 )
-from eyechart.verdicts.rules import Clause, Found, Reading, Rule, compared, p_below, p_from
-from eyechart.verdicts.ruling import Reason
+from eyechart.verdicts.rules import WORDS, Clause, Found, Reading, Rule, compared, p_below, p_from, word
 
 STAGE = RANGED
 """What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
@@ -78,7 +78,7 @@ DENSE = compared(
     "value",
     ">=",
     DRAWN,
-    but=f"a window a factor of 1.2 wide holds {{value:.1f}} drawn distances; to see a hole takes {DRAWN}",
+    but=f"a window a factor of 1.2 wide holds {{tenths}} drawn distances; to see a hole takes {DRAWN}",
     unasked="not tested {note}",
     needs=f"{DRAWN} drawn distances in a window a factor of 1.2 wide",
     conditions=STAGE,
@@ -126,7 +126,7 @@ NO_RISE = compared(
     "p",
     ">",
     RISE_ALPHA,
-    but="harder the farther, somewhere along the road",
+    but="harder the farther, somewhere along the road{steepest}",
     unasked="whether it brakes harder the farther somewhere was not tested",
     needs=f"p above {RISE_ALPHA}",
 )
@@ -251,18 +251,6 @@ def bound(found: Found) -> str:
     return f"at most {most} of 100 comparisons the wrong way round"
 
 
-def _depth(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    return Reason("{says}, {bound}", {"says": HARDER, "bound": bound(found)})
-
-
-def _partial(found: Found, clause: Clause | None) -> Reason:
-    del clause
-    return Reason(
-        "brakes by distance, not {where}; elsewhere {bound}", {"where": named(holes(found)), "bound": bound(found)}
-    )
-
-
 def named(places: Sequence[Place]) -> str:
     """Return places in words with their counts; those of one count together, for they are often the same frames."""
     counts = dict.fromkeys((one.harder, one.frames) for one in places)
@@ -273,21 +261,27 @@ def named(places: Sequence[Place]) -> str:
     return ", nor ".join(said)
 
 
-def _refuted(found: Found, clause: Clause | None) -> Reason:
-    assert clause is not None
-    one = found[clause.statistic]
-    but = clause.but.format(note=one.note)
-    if isinstance(one, Rise) and one.nearer and one.farther:
-        but += " (most from {:.3g}-{:.3g} m to {:.3g}-{:.3g} m)".format(*one.nearer, *one.farther)
-    return Reason("{says}, but {but}", {"says": HARDER, "but": but})
+@word
+def _steepest(one: Rise) -> str:
+    """Return in brackets where it brakes harder the farther most; nothing where that is not known."""
+    if not (one.nearer and one.farther):
+        return ""
+    return " (most from {:.3g}-{:.3g} m to {:.3g}-{:.3g} m)".format(*one.nearer, *one.farther)
 
+
+WORDS.update(
+    bound=lambda found, _: bound(found),
+    where=lambda found, _: named(holes(found)),
+    tenths=lambda found, name: f"{found[name].value:.1f}",
+)
+DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE), f"{HARDER}, {{bound}}")
 
 RULES: tuple[Rule, ...] = (
-    Rule("content", "", (MOVED, UNFOLLOWED), _refuted, broken=REFUTING),
+    Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=REFUTING),
     Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
-    Rule("depth_lateral", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE, TURNS), _depth),
-    Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE), _depth),
-    Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), _partial),
+    replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, TURNS)),
+    DEPTH,
+    Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), "brakes by distance, not {where}; elsewhere {bound}"),
     Rule(
         "depth_associated",
         "depth_interventional",
@@ -297,8 +291,3 @@ RULES: tuple[Rule, ...] = (
     ),
 )
 """The rules of who brakes harder for the nearer lead, in their order."""
-
-
-def earns_depth(found: Found) -> bool:
-    """Return whether all that depth needs holds."""
-    return all(clause.holds(found) for clause in (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE))

@@ -7,8 +7,8 @@ from eyechart.records import Written
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, filled
+from eyechart.verdicts.ruling import Ruling
 
 PREFIX = "early."
 """What the names of e-values begin with among the statistics of a model."""
@@ -28,8 +28,8 @@ _ALONG = {
     "depth_associated": compared("along", "value", "<", 1.0),
 }
 """Braking by distance is evidence for the first where there are pictures along the range, else for the second."""
-_SAYS = "{claim.says}"
 _ALONE = compared("one_direction", "value", ">=", 1.0)
+WORDS["says"] = lambda found, name: found[name].says
 
 
 def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
@@ -37,7 +37,7 @@ def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
     by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
     settled = (Reading("settled", ">=", 1.0),)
     needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
-    return Rule(label, by, (*facts, *needs), lambda found, _: Reason(_SAYS, {"claim": found[by]}))
+    return Rule(label, by, (*facts, *needs), f"{{says:{by}}}")
 
 
 def _of_turns() -> Iterator[Rule]:
@@ -125,8 +125,7 @@ def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool
     """
     if stopped.whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
-        says = Reason("{how}: {why}", {"how": stopped.words(), "why": ruling.reason})
-        return replace(ruling, reason=says, found=ruling.reason), evidence
+        return replace(ruling, reason=f"{stopped.words()}: {ruling.reason}", found=ruling.reason), evidence
     evidence = "interventional" if stopped.interventional else "none"
     ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
     return replace(ruling, with_it=stopped.with_it), evidence
@@ -141,9 +140,9 @@ def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | 
 
 def early_paper(stopped: Stopped) -> Ruling:
     """Return what stands for the paper's label of a run that stopped."""
-    return Ruling(NOT_JUDGED, stopped.decided_by, Reason(f"{stopped.words()}: the paper's tests need the whole run"))
+    return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
 
 
 def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
-    claim = {"claim": found[name]}
-    return Ruling(label, name, Reason(f"{how}: {_SAYS}", claim), found[name], found=Reason(_SAYS, claim))
+    says = filled("{says:" + name + "}", found)
+    return Ruling(label, name, f"{how}: {says}", found[name], found=says)

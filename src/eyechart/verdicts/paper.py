@@ -54,7 +54,7 @@ PAPER = Axis(
                 "self_inconsistent",
                 "clears_floor",
                 (clause,),
-                "IDI {idi} is not above 1.5 s, s = {noise_floor}",
+                "IDI {value:idi} is not above 1.5 s, s = {value:noise_floor}",
                 quiet=True,
             )
             for clause in (missing("clears_floor", "value"), compared("clears_floor", "value", "<", 1.0))

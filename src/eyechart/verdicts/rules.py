@@ -7,11 +7,12 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from string import Formatter
+from typing import Any
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling, number
 
 Found = Mapping[str, Statistic]
 """A model's statistics by name."""
@@ -125,22 +126,21 @@ class Rule:
 
     ``decided_by`` names the statistic that decides. Without it one of ``broken`` does, at least one of which has to
     fail: the first that fails, or the one with the greatest p where it is the ``worst`` that decides. ``says`` is its
-    sentence, with places for the values of statistics and, as ``but``, for what the clause says that decides, or the
-    first of ``open_to`` that does not hold; or it makes the reason of the statistics and that clause. ``why_not`` says
-    likewise what stood in the way of a stronger label, ``may_be`` which label is neither given nor refuted, and
-    ``bound`` names the statistic that says how far the label holds beyond what was asked. A ``quiet`` rule prints no
-    numbers.
+    sentence, see `filled`, in which ``{but}`` is what the clause says that decides, or the first of ``open_to`` that
+    does not hold. ``why_not`` says likewise what stood in the way of a stronger label, ``may_be`` which label is
+    neither given nor refuted, and ``bound`` names the statistic that says how far the label holds beyond what was
+    asked. A ``quiet`` rule prints no numbers.
     """
 
     label: str
     decided_by: str = ""
     needs: tuple[Clause, ...] = ()
-    says: str | Callable[[Found, Clause | None], Reason] = ""
+    says: str = ""
     broken: tuple[Clause, ...] = ()
     open_to: tuple[Clause, ...] = ()
     worst: bool = False
     quiet: bool = False
-    why_not: str | Callable[[Found, Clause | None], Reason] = ""
+    why_not: str = ""
     may_be: str = ""
     bound: str = ""
 
@@ -157,28 +157,52 @@ class Rule:
         return Ruling(
             self.label,
             name,
-            _reason(self.says, found, clause),
+            filled(self.says, found, clause),
             None if self.quiet else found[name],
             tuple(one.statistic for one in self.needs if one.statistic != name and one.is_settled(found)),
-            why_not=_reason(self.why_not, found, clause),
+            why_not=filled(self.why_not, found, clause),
             may_be=self.may_be,
             bound=found[self.bound] if self.bound else None,
         )
 
 
-def _reason(says: str | Callable[[Found, Clause | None], Reason], found: Found, clause: Clause | None) -> Reason:
-    if not isinstance(says, str):
-        return says(found, clause)
-    names = [name.partition(".")[0] for _, name, _, _ in Formatter().parse(says) if name]
-    but = said_of(clause, found) if clause is not None and "but" in names else ""
-    return Reason(says, {name: but if name == "but" else found[name] for name in names})
+WORDS: dict[str, Callable[[Any, str], str]] = {
+    "value": lambda found, name: number(found[name]),
+    "note": lambda found, name: found[name].note,
+}
+"""The words that stand in sentences as places, each made of the statistics and of the name of one."""
 
 
-def said_of(clause: Clause, found: Found) -> str:
-    """Return what a clause says that does not hold, or was not tested."""
-    one = found[clause.statistic]
-    says = clause.unasked if clause.outcome(found) is None and clause.unasked else clause.but
-    return says.format(note=one.note, value=one.value)
+def word(says: Callable[[Any], str]) -> Callable[[Any], str]:
+    """Let sentences have places for what is said of a statistic, and return the function."""
+    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
+    return says
+
+
+def filled(sentence: str, found: Found, clause: Clause | None = None) -> str:
+    """Return a sentence with its places filled: ``{value:NAME}`` is what that word says of a statistic.
+
+    Of ``{note:NAME|=words}`` it is the first that is not empty. ``{but}`` is what the clause says that decides, whose
+    places are of its own statistic where they name none.
+    """
+    parts = []
+    for literal, name, spec, _ in Formatter().parse(sentence):
+        parts.append(literal)
+        if name == "but" and clause is not None:
+            is_untested = bool(clause.unasked) and clause.outcome(found) is None
+            parts.append(filled(clause.unasked if is_untested else clause.but, found, clause))
+        elif name is not None:
+            own = clause.statistic if clause is not None else ""
+            places = f"{name}:{spec}".split("|")
+            parts.append(next((said for one in places if (said := _filled(one, found, own))), ""))
+    return "".join(parts)
+
+
+def _filled(place: str, found: Found, own: str) -> str:
+    if place.startswith("="):
+        return place[1:]
+    name, _, of = place.partition(":")
+    return WORDS[name](found, of or own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,12 +224,12 @@ class Axis:
 
 def p_below(name: str, alpha: float, **more: object) -> Clause:
     """Return the condition that a test rejects; one that was not made does not."""
-    return Clause(name, (Reading("p", "<", alpha),), **{"untested": False, "needs": f"p below {alpha}", **more})  # type: ignore[arg-type]
+    return compared(name, "p", "<", alpha, **{"untested": False, "needs": f"p below {alpha}", **more})
 
 
 def p_from(name: str, alpha: float, **more: object) -> Clause:
     """Return the condition that a test does not reject; one that was not made does not."""
-    return Clause(name, (Reading("p", ">=", alpha),), **{"untested": True, "needs": f"p of {alpha} at least", **more})  # type: ignore[arg-type]
+    return compared(name, "p", ">=", alpha, **{"untested": True, "needs": f"p of {alpha} at least", **more})
 
 
 def missing(name: str, reads: str = "p") -> Clause:

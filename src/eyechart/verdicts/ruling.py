@@ -1,37 +1,9 @@
-"""A ruling is a label with the statistic that decided it and the reason, which are put into words when printed."""
+"""A ruling is a label with the statistic that decided it and the reason; and how a statistic is put into words."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """A statistic as a sentence has it: ``{name}`` is its value, ``{name.p}`` its p, ``{name.n}`` another number."""
-
-    one: Statistic
-
-    def __format__(self, _: str) -> str:
-        return number(self.one)
-
-    def __getattr__(self, name: str) -> object:
-        return p_value(self.one.p or 0.0) if name == "p" else getattr(self.one, name)
-
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """Why a rule gave its label: a sentence with places, and the numbers that are written there."""
-
-    says: str
-    numbers: Mapping[str, object] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        if not self.numbers:
-            return self.says
-        shown = {name: _Written(one) if isinstance(one, Statistic) else one for name, one in self.numbers.items()}
-        return self.says.format(**shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +17,13 @@ class Ruling:
 
     label: str
     decided_by: str
-    reason: Reason
+    reason: str
     statistic: Statistic | None = None
     with_it: tuple[str, ...] = ()
-    why_not: Reason = Reason("")
+    why_not: str = ""
     may_be: str = ""
     bound: Statistic | None = None
-    found: Reason | None = None
+    found: str = ""
 
     @property
     def because(self) -> str:
@@ -61,7 +33,7 @@ class Ruling:
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
             so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
             return f"{self.reason}: settled by {settled}{so_are}"
-        return str(self.reason) if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
+        return self.reason if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
 
 def measured(name: str, one: Statistic | None) -> str:

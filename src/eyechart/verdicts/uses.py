@@ -5,14 +5,12 @@ Why these rules: docs/decisions/policies.md.
 
 import math
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from string import Formatter
 
 from eyechart.stats.shares import Followed, Misfit, Share, of_kind
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.rules import Clause, Found, Reading, Rule
-from eyechart.verdicts.ruling import Reason
+from eyechart.verdicts.rules import WORDS, Clause, Reading, Rule, word
 
 USED = 0.02
 """A channel is used where its share is above this, with a chance of .01 to be wrong."""
@@ -187,58 +185,16 @@ def settled(one: Statistic) -> bool:
     return all(reading.of(one) for reading in _SETTLED)
 
 
-Word = Callable[[Known, str], str]
-WORDS: dict[str, Word] = {
-    "forgot": lambda found, names: found.forgot(*names.split(",")),
-    "without": lambda found, name: found.without(name),
-    "note": lambda found, name: found[name].note,
-    "bank": lambda found, _: found.bank,
-}
-"""The words that stand in sentences as places."""
-
-
-def word(says: Callable[[Share], str]) -> Callable[[Share], str]:
-    """Let sentences have places for what is said of a statistic, and return the function."""
-    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
-    return says
-
-
-def told(sentence: str, found: Known, clause: Clause | None = None) -> str:
-    """Return a sentence with its places filled: ``{share:NAME}`` is what `share` says of a statistic.
-
-    Of ``{forgot:NAME|=words}`` it is the first that is not empty; ``{but}`` is what the clause says that decides, whose
-    places are of its own statistic where they name none.
-    """
-    parts = []
-    for literal, name, spec, _ in Formatter().parse(sentence):
-        parts.append(literal)
-        if name == "but" and clause is not None:
-            parts.append(told(clause.but, found, clause))
-        elif name is not None:
-            parts.append(next(filter(None, (_filled(one, found, clause) for one in f"{name}:{spec}".split("|"))), ""))
-    return "".join(parts)
-
-
-def _filled(place: str, found: Known, clause: Clause | None) -> str:
-    if place.startswith("="):
-        return place[1:]
-    name, _, of = place.partition(":")
-    return WORDS[name](found, of or (clause.statistic if clause is not None else ""))
-
-
-def say(sentence: str) -> Callable[[Found, Clause | None], Reason]:
-    """Return what makes the reason of a rule from its sentence, see `told`."""
-
-    def reason(found: Found, clause: Clause | None) -> Reason:
-        assert isinstance(found, Known)
-        return Reason(told(sentence, found, clause))
-
-    return reason
+WORDS.update(
+    forgot=lambda found, names: found.forgot(*names.split(",")),
+    without=lambda found, name: found.without(name),
+    bank=lambda found, _: found.bank,
+)
 
 
 def undecided(by: str, needs: tuple[Clause, ...], sentence: str, *broken: Clause) -> Rule:
     """Return the rule of what is open."""
-    return Rule("undecided", by, needs, say(sentence), broken)
+    return Rule("undecided", by, needs, sentence, broken)
 
 
 @word

@@ -173,7 +173,7 @@ class Verdict(Written):
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        first = (*self.doubts, str(ruling.reason))
+        first = (*self.doubts, ruling.reason)
         said = " ".join((*(f"{one[:1].upper()}{one[1:]}." for one in first), self.trust))
         small = (*self.agreeing, *self.notes, self.scope)
         return card(self.model, self.answer, self.headline, said, rows, small)
