@@ -71,8 +71,7 @@ class Label:
     shows: that it fails, that it cannot say, or that it fails where the share of pairs in which braking follows
     distance is bounded below the margin. ``early`` names the claims that settle it before a run
     has ended, the first its evidence; without any it is never settled early. Those of ``depth`` only say what is left
-    out: whether it is one is decided on all frames, by the rules of a whole run. ``nearest`` is the nearest stronger
-    label and the test that kept it from that, where it is one test.
+    out: whether it is one is decided on all frames, by the rules of a whole run.
     """
 
     says: str
@@ -82,7 +81,6 @@ class Label:
     otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
     early: tuple[str, ...] = ()
     answer: Literal["Yes", "In part", "No", "Inconclusive"] = "Inconclusive"
-    nearest: tuple[str, str] | None = None
 
     @property
     def glyph(self) -> str:
@@ -94,7 +92,6 @@ _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far
 _ALONE, _ABSENT = ("bound_mirrored", "bound_lead_near", "bound_lead_far"), "bound_lead_absent"
 _BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only", _ABSENT)
 _NEARER = ("near_far", "net_near_far")
-_CONTENT_SHOWN, _PRESENCE_SHOWN = ("content", "content_shuffled"), ("presence_only", "presence")
 
 LABELS: dict[str, Label] = {
     "not_scorable": Label(
@@ -137,14 +134,12 @@ LABELS: dict[str, Label] = {
         "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
         "blind",
         answer="No",
-        nearest=_CONTENT_SHOWN,
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
         answer="No",
-        nearest=_CONTENT_SHOWN,
     ),
     "presence_only": Label(
         "It notices whether there is a picture, not what is in it: no authority over motion.",
@@ -152,21 +147,18 @@ LABELS: dict[str, Label] = {
         "◔",
         answer="No",
         early=("presence", *_CONTENT, *_ALONE, _ABSENT),
-        nearest=_CONTENT_SHOWN,
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
         answer="No",
         early=("presence_response", "bound_blank_kept", *_BLIND),
-        nearest=_PRESENCE_SHOWN,
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
         answer="No",
         early=("bound_blank", "bound_blank_response", *_BLIND),
-        nearest=_PRESENCE_SHOWN,
     ),
     "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
 }
