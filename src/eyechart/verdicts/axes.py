@@ -1,4 +1,4 @@
-"""The label of one axis of a policy: its cameras or one of them, its state, its instruction, as rows of clauses.
+"""The rules of each axis of a policy: all cameras, one camera, the state and the instruction.
 
 Why these rules: docs/decisions/policies.md.
 """
@@ -51,7 +51,7 @@ from eyechart.verdicts.uses import (
 )
 
 OF_DATA_SET = 0.10
-"""Absence is said of a data set, and not of its episodes alone, where fewer than this share of them may respond."""
+"""An absence holds of the data set where fewer than this share of its episodes may respond."""
 SURENESS = 0.99
 """The confidence of that bound."""
 OF_ITS_WORLD: Mapping[str, str] = {
@@ -59,36 +59,41 @@ OF_ITS_WORLD: Mapping[str, str] = {
     "recoloured": "other colours of the table",
     "decoys": "further objects",
 }
-"""Pictures of the same moment that are drawn otherwise, in words."""
+"""Other pictures of the same moment, and what they show."""
 RESPONDS: Mapping[str, tuple[str, ...]] = {
     "responds": ("swapped", "matched", "blank"),
     "responds.shown": ("swapped", "matched"),
     "responds.alike": ("matched",),
 }
-"""In which episodes a channel carries something all the same, by the conditions that a claim of absence rests on.
+"""The conditions of each claim of absence, by the statistic that counts responding episodes.
 
-Of a channel that is ignored; of pictures that must only be there; of those that tell no more than the state.
+The claims: the channel is ignored; pictures only have to be there; they tell no more than the
+state.
 """
 
 
+def condition_of(name: str, channel: str) -> str:
+    """Return the name of a condition of a channel; grey and recoloured pictures go by the camera's."""
+    if name not in {"blank", "exchanged"}:
+        return f"{name}@{channel}"
+    return name if channel == "cameras" else f"{name}@{channel.partition(':')[2]}"
+
+
 def rests_on(claim: str, channel: str) -> Iterator[str]:
-    """Yield the conditions that a claim of `RESPONDS` on a channel rests on, of those that the channel has."""
+    """Yield the conditions of a channel that a claim of `RESPONDS` rests on."""
     for name in RESPONDS[claim]:
-        if name != "blank":
-            yield f"{name}@{channel}"
-        elif channel == "cameras":
-            yield name
-        elif channel.startswith("camera:"):
-            yield f"{name}@{channel.partition(':')[2]}"
+        if name != "blank" or channel.startswith("camera"):
+            yield condition_of(name, channel)
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one.
+    """A label on one axis, why, the statistic that decided it, and why it is no stronger one.
 
-    Of a label of absence, ``responds`` is the share of episodes that respond, and what it may be in the data set.
-    ``may_be`` is a stronger label that the run neither gives nor refutes; ``may_be_unconnected`` says of a channel that
-    changes not one bit of any answer that it may never have been given to the policy.
+    Of an absence, ``responds`` is the share of episodes that respond, with its interval for the
+    data set. ``may_be`` is a stronger label that the run neither gives nor refutes.
+    ``may_be_unconnected``: the channel changes not one bit of any answer, so that the policy may
+    never have been given it.
     """
 
     label: str
@@ -101,12 +106,12 @@ class Judged:
 
     @property
     def of_data_set(self) -> str:
-        """Return the label that holds of the data set too, ``undecided`` where too many of its episodes may respond."""
+        """Return the label for the whole data set; ``undecided`` if too many may respond."""
         bound = None if self.responds is None else self.responds.ci
         return "undecided" if bound is not None and bound[1] >= OF_DATA_SET else self.label
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; ``data_set`` says how far a claim of absence goes beyond the episodes asked."""
+        """Return plain JSON values; ``data_set`` bounds an absence for the whole data set."""
         found = picked(self, "label because by why_not")
         if self.responds is None or self.responds.ci is None:
             return found
@@ -121,14 +126,14 @@ _MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("p
 _ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
 _FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
 Beside = tuple[tuple[str, ...], tuple[str, ...]]
-"""The single cameras of which there are shares, and those that the bank could exchange and the run did not ask."""
+"""The single cameras that have shares, and those that the run left out."""
 
 
 def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: Beside = ((), ())) -> Iterator[Rule]:
-    """Yield a rule of absence behind those that take it away.
+    """Yield a rule of absence after the rules that take it away.
 
-    A part of the answer, or another picture, shows a use; the run did not ask what may show one; or more of its
-    episodes respond than may. ``shown`` are the shares that the label rests on, in words.
+    These are: a part of the answer or another picture shows a use, a control was not run, or too
+    many episodes respond. ``shown`` has the shares that the label rests on, in words.
     """
     rests, bound = tuple(f"T.{name}" for name in rests_on(claim, channel)), f"{claim}@{channel}"
 
@@ -153,7 +158,7 @@ def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: Beside = 
 
 
 def _no_part(name: str) -> Clause:
-    """Return the condition that no number or step of the answer goes with a channel although their mean does not."""
+    """Return the condition that no single number or step of the answer goes with a channel."""
     return Clause(name, (Reading("carried", "missing"), Reading("p", ">", ALPHA, otherwise=False)))
 
 
@@ -163,36 +168,24 @@ def _parts(found: Known, names: str) -> str:
     return ", ".join(f"{part} (T {size:.2f})" for part, size in list(carried.items())[:4])
 
 
-WORDS["parts"] = _parts
-
-
 def _no_scatter(name: str) -> Clause:
-    """Return the condition that answers scatter as they do otherwise, so that their mean tells all."""
+    """Return the condition that answers scatter as they do otherwise."""
     scatter = Reading("scatter", "<=", USED, otherwise=True), Reading("scatter_p", ">", ALPHA, otherwise=True)
     return Clause(name, scatter, "how its answers scatter changes, by {scatter}")
 
 
-@word
-def _scatter(one: Share) -> str:
-    return f"{one.scatter:.0%} of the variation (p {one.scatter_p:.4f})"
-
-
-@word
-def _responding(one: Share) -> str:
-    return f"{_count(one)} of {one.n} episodes each respond by {IGNORED:.2f} of the variation or more"
-
-
 def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tuple[tuple[Clause, ...], list[Clause]]]:
-    """Yield which other pictures must not carry as much as must not be ignored where an absence is said, after needs.
+    """Yield what speaks against an absence: needs, and clauses of which one then fails.
 
-    Noise is none of them: no robot is shown noise, and who ignores what it is shown may answer to it. What is drawn in
-    the pictures of all cameras, which are ignored otherwise, may have been seen through any of them.
+    Noise is none of them: no robot is shown noise, and a policy that ignores its pictures may
+    answer to it. What is drawn in the pictures of all cameras may have been seen through any of
+    them.
     """
     if channel in {"state", "instruction"}:
         return
     drawn = {name: (f"T.{name}", f"{what} change {{of_action}}") for name, what in OF_ITS_WORLD.items()}
     if channel != "cameras":
-        own, whole = f"T.exchanged@{channel.partition(':')[2]}", "T.swapped@cameras"
+        own, whole = f"T.{condition_of('exchanged', channel)}", "T.swapped@cameras"
         unused = (*disuse(whole), fail(use(whole)))
         yield (), [fail(carrying(own), drawn["exchanged"][1])]
         seen = [fail(carrying(name), f"{but}, by whichever camera") for name, but in drawn.values()]
@@ -211,30 +204,27 @@ def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tup
 
 
 def _controls(claim: str, channel: str, singles: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the conditions that show such pictures."""
+    """Return the conditions with such pictures."""
     if channel != "cameras":
-        return (f"exchanged@{channel.partition(':')[2]}",) if channel.startswith("camera:") else ()
+        return (condition_of("exchanged", channel),) if channel.startswith("camera:") else ()
     return tuple(dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for one in singles for name in rests_on(claim, one)))))
 
 
 @dataclass(frozen=True)
 class _Camera:
-    """The rules of all cameras together, or of one, and what its sentences share."""
+    """The rules of all cameras together, or of one."""
 
     channel: str
     what: str
     beside: Beside
 
     def share(self, name: str) -> str:
-        """Return the name of a share of this camera: of what is drawn otherwise by the camera's own name."""
-        of_all = self.channel == "cameras"
-        if name in {"blank", "exchanged"}:
-            return f"T.{name}" if of_all else f"T.{name}@{self.channel.partition(':')[2]}"
-        return f"T.{name}@{self.channel}"
+        """Return the name of a share of this camera."""
+        return f"T.{condition_of(name, self.channel)}"
 
     @property
     def swap(self) -> str:
-        """Return the name of the share that goes with another episode's."""
+        """Return the name of the share that goes with another episode's pictures."""
         return self.share("swapped")
 
     @property
@@ -244,7 +234,7 @@ class _Camera:
 
     @property
     def seen(self) -> str:
-        """Return in words what it shares with pictures at a similar state."""
+        """Return that share and the one at a similar state in words."""
         return f"{self.shown}, and {{share:{self.share('matched')}}} where the state is alike{{still:{self.channel}}}"
 
     def axis(self) -> Axis:
@@ -263,7 +253,7 @@ class _Camera:
         return Axis(self.channel, rules)
 
     def unshown(self, alike: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of pictures that may be another episode's: whether they have to be there at all."""
+        """Yield the rules of pictures that may be another episode's, or none."""
         grey, needs = self.share("blank"), (*disuse(self.swap), *alike)
         words = (
             f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
@@ -281,8 +271,8 @@ class _Camera:
     def pose(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures that are used, and not at a similar state.
 
-        A bank may hold such moments in a part of its states only. So any other episode's picture must be used in these
-        same moments too.
+        A bank may hold such moments for some states only, so the swapped picture must have an
+        effect in them too.
         """
         matched, alike = self.share("matched"), f"swapped.alike@{self.channel}"
         shown = (
@@ -294,11 +284,11 @@ class _Camera:
         yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of pictures whose content decides: whether the object in them is followed, is of all cameras.
+        """Yield the rules of pictures whose content decides.
 
-        A picture of the own episode, as far off in its state as the matched one, or farther, takes the claim away where
-        it changes as much, or was not asked; not from who follows an object that is moved, or answers to objects whose
-        colours are exchanged, while the state stays.
+        The claim is withdrawn if a picture of the same episode, at least as far off in its state,
+        changes as much or was not asked. It stays where the state stays and the policy follows a
+        moved object or exchanged colours.
         """
         beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
         unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
@@ -313,7 +303,7 @@ class _Camera:
         yield plain
 
     def open(self) -> Iterator[Rule]:
-        """Yield the rules of pictures of which neither is settled."""
+        """Yield the rules of pictures that are neither used nor ignored."""
         swap, matched = self.swap, self.share("matched")
         neither = (fail(use(swap)), fail(disuse(swap)))
         yield undecided(swap, neither, f"{self.shown}: {{why_open:{swap}}}")
@@ -326,14 +316,13 @@ class _Camera:
 
 
 def _proofs(channel: str) -> tuple[tuple[Clause, ...], ...]:
-    """Return the conditions of each proof that more than the own pose is seen, while the state stays."""
-    if channel != "cameras":
-        return (use(f"T.exchanged@{channel.partition(':')[2]}", COLOURED),)
-    return use("T.exchanged", COLOURED), following(_GAIN, FOLLOWED)
+    """Return the conditions of each proof that more than the robot's own pose is seen."""
+    coloured = use(f"T.{condition_of('exchanged', channel)}", COLOURED)
+    return (coloured, following(_GAIN, FOLLOWED)) if channel == "cameras" else (coloured,)
 
 
 def _still(found: Known, channel: str) -> str:
-    """Return in words which numbers of the state no picture of the own episode shows otherwise."""
+    """Return in words which numbers of the state never change within an episode."""
     still = ", ".join(map(str, found[f"beyond@{channel}"].still or ()))
     proven = any(all(clause.holds(found) for clause in one) for one in _proofs(channel))
     never = "of the state, which never changes within an episode, counts too"
@@ -345,18 +334,36 @@ def _few(found: Known, channel: str) -> str:
     return "" if n == of_all else f" ({n} of {of_all} moments have one)"
 
 
-def _unnoticed(found: Known, channel: str) -> str:
-    """Return that nobody would notice, of who answers alike to the same and of whose episodes none responds."""
-    drawn, some = found[f"T.swapped@{channel}"].p is not None, found[f"responds@{channel}"].value
-    return "" if drawn or some else " without anybody noticing"
-
-
 def _own(found: Known, channel: str) -> str:
     own = f"one of its own episode, as far off in its state or farther, {share(found[f'T.near@{channel}'])}"
     return f"{own}, and that it is more is not settled ({way(found[f'beyond@{channel}'])} more)"
 
 
+@word
+def _exchanged(one: Share) -> str:
+    """Return in brackets which instruction most often took the place of which."""
+    return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
+
+
+@word
+def _hears(one: Share) -> str:
+    return f"; another instruction changes {of_action(one)}" if used(one) else ""
+
+
+@word
+def _degrees(one: Followed) -> str:
+    """Return how many degrees the way of an answer is off that of the moved object."""
+    return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
+
+
+def _unnoticed(found: Known, channel: str) -> str:
+    """Return that nobody would notice, of a deterministic policy of which no episode responds."""
+    drawn, some = found[f"T.swapped@{channel}"].p is not None, found[f"responds@{channel}"].value
+    return "" if drawn or some else " without anybody noticing"
+
+
 WORDS |= {
+    "parts": _parts,
     "still": _still,
     "few": _few,
     "rest": lambda found, channel: "; of the other moments nothing is said" if _few(found, channel) else "",
@@ -365,6 +372,11 @@ WORDS |= {
     "settled": lambda found, name: f"grey ones change {share(found[name])}" if settled(found[name]) else "",
     "also": lambda found, name: (
         f"; the objects' colours exchanged change {share(found[name])}" if name in found else ""
+    ),
+    "p": lambda found, name: f"{found[name].p:.4f}",
+    "scatter": lambda found, name: f"{found[name].scatter:.0%} of the variation (p {found[name].scatter_p:.4f})",
+    "responding": lambda found, name: (
+        f"{_count(found[name])} of {found[name].n} episodes each respond by {IGNORED:.2f} of the variation or more"
     ),
 }
 
@@ -400,38 +412,28 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
 
 
 @word
-def _part(one: Share) -> str:
-    """Return in words of what that was told, or along which axis, an object is followed less than on the mean.
+def _part(one: Followed) -> str:
+    """Return in words for which instruction, or along which axis, an object is followed least.
 
-    The mean over all is no claim about each: who goes to one block and not to the other has half of it.
+    The mean is no claim about each: a policy that goes to one block of two has half of it.
     """
-    assert isinstance(one, Followed)
     assert one.least is not None
     where, least = one.least
     far, whole = (f"{100 * (size or 0.0):.0f} %" for size in (least["value"], one.value))
     return f"{where} it is followed only {far} farther than the other, and {whole} on the whole"
 
 
-@word
-def _degrees(one: Share) -> str:
-    """Return how far the way of an answer is off that of what was moved."""
-    assert isinstance(one, Followed)
-    return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
-
-
-WORDS["p"] = lambda found, name: f"{found[name].p:.4f}"
-
-
 @cache
 def camera_axis(channel: str, what: str, beside: Beside = ((), ())) -> Axis:
-    """Return the axis of a camera, or of all, which a sentence calls ``what``."""
+    """Return the axis of one camera, or of all; sentences call it ``what``."""
     return _Camera(channel, what, beside).axis()
 
 
 def _of_state() -> Iterator[Rule]:
-    """Yield the rules of the state, and of places that are answered relative to it.
+    """Yield the rules of the state.
 
-    A place that stays is another motion relative to another state, and one that goes along with it is the same.
+    An answer may be a place: relative to another state the same place is another motion, and one
+    that goes along is the same motion.
     """
     swap, reads = _STATE, "reads@state"
     yield undecided("", (compared("has_state", "value", "<", 1.0),), "the bank has no state")
@@ -450,21 +452,16 @@ def _of_state() -> Iterator[Rule]:
     yield undecided(reads, (given, *use(swap), fail(use(reads))), f"{shown}; but {stays} same place is another motion")
     yield from _absence(Rule("ignores_state", swap, disuse(swap), shown), "responds", "state", shown)
     yield undecided(swap, (fail(use(swap)),), f"{shown}: {{why_open:{swap}}}")
-    short, blind = (
-        f"{shown}, and its cameras next to nothing{{hears}}",
+    blind, short = (
         compared("ignores_camera", "value", ">=", 1.0),
+        f"{shown}, and its cameras next to nothing{{hears:{_HEARS}}}",
     )
     yield Rule("state_shortcut", swap, (blind,), short, bound="responds@cameras")
     yield Rule("state_used", swap, (), shown)
 
 
-WORDS["hears"] = lambda found, _: (
-    f"; another instruction changes {of_action(found[_HEARS])}" if used(found[_HEARS]) else ""
-)
-
-
 def _of_instruction() -> Iterator[Rule]:
-    """Yield the rules of the instruction: whether another one changes the action, and towards what is named."""
+    """Yield the rules of the instruction."""
     swap, shown = _HEARS, f"another instruction{{exchanged:{_HEARS}}} changes {{of_action:{_HEARS}}}"
     open_ = f"what it is told cannot be judged: {{forgot:swapped@instruction|why_open:{swap}}}"
     yield undecided(swap, (), open_, asked("swapped@instruction"))
@@ -486,9 +483,9 @@ def _of_instruction() -> Iterator[Rule]:
 def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     """Yield the rules of an instruction that changes the action: whether towards what is named.
 
-    Where no object is followed, or none is moved, its own has to bring it nearer to what was logged than another one
-    does. Where nobody can say whether it does, and nothing is moved, the label stands, and it is said what is not
-    tested.
+    Where no object is followed or moved, its own instruction has to bring it nearer to the log than
+    another one does. If there is no log either, the label stands, and its sentence says what was
+    not tested.
     """
     label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
     says = f"{shown}, and it follows what is named {more} than what is not"
@@ -519,20 +516,14 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     yield Rule(label, _HEARS, needs, f"{shown}; {why}", why_not=why)
 
 
-@word
-def _exchanged(one: Share) -> str:
-    """Return in brackets what was told most often, and in its place."""
-    return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
-
-
 STATE = Axis("state", tuple(_of_state()))
 INSTRUCTION = Axis("instruction", tuple(_of_instruction()))
 
 
 def judged(ruling: Ruling, *beside: str) -> Judged:
-    """Return a ruling in words, of the whole data set only where few enough of its episodes may respond.
+    """Return a ruling in words; ``beside`` are its sentences, by default its reason.
 
-    ``beside`` is what else is said, by sentence; without it the reason alone.
+    An absence is said of the episodes alone where too many of the data set's may respond.
     """
     one, why = ruling.bound, ruling.why_not
     because = " ".join(map(sentence, beside or (ruling.reason,)))
@@ -552,12 +543,11 @@ def judged(ruling: Ruling, *beside: str) -> Judged:
 
 
 def _count(one: Statistic) -> int:
-    """Return how many episodes respond."""
     return round((one.value or 0.0) * one.n)
 
 
 def of_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EVERYTHING) -> Ruling:
-    """Return the ruling on all cameras together, or of one."""
+    """Return the ruling on all cameras together, or on one."""
     head = "swapped@camera:"
     singles = tuple(name.removeprefix("T.swapped@") for name in statistics if name.startswith(f"T.{head}"))
     others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
@@ -567,11 +557,11 @@ def of_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EV
 
 
 def _halves(found: Known) -> dict[str, Share]:
-    """Return whether what is followed because it is named is half of what is followed at least, by either control."""
+    """Return by control whether at least half of the following is because the object is named."""
     gain = found[_GAIN].value or 0.0
     return {
         f"half@{name}": Share(float(name in found and 2 * (found[name].value or 0.0) >= gain), 1)
-        for name in (_TOLD, "follow.rather")
+        for name in (_TOLD, _RATHER)
     }
 
 

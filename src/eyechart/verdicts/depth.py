@@ -1,6 +1,6 @@
 """The rules of depth: what each statistic has to reach, what refutes it, and what leaves it open.
 
-docs/verdicts.md has them on one screen, docs/statistics.md what each statistic does not show.
+docs/verdicts.md shows them on one screen.
 """
 
 import math
@@ -31,13 +31,13 @@ from eyechart.verdicts.labels import (
 from eyechart.verdicts.rules import WORDS, Clause, Found, Reading, Rule, compared, p_below, p_from, word
 
 STAGE = RANGED
-"""What a model is asked in one stage, in a shuffled order, that brakes harder for the near lead."""
+"""What a model is asked that brakes harder for the near lead: one stage, shuffled."""
 
 EXCHANGE, DOSE = OLDER[:2], OLDER[2:]
-"""What a bank may have that has none of these: who is near exchanged, and the lead at two distances between."""
+"""The controls of an older bank: vehicles exchanged, and the lead at two further distances."""
 
 NUDGED = "nudged"
-"""The true picture with a change that nobody sees: another file, the same picture."""
+"""The condition of the true picture with an invisible change: another file, the same picture."""
 
 THIRDS = ("near", "middle", "far")
 KIND_SHARES = {"near_far": FAR_SHARE, "near_drawn": 1.0, "drawn": 1.0, "drawn_far": FAR_SHARE}
@@ -47,24 +47,27 @@ KINDS = tuple(KIND_SHARES)
 HARDER = "it brakes harder where the lead is nearer"
 
 
-def _needs(name: str, reads: str, holds: str, threshold: float, **more: object) -> Clause:
-    """Return that a bound reaches what depth needs."""
-    needs = f"a {'lower' if reads == 'low' else 'upper'} bound {_WORDS[holds]} {threshold}"
-    return compared(name, reads, holds, threshold, needs=needs, conditions=STAGE, unasked="not tested", **more)
+def _above(name: str, threshold: float, but: str) -> Clause:
+    """Return the condition that a lower bound is large enough for depth."""
+    needs = f"a lower bound of at least {threshold}"
+    return compared(name, "low", ">=", threshold, but=but, needs=needs, conditions=STAGE, unasked="not tested")
 
 
-_WORDS = {"<": "below", "<=": "of at most", ">=": "of at least"}
+def _below(name: str, threshold: float, but: str, *, untested: bool | None = None) -> Clause:
+    """Return the condition that an upper bound is small enough for depth."""
+    more = {"conditions": STAGE, "unasked": "not tested", "untested": untested}
+    return compared(name, "high", "<", threshold, but=but, needs=f"an upper bound below {threshold}", **more)
 
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
-    """Return that one of some readings holds: where none does, it is refuted; what cannot be said refutes nothing."""
+    """Return the condition that one of some readings holds; if all fail, depth is refuted."""
     made = tuple(Reading(*one) for one in readings)
     return Clause(name, made, but, needs=" or ".join(map(str, made)), untested=True)
 
 
 MOVED = p_below("depth_interventional", ALPHA)
 UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
-"""It brakes harder for the nearer lead, and is not known to follow the file, which depth tests by itself."""
+"""It brakes harder for the nearer lead, and is not known to follow the file."""
 
 LARGE = compared("depth_net", "low", ">=", MARGIN)
 EXCHANGED = compared("lane_net", "low", ">=", MARGIN)
@@ -95,20 +98,13 @@ EVEN = compared(
 SHOWN: tuple[Clause, ...] = (
     DENSE,
     EVEN,
-    _needs("sensitivity", "low", ">=", MARGIN, but="on how many frames is not shown to matter"),
-    _needs("specificity", "high", "<", 0.0, but="that a vehicle beside moves it less than half as much is not shown"),
+    _above("sensitivity", MARGIN, "on how many frames is not shown to matter"),
+    _below("specificity", 0.0, "that a vehicle beside moves it less than half as much is not shown"),
     *(
-        _needs(
-            f"specificity_{name}",
-            "high",
-            "<",
-            BESIDE_CUT,
-            but=f"a vehicle beside is not excluded in the {name} third",
-            untested=True,
-        )
-        for name in THIRDS
+        _below(f"specificity_{one}", BESIDE_CUT, f"a vehicle beside is not excluded in the {one} third", untested=True)
+        for one in THIRDS
     ),
-    _needs("order", "high", "<", ORDER_CUT, but="how many comparisons come out the wrong way round is not bounded"),
+    _below("order", ORDER_CUT, "how many comparisons come out the wrong way round is not bounded"),
     compared(
         "unparsed_controls",
         "low",
@@ -119,7 +115,7 @@ SHOWN: tuple[Clause, ...] = (
         untested=True,
     ),
 )
-"""What has to be shown: what is only not shown leaves it open."""
+"""What has to be shown; where it is not, depth is open."""
 
 NO_RISE = compared(
     "rise",
@@ -131,61 +127,48 @@ NO_RISE = compared(
     needs=f"p above {RISE_ALPHA}",
 )
 
+_TOO_FEW = "harder for the nearer lead on too few frames to matter"
+_BESIDE = "half as hard or more for a vehicle beside"
+_WRONG = "the wrong way round in too many comparisons"
+_IN_A_PLACE = ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)
 REFUTING: tuple[Clause, ...] = (
-    _either("depth_net", "harder for the nearer lead on too few frames to matter", ("high", ">=", MARGIN)),
+    _either("depth_net", _TOO_FEW, ("high", ">=", MARGIN)),
     _either("lane_net", "for the lead rather than a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
-    _either("sensitivity", "harder for the nearer lead on too few frames to matter", ("value", ">=", MARGIN)),
-    _either(
-        "sensitivity",
-        "harder for the nearer lead on too few frames to matter",
-        ("low", ">=", MARGIN),
-        ("high", ">=", SENSITIVE_FROM),
-    ),
+    _either("sensitivity", _TOO_FEW, ("value", ">=", MARGIN)),
+    _either("sensitivity", _TOO_FEW, ("low", ">=", MARGIN), ("high", ">=", SENSITIVE_FROM)),
     _either(
         "specificity",
-        "half as hard or more for a vehicle beside (or for neither, once the lane beside is free)",
+        f"{_BESIDE} (or for neither, once the lane beside is free)",
         ("high", "<", 0.0),
         ("value", "<=", BESIDE_REFUTED),
     ),
     *(
         _either(
             f"specificity_{name}",
-            f"half as hard or more for a vehicle beside in the {name} third of the range",
+            f"{_BESIDE} in the {name} third of the range",
             ("high", "<", BESIDE_CUT),
             ("value", "<=", THIRD_REFUTED),
         )
         for name in THIRDS
     ),
-    _either(
-        "order",
-        "the wrong way round in too many comparisons",
-        ("high", "<", ORDER_CUT),
-        ("value", "<=", ORDER_HIGH),
-    ),
+    _either("order", _WRONG, ("high", "<", ORDER_CUT), ("value", "<=", ORDER_HIGH)),
     *(
         _either(
             f"order_{kind}",
-            f"the wrong way round in too many comparisons of {kind.replace('_', ' and ')}",
+            f"{_WRONG} of {kind.replace('_', ' and ')}",
             ("value", "<=", share * ORDER_HIGH),
             ("low", "<=", share * ORDER_LOW),
         )
         for kind, share in KIND_SHARES.items()
     ),
-    _either(
-        "place_reversed", "less hard for the nearer lead {note}", ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)
-    ),
-    _either(
-        "place_beside",
-        "half as hard or more for a vehicle beside {note}",
-        ("value", "<=", ORDER_HIGH),
-        ("low", "<=", ORDER_LOW),
-    ),
+    _either("place_reversed", "less hard for the nearer lead {note}", *_IN_A_PLACE),
+    _either("place_beside", f"{_BESIDE} {{note}}", *_IN_A_PLACE),
     NO_RISE,
 )
-"""What shows that it does not hold: `content`."""
+"""What refutes depth where it fails: the label is `content`."""
 
 NAMED = tuple(compared(f"order_{kind}", "high", "<=", ORDER_OPEN, untested=False) for kind in KINDS)
-"""What is named where it does not hold, and keeps authority from whoever has the label."""
+"""What is named where it does not hold, and keeps a gate that requires depth from being met."""
 
 NO_HOLES = compared("holes", "value", "<=", 0.0)
 HOLES = compared("holes", "value", ">", 0.0)
@@ -198,7 +181,7 @@ NO_OPEN_PLACE = compared(
     needs="an effect that is shown in every scenario and in what else is recorded",
     untested=True,
 )
-"""A place in which the effect is neither shown nor bounded may be a hole: more frames of it tell."""
+"""A place in which the effect is neither shown nor bounded may be a hole."""
 FILE = p_below("file", FILE_ALPHA)
 NO_FILE = compared(
     "file",
@@ -211,7 +194,7 @@ NO_FILE = compared(
 )
 
 UNSHOWN = (*SHOWN, NO_RISE, NO_OPEN_PLACE, NO_FILE)
-"""What keeps who is not refuted from depth, the first that does not hold first."""
+"""What keeps a model that is not refuted from depth, in this order."""
 _HOLDS = (*SHOWN, *REFUTING, NO_FILE)
 
 
@@ -221,18 +204,18 @@ def is_drawn(found: Found) -> bool:
 
 
 def is_refuted(found: Found) -> bool:
-    """Return whether who brakes harder for the nearer lead is shown not to brake by its distance."""
+    """Return whether a model brakes harder for the nearer lead, and not by distance."""
     return MOVED.holds(found) is True and any(clause.holds(found) is False for clause in REFUTING)
 
 
 def holes(found: Found) -> tuple[Place, ...]:
-    """Return the places in which its braking does not answer to the lead."""
+    """Return the places in which braking does not answer to the lead."""
     one = found["holes"]
     return one.places if isinstance(one, Places) else ()
 
 
 def open_kinds(found: Found) -> Iterator[str]:
-    """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places that are not shown."""
+    """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places."""
     for kind, clause in zip(KINDS, NAMED, strict=True):
         if not clause.holds(found):
             yield f"that it is the wrong way round in comparisons of {kind.replace('_', ' and ')}"
@@ -252,18 +235,19 @@ def bound(found: Found) -> str:
 
 
 def named(places: Sequence[Place]) -> str:
-    """Return places in words with their counts; those of one count together, for they are often the same frames."""
-    counts = dict.fromkeys((one.harder, one.frames) for one in places)
-    said = []
-    for harder, frames in counts:
-        where = [one.where for one in places if (one.harder, one.frames) == (harder, frames)]
-        said.append(f"{', '.join(where)}: {harder} of {frames}{' each' if len(where) > 1 else ''}")
-    return ", nor ".join(said)
+    """Return places in words; those of one count together: they are often the same frames."""
+    where: dict[tuple[int, int], list[str]] = {}
+    for one in places:
+        where.setdefault((one.harder, one.frames), []).append(one.where)
+    return ", nor ".join(
+        f"{', '.join(names)}: {harder} of {frames}{' each' if len(names) > 1 else ''}"
+        for (harder, frames), names in where.items()
+    )
 
 
 @word
 def _steepest(one: Rise) -> str:
-    """Return in brackets where it brakes harder the farther most; nothing where that is not known."""
+    """Return in brackets where it most brakes harder the farther; empty if that is not known."""
     if not (one.nearer and one.farther):
         return ""
     return " (most from {:.3g}-{:.3g} m to {:.3g}-{:.3g} m)".format(*one.nearer, *one.farther)
@@ -282,12 +266,6 @@ RULES: tuple[Rule, ...] = (
     replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, TURNS)),
     DEPTH,
     Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), "brakes by distance, not {where}; elsewhere {bound}"),
-    Rule(
-        "depth_associated",
-        "depth_interventional",
-        (MOVED, UNFOLLOWED),
-        f"{HARDER}; {{but}}",
-        open_to=UNSHOWN,
-    ),
+    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{HARDER}; {{but}}", open_to=UNSHOWN),
 )
-"""The rules of who brakes harder for the nearer lead, in their order."""
+"""The rules of a model that brakes harder for the nearer lead, in their order."""

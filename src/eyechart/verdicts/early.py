@@ -1,4 +1,4 @@
-"""A verdict that was settled early rests on the e-values that stopped its run, and on nothing computed after."""
+"""The verdict on a run that stopped early rests on the e-values that stopped it alone."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -11,10 +11,10 @@ from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared
 from eyechart.verdicts.ruling import Ruling
 
 PREFIX = "early."
-"""What the names of e-values begin with among the statistics of a model."""
+"""The names of e-values among the statistics of a model begin with it."""
 
 FORECAST_ALPHA = 0.02
-"""Chance that what the rest of the run would have shown is forecast wrongly."""
+"""The chance that a forecast of the rest of the run is wrong."""
 
 _SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth"]
 
@@ -22,20 +22,20 @@ NOT_YET = "not_yet"
 """The label of a run of which no claim is settled that would give one."""
 
 _REQUIRED = frozenset(("bound_shuffled",))
-"""Without it no absence is claimed, also where it cannot be tested."""
+"""Without it no absence is claimed, even where a bank cannot test it."""
 _ALONG = {
     "depth": compared("along", "value", ">=", 1.0),
     "depth_associated": compared("along", "value", "<", 1.0),
 }
-"""Braking by distance is evidence for the first where there are pictures along the range, else for the second."""
+"""Braking by distance is evidence for the first if there are pictures along the range."""
 _ALONE = compared("one_direction", "value", ">=", 1.0)
 WORDS["says"] = lambda found, name: found[name].says
 
 
 def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
-    """Return the rule of a label whose claims are settled; those that a bank cannot test are left out but the first."""
+    """Return the rule of a label whose claims are settled."""
     by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
-    settled = (Reading("settled", ">=", 1.0),)
+    settled = (Reading("settled", ">=", 1.0),)  # a claim that the bank cannot test is left out, unless it is needed
     needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
     return Rule(label, by, (*facts, *needs), f"{{says:{by}}}")
 
@@ -57,10 +57,7 @@ EARLY = Axis(
         _OPEN,
     ),
 )
-"""The labels that e-values settle, in the order of the rules; ``along`` says whether there are pictures of the range.
-
-What they need of controls, and that replies hold decisions at all, is asked after.
-"""
+"""The labels that e-values settle; ``along`` says whether there are pictures along the range."""
 
 EARLY_LATERAL = Axis("early lateral", (*_of_turns(), _OPEN))
 """The lateral labels likewise; ``one_direction`` is that of `lateral_facts`."""
@@ -83,11 +80,9 @@ VALIDITY = (
 class Stopped(Written):
     """Where a model's verdict was settled before its run ended.
 
-    ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
-    and ``with_it`` the others; ``depth`` rests on the tests of a whole run. ``lateral`` is None where the ordinary
-    lateral rules apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to
-    the stop, of ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for
-    nothing.
+    ``decided_by`` is the first of the claims that the calibrated ``label`` rests on, ``with_it``
+    has the others. ``lateral`` is None where the ordinary lateral rules apply. ``calls`` counts the
+    calls up to the stop, ``beyond`` those that were under way then and do not count.
     """
 
     written = "rule=label decided_by with=with_it lateral lateral_by frames calls planned saved beyond"
@@ -105,7 +100,7 @@ class Stopped(Written):
 
     @property
     def whole(self) -> bool:
-        """Return whether everything that its label's tests read was asked of all frames, as in a whole run."""
+        """Return whether its label is judged by the rules of a whole run."""
         return self.label == "depth"
 
     @property
@@ -119,10 +114,7 @@ class Stopped(Written):
 
 
 def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
-    """Return the calibrated label of a run that stopped, and how the question of distance was put.
-
-    ``depth`` is what the rules of a whole run say: everything that they read of it was asked.
-    """
+    """Return the calibrated label of a run that stopped, and how distance was tested."""
     if stopped.whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
         return replace(ruling, reason=f"{stopped.words()}: {ruling.reason}", found=ruling.reason), evidence
@@ -139,7 +131,7 @@ def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | 
 
 
 def early_paper(stopped: Stopped) -> Ruling:
-    """Return what stands for the paper's label of a run that stopped."""
+    """Return what stands in place of the paper's label of a run that stopped."""
     return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
 
 

@@ -1,4 +1,4 @@
-"""A ruling is a label with the statistic that decided it and the reason; and how a statistic is put into words."""
+"""A ruling is a label with the reason and the statistic that decided it; its words."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from eyechart.stats.statistic import Statistic
 class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
-    ``statistic`` is that statistic, None where there was nothing to measure; ``with_it`` names e-values that settled
-    the label besides. ``why_not``, ``may_be`` and ``bound`` are those of its rule. ``found`` is the reason alone, where
-    ``reason`` says before it how the run ended.
+    ``with_it`` names other e-values that settled the label. ``why_not``, ``may_be`` and ``bound``
+    are those of its rule. ``found`` is the reason alone, where ``reason`` also says how the run
+    ended.
     """
 
     label: str
@@ -37,23 +37,23 @@ class Ruling:
 
 
 def measured(name: str, one: Statistic | None) -> str:
-    """Return a statistic by its name with its value, interval, n and p in words; its name alone where there is none."""
+    """Return a statistic by its name with its figures; its name alone where there is none."""
     return name if one is None else f"{name} = {figures(one)}"
 
 
 def figures(one: Statistic) -> str:
-    """Return a statistic's value, interval, n and p in words; an interval and a p only where there are any."""
+    """Return the value, interval, n and p of a statistic in words."""
     interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
     return f"{number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 
 def number(statistic: Statistic) -> str:
-    """Return a statistic's value as text; "cannot say" is a dash."""
+    """Return the value of a statistic as text; a dash where it is None."""
     return "—" if statistic.value is None else f"{statistic.value:.3f}"
 
 
 def and_p(one: Statistic) -> str:
-    """Return a statistic's p as what follows its value, empty where there is none."""
+    """Return the p of a statistic as it follows its value; empty where there is none."""
     return "" if one.p is None else f", p = {p_value(one.p)}"
 
 

@@ -1,4 +1,4 @@
-"""Why a model did not get a stronger label: the test that kept it from it, and what would settle it."""
+"""Why a model did not get a stronger label: the test that failed, and what would settle it."""
 
 import math
 import shlex
@@ -33,7 +33,7 @@ PHOTOGRAPHED = {
     "exchange_beside": "the one beside the path there, the obstacle ahead far",
     "exchange_apart": "both far",
 }
-"""What each picture shows of the same moment that a bank of one's own may lack; nudged ones are made of these."""
+"""What each picture shows of the same moment; nudged ones are made of these."""
 
 ANY = "any other"
 """In place of the nearest stronger label where every label is one."""
@@ -41,10 +41,10 @@ ANY = "any other"
 
 @dataclass(frozen=True, slots=True)
 class WhyNot(Written):
-    """The nearest stronger label, the statistic that kept a model from it, what it needs, and what would settle it.
+    """The nearest stronger label, the statistic that kept a model from it, and what settles it.
 
-    ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named where a condition is.
-    ``first`` is the first way of several that ``settle`` names.
+    ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named
+    where a condition is. ``first`` is the first way of several that ``settle`` names.
     """
 
     written = (
@@ -124,7 +124,7 @@ _EARLY = {
     "image_invariant": _PRESENCE,
     "not_scorable": (ANY, "scorable"),
 }
-"""Of labels that a run may have settled early: the nearest stronger one, and the claim that is not settled."""
+"""The nearest stronger label of one that was settled early, and the claim that is not."""
 
 
 def _stopped(evidence: Evidence, label: str) -> WhyNot:
@@ -158,7 +158,7 @@ def _not_lateral(found: Found, lateral: Ruling) -> WhyNot:
 
 
 def _not_clear(found: Found, lateral: Ruling) -> WhyNot:
-    """Say which test does not hold of turns that are exchanged; more turns mend none where others are shown wrong."""
+    """Say which test does not hold of turns that are exchanged."""
     name = next((name for name in ("turns_clear", "turns_clear_within") if not below(found[name].p)), "")
     if lateral.decided_by == "turns_against" or not name:
         return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
@@ -178,7 +178,7 @@ def _turns_needed(swap: Statistic) -> str:
 
 
 def _not_depth(evidence: Evidence) -> WhyNot:
-    """Say what was not shown of a model that brakes harder for the nearer lead, or that nothing was moved."""
+    """Say what was not shown of a model that brakes harder for the nearer lead."""
     found, asked, name = evidence.statistics, evidence.replies, "depth_interventional"
     if found[name].p is None:
         settle = f"decisions on more of its pictures: {found[name].note}"
@@ -201,7 +201,7 @@ def _not_depth(evidence: Evidence) -> WhyNot:
 
 
 def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
-    """Say which pictures were not asked, and which the bank lacks, with what these are to show and what draws them.
+    """Say which pictures were not asked, and which the bank lacks: what they show, what draws them.
 
     All of that, and the first of these ways.
     """
@@ -221,7 +221,7 @@ def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
 
 
 def _not_associated(evidence: Evidence) -> WhyNot:
-    """Say which of the conditions of depth fails, or that its first test does not hold or could not be made."""
+    """Say which condition of depth fails, or why its first test does not hold."""
     found = evidence.statistics
     interventional, observational = found["depth_interventional"], found["depth_observational"]
     if is_refuted(found):
@@ -262,7 +262,7 @@ def _undecided(found: Found, name: str, one: Statistic | None) -> WhyNot:
 
 
 def _frames(one: Statistic) -> tuple[str, int | None]:
-    """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
+    """Return in words what would settle a test, and about how many frames."""
     need, frames = None, one.n + one.ties if isinstance(one, SignTest) else one.n
     if isinstance(one, SignTest) and one.n:
         rate, alpha = one.value or 0.0, ALPHA
