@@ -24,7 +24,7 @@ from eyechart.verdicts.labels import (
 )
 from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Ruling
-from eyechart.verdicts.verdict import Verdict, judge, judge_one, shared_notes, words_of
+from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_notes, words_of
 
 __all__ = [
     "ABSENCES",
@@ -56,6 +56,7 @@ __all__ = [
     "judge",
     "judge_one",
     "lateral_rules",
+    "notes",
     "paper_rules",
     "shared_notes",
     "words_of",

@@ -275,9 +275,8 @@ class _Camera:
         effect in them too.
         """
         matched, alike = self.share("matched"), f"swapped.alike@{self.channel}"
-        shown = (
-            f"{self.shown}, but of another episode at a similar state{{few:{self.channel}}} only {{share:{matched}}}"
-        )
+        few, only = f"{{few:{self.channel}}}", f"changes only {{share:{matched}}}"
+        shown = f"{self.shown}, but a picture of another episode at a similar state{few} {only}"
         why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
         yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
         pose = Rule("pose_only", matched, needs, f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
@@ -335,8 +334,10 @@ def _few(found: Known, channel: str) -> str:
 
 
 def _own(found: Known, channel: str) -> str:
-    own = f"one of its own episode, as far off in its state or farther, {share(found[f'T.near@{channel}'])}"
-    return f"{own}, and that it is more is not settled ({way(found[f'beyond@{channel}'])} more)"
+    own = (
+        f"a picture of its own episode, as far off in its state or farther, changes {share(found[f'T.near@{channel}'])}"
+    )
+    return f"{own}, and that another episode's changes more is not settled ({way(found[f'beyond@{channel}'])} more)"
 
 
 @word
@@ -407,7 +408,7 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
         off = f"its way is {{degrees:{_GAIN}}} degrees off that of the moved object, and goes {{way:{_GAIN}}}"
         yield plain(f"{off} of the oracle's along it", *given, compared(_GAIN, "heading", "<", HEADING))
         farther = f"{{way:{control}}} farther than where another is named"
-        says = f"{seen}; moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}"
+        says = f"{seen}; when it is moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}"
         yield Rule("object_grounded", _GAIN, (*content.needs, *given), says)
 
 

@@ -110,8 +110,10 @@ def _open_bound(found: Found, name: str) -> str:
     needed = frames_to_bound(found[name], _level(name))
     if needed is None:
         what = name.removeprefix("bound_").removeprefix("content_")
-        return f"{what} changes its decision more than a repeat does, which no rule makes a claim of"
-    return "no test decided; an effect of {2} is not excluded ({1}, about {0} frames would)".format(*needed, MARGIN)
+        return f"{what} changes its decision more than a repeat does, which supports no label"
+    return "no test decided; an effect of {2} is not excluded (about {0} frames would exclude or show it, {1})".format(
+        *needed, MARGIN
+    )
 
 
 def _no_answer(name: str, condition: str) -> Rule:
@@ -139,7 +141,7 @@ _REST = (
         "depth_associated",
         "depth_observational",
         (missing("depth_interventional"), p_below("depth_observational", ALPHA), UNFOLLOWED),
-        f"{HARDER}; nothing was moved",
+        f"{HARDER}; no lead was moved to test it",
     ),
     *(
         Rule(
@@ -173,13 +175,13 @@ _REST = (
         "presence_only",
         "presence",
         (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
-        f"real and blank differ, and the effect of content is below {MARGIN}",
+        f"its decisions on real and blank pictures differ, and the effect of content is below {MARGIN}",
     ),
     Rule(
         "refusal_effect",
         "presence_response",
         (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
-        "real and blank differ in outputs, not in decisions",
+        "real and blank pictures differ in its outputs, not in its decisions",
     ),
     Rule(
         "image_invariant",
@@ -192,7 +194,7 @@ _REST = (
         "repeat_over_nudged",
         (p_below("repeat_over_nudged", ALPHA),),
         "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
-        "the file, or a cache answered, and neither is sight",
+        "the file, or a cache answered, so that its answers do not show what it sees",
     ),
     _no_answer("bound_content_shuffled", "shuffled"),
     _no_answer("bound_blank", "blank"),
@@ -200,7 +202,7 @@ _REST = (
         "undecided",
         "repeats_together",
         (p_below("repeats_together", ALPHA),),
-        "some pictures get another answer than most, and get it twice; what is in them was not shown",
+        "some pictures get another answer than most, and get it twice; that their content decides was not shown",
     ),
     # where the effect of a blank is shown, what is open is the effect of content
     Rule("undecided", needs=(_PRESENCE,), says="{open_bound}", broken=_OF_CONTENT, worst=True),
@@ -225,11 +227,11 @@ def frames_to_bound(bound: Statistic, alpha: float) -> tuple[int, str] | None:
     discordant = bound.discordant / max(bound.n, 1) if isinstance(bound, Discordant) else 0.0
     need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=alpha)
     if need > bound.n:
-        return need, "were there none"
+        return need, "if there is none"
     (low, high), value = bound.ci, bound.value
     times = [((high - value) / (MARGIN - value)) ** 2] if value < MARGIN else []
     times += [((value - low) / value) ** 2] if value > 0 else []
-    return max(math.ceil(bound.n * min(times)), bound.n + 1), "were the rest like these"
+    return max(math.ceil(bound.n * min(times)), bound.n + 1), "if the rest are like these"
 
 
 def turns_to_tell(swap: Statistic) -> int | None:
@@ -314,29 +316,29 @@ LATERAL_AXIS = Axis(
             "no_power",
             _SWAP,
             (Clause(_SWAP, tuple(Reading(reads, "missing") for reads in ("value", "low", "p", "chance"))),),
-            f"no directional decision; up to {_turns_for(0.5)} are needed",
+            f"no decision has a direction; up to {_turns_for(0.5)} are needed",
             quiet=True,
         ),
         Rule(
             "swaps",
             "turns_against",
             (*_SWAPS, p_below("turns_against", BOUND_ALPHA), compared("turns_against", "value", ">", MARGIN)),
-            "directions are exchanged, but {hundredths:turns_against} of its turns, beyond its noise, go to the "
-            "blocked side",
+            "its directions are exchanged under reflection, but {hundredths:turns_against} of its turns, beyond its "
+            "noise, go to the blocked side",
         ),
         Rule(
             "turns_clear",
             "turns_clear",
             (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
-            "directions are exchanged and go to the clear side, within each lane too "
+            "its directions are exchanged under reflection and go to the clear side, within each lane too "
             "(p = {p_value:turns_clear_within})",
         ),
-        Rule("swaps", _SWAP, _SWAPS, f"directions are exchanged, chance is {{chance:{_SWAP}}}"),
+        Rule("swaps", _SWAP, _SWAPS, f"its directions are exchanged under reflection; chance is {{chance:{_SWAP}}}"),
         Rule(
             "does_not_swap",
             _SWAP,
             (compared(_SWAP, "high", "<", SWAP_RATE),),
-            f"directions are exchanged in less than {SWAP_RATE} of the cases",
+            f"its directions are exchanged under reflection in less than {SWAP_RATE} of the cases",
         ),
         Rule("no_power", _SWAP, says="{few_turns}"),
     ),

@@ -10,6 +10,7 @@ from dataclasses import replace
 from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
 from eyechart.stats.paired import Place, Places
+from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import (
     ALPHA,
     BESIDE_CUT,
@@ -98,13 +99,13 @@ EVEN = compared(
 SHOWN: tuple[Clause, ...] = (
     DENSE,
     EVEN,
-    _above("sensitivity", MARGIN, "on how many frames is not shown to matter"),
+    _above("sensitivity", MARGIN, "that it does so on enough frames to matter is not shown"),
     _below("specificity", 0.0, "that a vehicle beside moves it less than half as much is not shown"),
     *(
         _below(f"specificity_{one}", BESIDE_CUT, f"a vehicle beside is not excluded in the {one} third", untested=True)
         for one in THIRDS
     ),
-    _below("order", ORDER_CUT, "how many comparisons come out the wrong way round is not bounded"),
+    _below("order", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
     compared(
         "unparsed_controls",
         "low",
@@ -122,18 +123,18 @@ NO_RISE = compared(
     "p",
     ">",
     RISE_ALPHA,
-    but="harder the farther, somewhere along the road{steepest}",
-    unasked="whether it brakes harder the farther somewhere was not tested",
+    but="it brakes harder for a farther lead, somewhere along the road{steepest}",
+    unasked="whether it brakes harder for a farther lead somewhere was not tested",
     needs=f"p above {RISE_ALPHA}",
 )
 
-_TOO_FEW = "harder for the nearer lead on too few frames to matter"
-_BESIDE = "half as hard or more for a vehicle beside"
-_WRONG = "the wrong way round in too many comparisons"
+_TOO_FEW = "it does so on too few frames to matter"
+_BESIDE = "it brakes at least half as hard for a vehicle beside"
+_WRONG = "too many comparisons"
 _IN_A_PLACE = ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)
 REFUTING: tuple[Clause, ...] = (
     _either("depth_net", _TOO_FEW, ("high", ">=", MARGIN)),
-    _either("lane_net", "for the lead rather than a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
+    _either("lane_net", "it tells the lead from a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
     _either("sensitivity", _TOO_FEW, ("value", ">=", MARGIN)),
     _either("sensitivity", _TOO_FEW, ("low", ">=", MARGIN), ("high", ">=", SENSITIVE_FROM)),
     _either(
@@ -151,17 +152,17 @@ REFUTING: tuple[Clause, ...] = (
         )
         for name in THIRDS
     ),
-    _either("order", _WRONG, ("high", "<", ORDER_CUT), ("value", "<=", ORDER_HIGH)),
+    _either("order", f"{_WRONG} come out the wrong way round", ("high", "<", ORDER_CUT), ("value", "<=", ORDER_HIGH)),
     *(
         _either(
             f"order_{kind}",
-            f"{_WRONG} of {kind.replace('_', ' and ')}",
+            f"{_WRONG} of {kind.replace('_', ' and ')} distances come out the wrong way round",
             ("value", "<=", share * ORDER_HIGH),
             ("low", "<=", share * ORDER_LOW),
         )
         for kind, share in KIND_SHARES.items()
     ),
-    _either("place_reversed", "less hard for the nearer lead {note}", *_IN_A_PLACE),
+    _either("place_reversed", "it brakes less hard for the nearer lead {note}", *_IN_A_PLACE),
     _either("place_beside", f"{_BESIDE} {{note}}", *_IN_A_PLACE),
     NO_RISE,
 )
@@ -218,7 +219,7 @@ def open_kinds(found: Found) -> Iterator[str]:
     """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places."""
     for kind, clause in zip(KINDS, NAMED, strict=True):
         if not clause.holds(found):
-            yield f"that it is the wrong way round in comparisons of {kind.replace('_', ' and ')}"
+            yield f"that comparisons of {kind.replace('_', ' and ')} distances come out the wrong way round"
     for name in THIRDS:
         if found[f"specificity_{name}"].ci is None and not any(one.of == "range" for one in holes(found)):
             yield f"that it brakes for a vehicle beside in the {name} third of the range"
@@ -246,9 +247,9 @@ def named(places: Sequence[Place]) -> str:
 
 
 @word
-def _steepest(one: Rise) -> str:
+def _steepest(one: Statistic) -> str:
     """Return in brackets where it most brakes harder the farther; empty if that is not known."""
-    if not (one.nearer and one.farther):
+    if not (isinstance(one, Rise) and one.nearer and one.farther):
         return ""
     return " (most from {:.3g}-{:.3g} m to {:.3g}-{:.3g} m)".format(*one.nearer, *one.farther)
 
@@ -262,7 +263,12 @@ DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE), f"{HAR
 
 RULES: tuple[Rule, ...] = (
     Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=REFUTING),
-    Rule("undecided", "file", (MOVED, FILE), "it follows the file, or a cache answered, and neither is sight"),
+    Rule(
+        "undecided",
+        "file",
+        (MOVED, FILE),
+        "it follows the file, or a cache answered, so that its answers do not show what it sees",
+    ),
     replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, TURNS)),
     DEPTH,
     Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), "brakes by distance, not {where}; elsewhere {bound}"),

@@ -111,7 +111,7 @@ def _refusal(evidence: Evidence) -> list[str]:
     outputs, decisions = (f"{symbol} = {number(one)}{and_p(one)} over" for one in tests)
     counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
     says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
-    return [f"refusal effect: what it is shown decides whether it answers, not what: {says}"]
+    return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]
 
 
 def _noise(found: Mapping[str, Statistic]) -> list[str]:

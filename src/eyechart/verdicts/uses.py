@@ -222,7 +222,7 @@ def why_open(one: Share) -> str:
         alone = f"one value of its pictures that is one level off changes {one.bytes:.0%} too"
         return f"{alone}: what goes beyond that is not above {USED}, and the whole not below {IGNORED}"
     if one.p is not None and one.p > ALPHA and one.ci is not None and one.ci[0] > USED:
-        return f"its answers are drawn, and such a difference comes by chance (p {one.p:.3f})"
+        return f"its answers are drawn, and such a difference can come by chance (p {one.p:.3f})"
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
 
 

@@ -328,7 +328,7 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     moves = any(not set(many) & set(evidence.absent) for many in (EXCHANGE, STAGE))
     if label in ABSENCES and moves and not found["lane_net"].n and not is_drawn(found):
         said.append(
-            "no vehicle of a neighbouring lane was moved: who answers to that alone is not told from who is blind"
+            "no vehicle of a neighbouring lane was moved: a model that answers to that alone looks like a blind one"
         )
     return said
 

@@ -164,7 +164,7 @@ def _not_clear(found: Found, lateral: Ruling) -> WhyNot:
         return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
     why = _by_test("depth_lateral", name, found)
     if found[name].p is None:
-        return replace(why, settle=f"a bank that says more: {found[name].note}", frames=None)
+        return replace(why, settle=f"a bank that records more: {found[name].note}", frames=None)
     if name == "turns_clear_within":
         return replace(why, settle="turns on lanes of which either side may be clear", frames=None)
     return why
@@ -271,4 +271,4 @@ def _frames(one: Statistic) -> tuple[str, int | None]:
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests
-    return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {frames}", need)
+    return (NOTHING, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)
