@@ -29,8 +29,8 @@ from eyechart.verdicts.uses import (
     Asked,
     Known,
     Statistics,
-    above,
     asked,
+    bounded,
     carrying,
     disuse,
     enough,
@@ -39,7 +39,6 @@ from eyechart.verdicts.uses import (
     may_follow,
     measured,
     of_action,
-    opposing,
     quoted,
     sentence,
     settled,
@@ -204,7 +203,6 @@ def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tup
 
 
 def _controls(claim: str, channel: str, singles: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the conditions with such pictures."""
     if channel != "cameras":
         return (condition_of("exchanged", channel),) if channel.startswith("camera:") else ()
     return tuple(dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for one in singles for name in rests_on(claim, one)))))
@@ -462,7 +460,6 @@ def _of_state() -> Iterator[Rule]:
 
 
 def _of_instruction() -> Iterator[Rule]:
-    """Yield the rules of the instruction."""
     swap, shown = _HEARS, f"another instruction{{exchanged:{_HEARS}}} changes {{of_action:{_HEARS}}}"
     open_ = f"what it is told cannot be judged: {{forgot:swapped@instruction|why_open:{swap}}}"
     yield undecided(swap, (), open_, asked("swapped@instruction"))
@@ -491,20 +488,22 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
     says = f"{shown}, and it follows what is named {more} than what is not"
     yield Rule(label, _TOLD, (*needs, *following(_TOLD, HEARD)), says)
-    away = f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way"
-    yield undecided(_TOLD, (*needs, *opposing(_TOLD)), f"{shown}, but {away}: it may take one name for the other")
+    back, away = (
+        ("high", "<", 0.0),
+        f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way",
+    )
+    yield undecided(_TOLD, (*needs, *bounded(_TOLD, *back)), f"{shown}, but {away}: it may take one name for the other")
     only = f"{shown}, but it follows what is named only {more}"
     for name in (_GAIN, "follow.other"):
         yield undecided(_TOLD, (*needs, *following(name, FOLLOWED)), f"{only}; {{unfollowed:{_TOLD}}}")
     nearer = f"its own brings it nearer to what was logged by {{way:{_LOG}}} of what both differ by"
-    yield undecided(_LOG, (*needs, *opposing(_LOG)), f"{shown}, but {nearer}: the other way")
+    yield undecided(_LOG, (*needs, *bounded(_LOG, *back)), f"{shown}, but {nearer}: the other way")
     moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), f"{shown}, and {nearer}"
     not_shown, none = "that it follows an object is not shown", "the bank moves no object"
-    sure = above(_LOG, HEARD)
     for proof, what in (
         ((moved, *following(_LOG, HEARD)), not_shown),
         ((still, *following(_LOG, HEARD)), none),
-        ((still, *sure), none),
+        ((still, *bounded(_LOG, "low", ">", HEARD)), none),
     ):
         open_ = f"whether it goes to what is named is open: {what}"
         yield Rule(label, _LOG, (*needs, *proof), says, why_not=open_)

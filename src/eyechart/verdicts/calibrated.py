@@ -247,11 +247,10 @@ def turns_to_tell(swap: Statistic) -> int | None:
 
 
 def _turns_for(chance: float) -> int:
-    """Return how many turns tell a rate of .65 from chance."""
     return trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
 
 
-BOXED = compared("turns_boxed", "high", "<", 0.0, needs="an upper bound below 0")
+BOXED = compared("turns_boxed", "high", "<", 0.0)
 """Where neither side is clear it turns less than half as often as where one is."""
 _INWARDS = Clause("turns_boxed", (Reading("value", "<=", 0.0), Reading("low", "<=", 0.0)), untested=True)
 

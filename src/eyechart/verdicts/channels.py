@@ -124,7 +124,6 @@ class PolicyVerdict:
         return "\n  ".join([f"{self.model}: {self.headline}", *facts, *self.remarks, self.scope])
 
     def _repr_html_(self) -> str:
-        """Return a card of what is said of each axis."""
         return card(self.model, self.answer, self.headline, "", self.facts(), (*self.remarks, self.scope))
 
     def as_dict(self) -> dict[str, object]:
@@ -255,8 +254,8 @@ def _bits(found: Known, channel: str) -> str:
 def failed_guards(found: Known, missing: Mapping[str, int]) -> dict[str, str]:
     """Return the guards that failed, each with the number that says so, in their order."""
     failed: dict[str, str] = {}
-    for rule in GUARDING.rules[:-1]:
-        if rule.label not in failed and (ruling := rule.ruling(found)):
+    for rule in GUARDING.rules:
+        if rule.label not in (HOLDS, *failed) and (ruling := rule.ruling(found)):
             failed[rule.label] = ruling.reason
     if why := failed.get("not_scorable"):
         return {"not_scorable": f"{why}{_reasons(missing, 'none came back')}"}
@@ -329,7 +328,6 @@ GUARDING = Axis(
 
 @word
 def _size(one: Share) -> str:
-    """Return a ratio in words, with its interval."""
     return f"{one.value:.2g}" if one.ci is None else f"{one.value:.2g} [{one.ci[0]:.2g}, {one.ci[1]:.2g}]"
 
 
@@ -345,7 +343,6 @@ def _unlike(one: Misfit) -> str:
 
 
 def _dimension(name: str | None) -> str:
-    """Return the name of a number of the answer, in quotes."""
     return f"'{name}'" if name is not None else "a dimension"
 
 

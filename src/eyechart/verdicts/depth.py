@@ -48,16 +48,9 @@ KINDS = tuple(KIND_SHARES)
 HARDER = "it brakes harder where the lead is nearer"
 
 
-def _above(name: str, threshold: float, but: str) -> Clause:
-    """Return the condition that a lower bound is large enough for depth."""
-    needs = f"a lower bound of at least {threshold}"
-    return compared(name, "low", ">=", threshold, but=but, needs=needs, conditions=STAGE, unasked="not tested")
-
-
-def _below(name: str, threshold: float, but: str, *, untested: bool | None = None) -> Clause:
-    """Return the condition that an upper bound is small enough for depth."""
-    more = {"conditions": STAGE, "unasked": "not tested", "untested": untested}
-    return compared(name, "high", "<", threshold, but=but, needs=f"an upper bound below {threshold}", **more)
+def _bound(name: str, reads: str, holds: str, threshold: float, but: str, **more: object) -> Clause:
+    """Return the condition that a bound reaches what depth needs."""
+    return compared(name, reads, holds, threshold, but=but, conditions=STAGE, unasked="not tested", **more)
 
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
@@ -73,9 +66,6 @@ UNFOLLOWED = p_from("repeat_over_nudged", ALPHA)
 LARGE = compared("depth_net", "low", ">=", MARGIN)
 EXCHANGED = compared("lane_net", "low", ">=", MARGIN)
 """What calls for the pictures of `EXCHANGE`, and for those of `DOSE` after them."""
-
-TURNS = compared("lateral_earned", "value", ">=", 1.0)
-"""What earns ``depth_lateral`` where distance earns ``depth``."""
 
 DENSE = compared(
     "drawn_distances",
@@ -96,23 +86,23 @@ EVEN = compared(
     needs=f"{DRAWN_LEAST} drawn distances in each window a factor of 1.2 wide",
 )
 
+_BESIDE_OPEN = "a vehicle beside is not excluded"
 SHOWN: tuple[Clause, ...] = (
     DENSE,
     EVEN,
-    _above("sensitivity", MARGIN, "that it does so on enough frames to matter is not shown"),
-    _below("specificity", 0.0, "that a vehicle beside moves it less than half as much is not shown"),
+    _bound("sensitivity", "low", ">=", MARGIN, "that it does so on enough frames to matter is not shown"),
+    _bound("specificity", "high", "<", 0.0, "that a vehicle beside moves it less than half as much is not shown"),
     *(
-        _below(f"specificity_{one}", BESIDE_CUT, f"a vehicle beside is not excluded in the {one} third", untested=True)
+        _bound(f"specificity_{one}", "high", "<", BESIDE_CUT, f"{_BESIDE_OPEN} in the {one} third", untested=True)
         for one in THIRDS
     ),
-    _below("order", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
+    _bound("order", "high", "<", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
     compared(
         "unparsed_controls",
         "low",
         "<=",
         UNPARSED_CUT,
         but=f"more than {UNPARSED_CUT} of its replies to edited pictures hold no decision ({{note}})",
-        needs=f"a lower bound of at most {UNPARSED_CUT}",
         untested=True,
     ),
 )
@@ -125,7 +115,6 @@ NO_RISE = compared(
     RISE_ALPHA,
     but="it brakes harder for a farther lead, somewhere along the road{steepest}",
     unasked="whether it brakes harder for a farther lead somewhere was not tested",
-    needs=f"p above {RISE_ALPHA}",
 )
 
 _TOO_FEW = "it does so on too few frames to matter"
@@ -171,8 +160,7 @@ REFUTING: tuple[Clause, ...] = (
 NAMED = tuple(compared(f"order_{kind}", "high", "<=", ORDER_OPEN, untested=False) for kind in KINDS)
 """What is named where it does not hold, and keeps a gate that requires depth from being met."""
 
-NO_HOLES = compared("holes", "value", "<=", 0.0)
-HOLES = compared("holes", "value", ">", 0.0)
+_NO_HOLES, _HOLES = (compared("holes", "value", holds, 0.0) for holds in ("<=", ">"))
 NO_OPEN_PLACE = compared(
     "place_open",
     "value",
@@ -190,7 +178,6 @@ NO_FILE = compared(
     ">=",
     FILE_ALPHA,
     unasked="whether it follows the file was not tested",
-    needs=f"p of {FILE_ALPHA} at least",
     untested=False,
 )
 
@@ -259,7 +246,7 @@ WORDS.update(
     where=lambda found, _: named(holes(found)),
     tenths=lambda found, name: f"{found[name].value:.1f}",
 )
-DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, NO_HOLES, NO_OPEN_PLACE), f"{HARDER}, {{bound}}")
+DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, _NO_HOLES, NO_OPEN_PLACE), f"{HARDER}, {{bound}}")
 
 RULES: tuple[Rule, ...] = (
     Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=REFUTING),
@@ -269,9 +256,9 @@ RULES: tuple[Rule, ...] = (
         (MOVED, FILE),
         "it follows the file, or a cache answered, so that its answers do not show what it sees",
     ),
-    replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, TURNS)),
+    replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, compared("lateral_earned", "value", ">=", 1.0))),
     DEPTH,
-    Rule("partial_depth", "holes", (MOVED, *_HOLDS, HOLES), "brakes by distance, not {where}; elsewhere {bound}"),
+    Rule("partial_depth", "holes", (MOVED, *_HOLDS, _HOLES), "brakes by distance, not {where}; elsewhere {bound}"),
     Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{HARDER}; {{but}}", open_to=UNSHOWN),
 )
 """The rules of a model that brakes harder for the nearer lead, in their order."""

@@ -1,13 +1,12 @@
 """The verdict on a run that stopped early rests on the e-values that stopped it alone."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from eyechart.records import Written
-from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
-from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, filled
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Found, Reading, Rule, compared, filled
 from eyechart.verdicts.ruling import Ruling
 
 PREFIX = "early."
@@ -33,7 +32,6 @@ WORDS["says"] = lambda found, name: found[name].says
 
 
 def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
-    """Return the rule of a label whose claims are settled."""
     by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
     settled = (Reading("settled", ">=", 1.0),)  # a claim that the bank cannot test is left out, unless it is needed
     needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
@@ -113,7 +111,7 @@ class Stopped(Written):
         return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
 
 
-def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
+def early_rules(found: Found, stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
     """Return the calibrated label of a run that stopped, and how distance was tested."""
     if stopped.whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
@@ -123,11 +121,10 @@ def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool
     return replace(ruling, with_it=stopped.with_it), evidence
 
 
-def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | None:
+def early_lateral(found: Found, stopped: Stopped) -> Ruling | None:
     """Return the lateral label of a run that stopped; None where the ordinary rules apply."""
-    if stopped.lateral is None:
-        return None
-    return _settled(found, stopped.lateral, stopped.lateral_by, "stopped early")
+    name = stopped.lateral
+    return None if name is None else _settled(found, name, stopped.lateral_by, "stopped early")
 
 
 def early_paper(stopped: Stopped) -> Ruling:
@@ -135,6 +132,6 @@ def early_paper(stopped: Stopped) -> Ruling:
     return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
 
 
-def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
+def _settled(found: Found, label: str, name: str, how: str) -> Ruling:
     says = filled("{says:" + name + "}", found)
     return Ruling(label, name, f"{how}: {says}", found[name], found=says)

@@ -114,7 +114,7 @@ def _refusal(evidence: Evidence) -> list[str]:
     return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]
 
 
-def _noise(found: Mapping[str, Statistic]) -> list[str]:
+def _noise(found: Found) -> list[str]:
     """Point out a dependence that the paper's flag takes for noise."""
     floor, idi, association = found["noise_floor"], found["idi"], found["cramers_v"]
     if found["clears_floor"].value != 0.0 or not floor.value or not idi.value:
@@ -127,7 +127,7 @@ def _noise(found: Mapping[str, Statistic]) -> list[str]:
     return [f"noise floor: {repeats}: {flag}: {says}"]
 
 
-def _image_token(found: Mapping[str, Statistic]) -> list[str]:
+def _image_token(found: Found) -> list[str]:
     """Point out that a picture's presence decides much more than what it shows."""
     more = found["image_token.decision"]
     if more.value is None or more.ci is None or more.ci[0] <= MARGIN:

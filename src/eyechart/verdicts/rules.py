@@ -25,6 +25,15 @@ _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
 }
 _SPOKEN = {"low": "lower end", "high": "upper end"}
 _SIGNS = {"<": "<", "<=": "≤", ">": ">", ">=": "≥"}
+_NEEDS = {
+    ("p", "<"): "p below {:g}",
+    ("p", ">"): "p above {:g}",
+    ("p", ">="): "p of {:g} at least",
+    ("low", ">="): "a lower bound of at least {:g}",
+    ("low", "<="): "a lower bound of at most {:g}",
+    ("high", "<"): "an upper bound below {:g}",
+}
+"""What a comparison needs, in words."""
 _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "there": "missing", "missing": "there"}
 
 
@@ -193,7 +202,6 @@ def filled(sentence: str, found: Found, clause: Clause | None = None) -> str:
 
 
 def _said_of(clause: Clause, found: Found) -> str:
-    """Return the sentence of a clause that does not hold, or was not tested."""
     is_tested = not clause.unasked or clause.outcome(found) is not None
     return clause.but if is_tested else clause.unasked
 
@@ -224,12 +232,12 @@ class Axis:
 
 def p_below(name: str, alpha: float, **more: object) -> Clause:
     """Return the condition that a test was made and rejects."""
-    return compared(name, "p", "<", alpha, **{"untested": False, "needs": f"p below {alpha}", **more})
+    return compared(name, "p", "<", alpha, **{"untested": False, **more})
 
 
 def p_from(name: str, alpha: float, **more: object) -> Clause:
     """Return the condition that a test does not reject, or was not made."""
-    return compared(name, "p", ">=", alpha, **{"untested": True, "needs": f"p of {alpha} at least", **more})
+    return compared(name, "p", ">=", alpha, untested=True, **more)
 
 
 def missing(name: str, reads: str = "p") -> Clause:
@@ -244,7 +252,8 @@ def there(name: str, reads: str = "p") -> Clause:
 
 def compared(name: str, reads: str, holds: str, threshold: float | str, **more: object) -> Clause:
     """Return the condition of one comparison."""
-    return Clause(name, (Reading(reads, holds, threshold),), **more)  # type: ignore[arg-type]
+    needs = _NEEDS.get((reads, holds), "").format(threshold)
+    return Clause(name, (Reading(reads, holds, threshold),), **{"needs": needs, **more})  # type: ignore[arg-type]
 
 
 def fail(clauses: Iterable[Clause], but: str = "") -> Clause:

@@ -124,14 +124,9 @@ def following(name: str, least: float) -> tuple[Clause, ...]:
     return every(name, Reading("low", ">", least), Reading("p", "<", ALPHA, otherwise=False), *_BOUNDED)
 
 
-def above(name: str, least: float) -> tuple[Clause, ...]:
-    """Return the conditions that an interval is above a margin, and few calls are lost."""
-    return every(name, _FEW_LOST, Reading("low", ">", least, otherwise=False))
-
-
-def opposing(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that the answers go the other way."""
-    return every(name, _FEW_LOST, Reading("high", "<", 0.0, otherwise=False))
+def bounded(name: str, reads: str, holds: str, least: float) -> tuple[Clause, ...]:
+    """Return the conditions of one end of an interval, of a statistic that lost few calls."""
+    return every(name, _FEW_LOST, Reading(reads, holds, least, otherwise=False))
 
 
 def may_follow(name: str) -> Clause:

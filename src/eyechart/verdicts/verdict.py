@@ -152,7 +152,6 @@ class Verdict(Written):
         return "\n  ".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return a card of the evidence."""
         ruling = self.calibrated
         kept = {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
         rows = {

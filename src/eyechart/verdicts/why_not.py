@@ -106,13 +106,11 @@ def _by_test(label: str, name: str, found: Found) -> WhyNot:
 
 
 def _by_file(label: str, found: Found) -> WhyNot:
-    """Say that it follows the file, or a cache answered."""
     settle = "an answer to each picture of its own: no cache, and no memory of files"
     return WhyNot(label, "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
 
 
 def _by_pictures(label: str, name: str, evidence: Evidence, missing: tuple[str, ...], needs: str) -> WhyNot:
-    """Say which pictures would settle it."""
     settle, first = _pictures(missing, evidence)
     return WhyNot(label, name, evidence.statistics.get(name), needs, settle, conditions=missing, first=first)
 
