@@ -212,7 +212,9 @@ _REST = (
 DISTANCE = Axis("distance", (*_ANSWERED, *RULES, *_REST))
 """The calibrated labels, in the order in which they are tried."""
 
-CLAIMS = len({"depth", "content", "self_inconsistent", "scene_cue", "presence_only", "refusal_effect"})
+_NO_CLAIMS = {"undecided", "not_scorable", "image_invariant"}
+_OF_DEPTH = {"depth_lateral", "partial_depth", "depth_associated"}
+CLAIMS = len({rule.label for rule in DISTANCE.rules} - _NO_CLAIMS - _OF_DEPTH)
 """So many positive claims are tested, each at alpha; depth and what falls short of it are one."""
 
 

@@ -71,6 +71,7 @@ class Label:
     ``otherwise`` is what it shows of another label: that it fails, that it cannot say, or that it
     fails where the share of pairs in which braking follows distance is bounded below the margin.
     ``early`` names the claims that settle it before a run has ended, the first its evidence.
+    ``nearest`` is the next stronger label, and the test that kept a model from it.
     """
 
     says: str
@@ -80,6 +81,7 @@ class Label:
     otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
     early: tuple[str, ...] = ()
     answer: Literal["Yes", "In part", "No", "Inconclusive"] = "Inconclusive"
+    nearest: tuple[str, str] | None = None
 
     @property
     def glyph(self) -> str:
@@ -91,6 +93,7 @@ _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far
 _ALONE, _ABSENT = ("bound_mirrored", "bound_lead_near", "bound_lead_far"), "bound_lead_absent"
 _BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only", _ABSENT)
 _NEARER = ("near_far", "net_near_far")
+_SHOWN, _PRESENT = ("content", "content_shuffled"), ("presence_only", "presence")
 
 LABELS: dict[str, Label] = {
     "not_scorable": Label(
@@ -133,12 +136,14 @@ LABELS: dict[str, Label] = {
         "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
         "blind",
         answer="No",
+        nearest=_SHOWN,
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
         answer="No",
+        nearest=_SHOWN,
     ),
     "presence_only": Label(
         "It notices whether there is a picture, not what is in it: no authority over motion.",
@@ -146,18 +151,21 @@ LABELS: dict[str, Label] = {
         "◔",
         answer="No",
         early=("presence", *_CONTENT, *_ALONE, _ABSENT),
+        nearest=_SHOWN,
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
         answer="No",
         early=("presence_response", "bound_blank_kept", *_BLIND),
+        nearest=_PRESENT,
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
         answer="No",
         early=("bound_blank", "bound_blank_response", *_BLIND),
+        nearest=_PRESENT,
     ),
     "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
 }

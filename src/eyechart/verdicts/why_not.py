@@ -15,15 +15,13 @@ from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_t
 from eyechart.verdicts.depth import NO_OPEN_PLACE, REFUTING, STAGE, UNSHOWN, is_refuted
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
-from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, UNPARSED_CUT
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, UNPARSED_CUT
 from eyechart.verdicts.rules import Clause, Found
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
 _BOUNDED = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
-_CONTENT, _PRESENCE = ("content", "content_shuffled"), ("presence_only", "presence")
-"""A stronger label, and the test that keeps a model from it."""
 MOVED = ("lead_near", "lead_far")
 PHOTOGRAPHED = {
     "lead_near": "the obstacle ahead near",
@@ -87,11 +85,11 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
         "partial_depth": lambda: WhyNot("depth", name, found["holes"], "an effect in every place", NOTHING),
         "depth_associated": lambda: _not_depth(evidence),
         "content": lambda: _not_associated(evidence),
-        "presence_only": lambda: replace(_by_test(*_CONTENT, found), settle=_BOUNDED, frames=None),
         "undecided": lambda: _undecided(found, name, ruling.statistic),
-        **dict.fromkeys(("self_inconsistent", "scene_cue"), lambda: _by_test(*_CONTENT, found)),
-        **dict.fromkeys(("refusal_effect", "image_invariant"), lambda: _by_test(*_PRESENCE, found)),
     }
+    if nearest := LABELS[label].nearest:
+        why = _by_test(*nearest, found)
+        return replace(why, settle=_BOUNDED, frames=None) if label == "presence_only" else why
     return made[label]() if label in made else None
 
 
@@ -118,8 +116,8 @@ def _by_pictures(label: str, name: str, evidence: Evidence, missing: tuple[str, 
 _EARLY = {
     "depth_associated": ("depth", "near_far"),
     "presence_only": ("depth_associated", "near_far"),
-    "refusal_effect": _PRESENCE,
-    "image_invariant": _PRESENCE,
+    "refusal_effect": ("presence_only", "presence"),
+    "image_invariant": ("presence_only", "presence"),
     "not_scorable": (ANY, "scorable"),
 }
 """The nearest stronger label of one that was settled early, and the claim that is not."""
