@@ -488,10 +488,8 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
     says = f"{shown}, and it follows what is named {more} than what is not"
     yield Rule(label, _TOLD, (*needs, *following(_TOLD, HEARD)), says)
-    back, away = (
-        ("high", "<", 0.0),
-        f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way",
-    )
+    back = ("high", "<", 0.0)
+    away = f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way"
     yield undecided(_TOLD, (*needs, *bounded(_TOLD, *back)), f"{shown}, but {away}: it may take one name for the other")
     only = f"{shown}, but it follows what is named only {more}"
     for name in (_GAIN, "follow.other"):
@@ -499,14 +497,12 @@ def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     nearer = f"its own brings it nearer to what was logged by {{way:{_LOG}}} of what both differ by"
     yield undecided(_LOG, (*needs, *bounded(_LOG, *back)), f"{shown}, but {nearer}: the other way")
     moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), f"{shown}, and {nearer}"
-    not_shown, none = "that it follows an object is not shown", "the bank moves no object"
+    open_ = "whether it goes to what is named is open: "
     for proof, what in (
-        ((moved, *following(_LOG, HEARD)), not_shown),
-        ((still, *following(_LOG, HEARD)), none),
-        ((still, *bounded(_LOG, "low", ">", HEARD)), none),
+        ((moved, *following(_LOG, HEARD)), "that it follows an object is not shown"),
+        ((still, *bounded(_LOG, "low", ">", HEARD)), "the bank moves no object"),
     ):
-        open_ = f"whether it goes to what is named is open: {what}"
-        yield Rule(label, _LOG, (*needs, *proof), says, why_not=open_)
+        yield Rule(label, _LOG, (*needs, *proof), says, why_not=f"{open_}{what}")
     only = f"{only} than what is not"
     yield undecided(_TOLD, (*needs, moved, there(_LOG, "value")), f"{only}, and {nearer}; {{unfollowed:{_LOG}}}")
     yield undecided(_TOLD, (*needs, moved), only)

@@ -79,7 +79,7 @@ def numbers_of(found: Found) -> tuple[Number, ...]:
 
 def _clauses_of(name: str) -> tuple[list[Clause], list[Clause]]:
     """Return the clauses that have to be shown of a statistic, and those whose failure refutes."""
-    shown, refuting = (*SHOWN, NO_FILE, *NAMED), REFUTING
+    shown, refuting = (*SHOWN, NO_FILE, *NAMED), (*REFUTING, NO_FILE)
     return [one for one in shown if one.statistic == name], [one for one in refuting if one.statistic == name]
 
 
@@ -92,15 +92,14 @@ def needs_of(name: str) -> str:
 
 def refuted_by(name: str) -> str:
     """Return what refutes depth; of the file, what leaves it undecided."""
-    shown, refuting = _clauses_of(name)
-    refuting = [NO_FILE] if NO_FILE in shown else refuting
+    refuting = _clauses_of(name)[1]
     return "; or ".join(" and ".join(str(~reading) for reading in clause.readings) for clause in refuting)
 
 
 def _outcome(found: Found, name: str) -> Outcome:
     """Return what came of a statistic: refuted first, then not tested, then not shown."""
     shown, refuting = _clauses_of(name)
-    if any(one.outcome(found) is False for one in (*refuting, *shown) if one not in (*SHOWN, *NAMED)):
+    if any(clause.outcome(found) is False for clause in refuting):
         return "fails"
     said = [clause.outcome(found) for clause in shown or refuting]
     if None in said:
