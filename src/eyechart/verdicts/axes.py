@@ -242,17 +242,16 @@ class _Camera:
         rules = (
             undecided(swap, (missing(swap, "value"),), open_),
             undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", asked(alike)),
-            *self.unshown((measured(matched, holds=False),)),
-            *self.unshown(disuse(matched)),
+            *self.unshown(),
             *self.pose((*use(swap), *disuse(matched))),
             *self.content((*use(swap), *use(matched))),
             *self.open(),
         )
         return Axis(self.channel, rules)
 
-    def unshown(self, alike: tuple[Clause, ...]) -> Iterator[Rule]:
+    def unshown(self) -> Iterator[Rule]:
         """Yield the rules of pictures that may be another episode's, or none."""
-        grey, needs = self.share("blank"), (*disuse(self.swap), *alike)
+        grey, needs = self.share("blank"), (*disuse(self.swap), *disuse(self.share("matched"), may_lack=True))
         words = (
             f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
         )

@@ -109,9 +109,10 @@ def use(name: str, least: float = USED) -> tuple[Clause, ...]:
     return every(name, *_used(least))
 
 
-def disuse(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that a share is below the margin."""
-    return every(name, *_IGNORED)
+def disuse(name: str, *, may_lack: bool = False) -> tuple[Clause, ...]:
+    """Return the conditions that a share is below the margin, or, if it ``may_lack``, missing."""
+    lacks = (Reading("n", "<", 0.0),) if may_lack else ()
+    return tuple(Clause(name, (one, *lacks)) for one in _IGNORED)
 
 
 def carrying(name: str) -> tuple[Clause, ...]:
