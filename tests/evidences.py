@@ -1,6 +1,7 @@
 """Random evidences of every axis, the same for a seed in every version: what older rules said of them is recorded."""
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping
 from random import Random
 
@@ -110,8 +111,44 @@ def digests(say: Callable[[Random], str], seed: int, blocks: int, of: int = 1000
 
 def ruled(label: str, decided_by: str, words: str) -> str:
     """Return what is compared: the label, the statistic that decided it, and the sentence."""
-    return f"{label}\t{decided_by}\t{words}"
+    return f"{label}\t{decided_by}\t{as_recorded(words)}"
 
 
 RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13, "early": 14}
 """The axes of which older rules are recorded, and the seed of each."""
+
+
+REWORDED: Mapping[str, str] = {
+    r"its decisions on real and blank pictures differ, and": "real and blank differ, and",
+    r"real and blank pictures differ in its outputs, not in its decisions": (
+        "real and blank differ in outputs, not in decisions"
+    ),
+    r"which supports no label": "which no rule makes a claim of",
+    r"so that its answers do not show what it sees": "and neither is sight",
+    r"that their content decides was not shown": "what is in them was not shown",
+    r"\(about (\d+) frames would exclude or show it, if the rest are like these\)": (
+        r"(were the rest like these, about \1 frames would)"
+    ),
+    r"\(about (\d+) frames would exclude or show it, if there is none\)": (r"(were there none, about \1 frames would)"),
+    r"its directions are exchanged under reflection; chance": "directions are exchanged, chance",
+    r"its directions are exchanged under reflection": "directions are exchanged",
+    r"no decision has a direction; up": "no directional decision; up",
+    r"no lead was moved to test it": "nothing was moved",
+    r"; when it is moved, the named object": "; moved, the named object",
+    r"but a picture of another episode at a similar state( \(\d+ of \d+ moments have one\))? changes only": (
+        r"but of another episode at a similar state\1 only"
+    ),
+    r"but a picture of its own episode, as far off in its state or farther, changes": (
+        "but one of its own episode, as far off in its state or farther,"
+    ),
+    r"and that another episode's changes more is not settled": "and that it is more is not settled",
+    r"such a difference can come by chance": "such a difference comes by chance",
+}
+"""Sentences that are clearer since, by a pattern, and what stood there when digests were recorded."""
+
+
+def as_recorded(words: str) -> str:
+    """Return words as they stood when digests were recorded."""
+    for now, then in REWORDED.items():
+        words = re.sub(now, then, words)
+    return words

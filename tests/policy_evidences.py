@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from random import Random
 
+from evidences import as_recorded
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.channels import PolicyVerdict, judge_policy
 from eyechart.verdicts.uses import Asked
@@ -275,7 +276,7 @@ def words_of(statistics: Mapping[str, Statistic], found: PolicyVerdict) -> str:
     if is_read_otherwise(statistics):
         return ""
     axes = {name: (one.as_dict(), one.may_be) for name, one in found.axes.items()}
-    return json.dumps([axes, found.guards, found.remarks, found.headline, found.misfit], sort_keys=True)
+    return as_recorded(json.dumps([axes, found.guards, found.remarks, found.headline, found.misfit], sort_keys=True))
 
 
 RECORDED: Mapping[str, int] = {"camera": 21, "single": 22, "state": 23, "instruction": 24, "guards": 25}

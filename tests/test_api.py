@@ -27,7 +27,7 @@ from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import evidence_of, find_pictures
 from eyechart.testing import assert_grounded
-from eyechart.verdicts import Reason, Ruling, Verdict, judge
+from eyechart.verdicts import Ruling, Verdict, judge
 from known import Demo
 from seeing import served
 
@@ -239,8 +239,8 @@ def test_a_report_shows_every_card_and_the_scope(report: Report) -> None:
 
 def test_a_statistic_that_cannot_say_is_dashes() -> None:
     """No value, interval or p is made up, and a ruling without a statistic shows its name alone."""
-    silent = Ruling("undecided", "bound_blank", Reason("nothing"), Statistic(None, 0))
-    bare = Ruling("not_tested", "mirror_swap_rate", Reason("no mirror axis"))
+    silent = Ruling("undecided", "bound_blank", "nothing", Statistic(None, 0))
+    bare = Ruling("not_tested", "mirror_swap_rate", "no mirror axis")
     verdict = Verdict("m", bare, silent, bare, "none", "It may not.", "On nothing.", ())
     text = Page(verdict._repr_html_()).text
     assert "bound_blank = —, n = 0" in text
@@ -251,7 +251,7 @@ def test_nothing_that_is_told_becomes_markup(report: Report) -> None:
     """A model's name, a reason, a note, a scope and a path are text, whatever tags they hold."""
     honest = report["scripted:depth"]
     tags, attributes = set(Page(honest._repr_html_()).tags), Page(honest._repr_html_()).attributes
-    ruling = Ruling(EVIL, EVIL, Reason(EVIL), Statistic(1.0, 3))
+    ruling = Ruling(EVIL, EVIL, EVIL, Statistic(1.0, 3))
     verdict = Verdict(EVIL, ruling, ruling, ruling, EVIL, EVIL, EVIL, (EVIL, EVIL))
     card = Page(verdict._repr_html_())
     assert set(card.tags) == tags

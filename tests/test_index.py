@@ -32,7 +32,7 @@ from eyechart.studies.policy.study import Policies
 from eyechart.verdicts.axes import Judged
 from eyechart.verdicts.channels import PolicyVerdict
 from eyechart.verdicts.labels import CAMERA, LABELS
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling
 from report_runs import HOSTILE
 
 READING = Reading(independent=False, reread=False)
@@ -205,7 +205,7 @@ def test_a_policy_is_counted_under_what_its_label_answers(monkeypatch: pytest.Mo
 def test_a_model_is_counted_under_what_its_label_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every label of a battery; where a guard failed nothing is said."""
     verdicts = {
-        label: SimpleNamespace(calibrated=Ruling(label, "s", Reason("why")), state="", marks=(), answer=one.answer)
+        label: SimpleNamespace(calibrated=Ruling(label, "s", "why"), state="", marks=(), answer=one.answer)
         for label, one in LABELS.items()
     }
     verdicts["guarded"] = SimpleNamespace(

@@ -39,7 +39,7 @@ VERDICTS = Path(__file__).parents[1] / "src" / "eyechart" / "verdicts"
 AXES = (
     camera_axis("cameras", "its cameras", (SINGLES, ())),
     *(camera_axis(one, f"the {one.partition(':')[2]} camera") for one in SINGLES),
-    *(STATE, INSTRUCTION, UNGUARDED, *GUARDING, reaching("cameras", "picture"), reaching("state", "state")),
+    *(STATE, INSTRUCTION, UNGUARDED, GUARDING, reaching("cameras", "picture"), reaching("state", "state")),
 )
 CLAUSES = tuple(dict.fromkeys(clause for axis in AXES for clause in axis.clauses))
 

@@ -160,7 +160,7 @@ def test_the_first_rule_that_holds_gives_the_label() -> None:
     assert first.evaluate(found).because.startswith("a fails: a = 0.500")
     worst = Axis("x", (Rule("yes", broken=both, says="{but}", worst=True),))
     assert worst.evaluate(found).decided_by == "b"
-    quiet = Axis("x", (Rule("yes", "c", (compared("c", "value", ">", 0.1),), "c is {c}", quiet=True),))
+    quiet = Axis("x", (Rule("yes", "c", (compared("c", "value", ">", 0.1),), "c is {value:c}", quiet=True),))
     assert quiet.evaluate(found).because == "c is 0.500"
 
 

@@ -163,15 +163,15 @@ def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
         why = judge_one(evidence_on(answered)).why_not
         assert why.frames is None or why.frames > len(WORLD)
     one = Statistic(0.05, 144, (-0.02, 0.12), 0.9)
-    assert frames_to_bound(one, 0.05) == (283, "were the rest like these")
-    assert frames_to_bound(replace(one, n=20), 0.05) == (25, "were there none")
-    assert frames_to_bound(replace(one, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "were the rest like these")
+    assert frames_to_bound(one, 0.05) == (283, "if the rest are like these")
+    assert frames_to_bound(replace(one, n=20), 0.05) == (25, "if there is none")
+    assert frames_to_bound(replace(one, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "if the rest are like these")
     assert frames_to_bound(replace(one, ci=(0.01, 0.09)), 0.05) is None
     assert frames_to_bound(replace(one, ci=(0.0, 0.09)), 0.05) is not None
     assert frames_to_bound(replace(one, ci=None), 0.05) is None
     assert frames_to_bound(replace(one, value=None), 0.05) is None
     differs = Discordant(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
-    assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "were there none")
+    assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "if there is none")
     one_pair = Discordant(0.0, 1, (-1.0, 1.0), 0.9, b=1, c=0)
     assert frames_to_bound(one_pair, 0.05)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.05)
     assert frames_to_bound(replace(differs, b=10, c=10), 0.01)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.01)
@@ -192,7 +192,7 @@ def test_as_many_frames_are_named_as_bring_an_end_to_the_margin_or_to_nothing(
     value: float, ends: tuple[float, float], n: int, need: int
 ) -> None:
     """An interval shrinks with the root of the frames; never fewer are named than there are, and one more."""
-    assert frames_to_bound(Statistic(value, n, ends, 0.9), 0.05) == (need, "were the rest like these")
+    assert frames_to_bound(Statistic(value, n, ends, 0.9), 0.05) == (need, "if the rest are like these")
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_test_of_signs_names_the_frames_that_its_share_would_take(tested: Stat
     found = by_hand.blind(content_shuffled=by_hand.p(by_hand.LOW), depth_interventional=tested)
     why = judge_one(by_hand.evidence(found)).why_not
     assert (why.label, why.decided_by, why.frames) == ("depth", "depth_interventional", need)
-    assert why.settle.startswith("nothing on frames like these" if need is None else f"about {need} frames, were")
+    assert why.settle.startswith("nothing on frames like these" if need is None else f"about {need} frames, if")
 
 
 def test_a_shard_that_leaves_its_controls_to_the_merged_run_is_never_finished() -> None:

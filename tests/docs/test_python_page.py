@@ -50,7 +50,7 @@ def test_the_page_runs_as_it_stands(demo: Demo, folder: Path, capsys: pytest.Cap
         exec(compile(block, "docs/python.md", "exec"), session)  # noqa: S102 - it is what is tested
     printed = capsys.readouterr().out
     assert "scripted:presence: presence_only, evidence interventional" in printed
-    assert "presence_only because real and blank differ" in printed
+    assert "presence_only because its decisions on real and blank pictures differ" in printed
     assert f"{3 * len(open_bank(demo.half))} calls, 0 of them made already" in printed
     assert (folder / "run" / "ledger.sqlite").exists()
     run_battery("bank", "scripted:depth", "run-of-the-controller", limit=72)

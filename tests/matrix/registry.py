@@ -213,6 +213,5 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.studies.battery.figures", "_braking"): "fills a sentence of eyechart's own table",
     ("eyechart.studies.battery.evidence", "_scorability"): "formats a sentence of eyechart's own table",
     ("eyechart.studies.guardian.frozen", "_unlike"): "parses what eyechart wrote itself",
-    ("eyechart.verdicts.rules", "said_of"): "fills the sentence of a clause, which is ours: tests/test_rules.py",
 }
 """(module, function) to why no exercise drives it, and what holds it instead."""

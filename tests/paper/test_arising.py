@@ -68,7 +68,7 @@ def test_a_server_that_declines_grey_pictures_shows_a_refusal_effect(ask: Ask) -
     assert (round(response.value, 2), response.p < 1e-4, decision.value, decision.p) == (0.46, True, 0.0, 1.0)
     assert (verdict.calibrated.label, verdict.paper.label) == ("refusal_effect", "refusal_effect")
     assert verdict.trust == "It only refuses some non-pictures; its decisions do not come from the camera."
-    words = note(verdict, "refusal effect: what it is shown decides whether it answers, not what: ")
+    words = note(verdict, "refusal effect: the picture decides whether it answers, not what it answers: ")
     assert "V(real, blank) = 0.459, p = 6.4e-15 over outputs" in words
     assert "V(real, blank) = 0.000, p = 1.0000 over decisions" in words
     assert words.endswith("no decision in 54 of 144 to blank and 1 of 144 to real")

@@ -92,7 +92,7 @@ def demo(
 
 def _why(one: "Verdict") -> str:
     """Return a controller's permitted use, and why."""
-    reason = str(one.calibrated.reason)
+    reason = one.calibrated.reason
     return f"{one.trust} {reason[:1].upper()}{reason[1:]}."
 
 

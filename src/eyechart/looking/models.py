@@ -168,7 +168,7 @@ def _asked_before(mode: RequestMode) -> int:
 
 def _because(verdict: Verdict) -> str:
     """Return the ruling's sentence: doubts first, then permitted use and reason."""
-    reason = str(verdict.calibrated.found or verdict.calibrated.reason)
+    reason = verdict.calibrated.found or verdict.calibrated.reason
     said = f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
     untested = [note for note in verdict.notes if note.startswith(UNTESTED) and verdict.answer != "Yes"]
     distance = [f"{note[0].upper()}{note[1:]}." for note in untested[:1]]

@@ -1,7 +1,7 @@
-"""A verdict is the claim that the evidence supports; every rule names the statistic that decided it.
+"""A verdict is the claim that the evidence supports, with the statistic that decided it.
 
-Two sets of rules stand side by side: the paper's, as we read them, and the calibrated ones, which hold their
-error rate and say ``undecided`` rather than accept a null. Why: docs/decisions/battery.md.
+Two sets of rules stand side by side: the paper's, as we read them, and the calibrated ones. Why:
+docs/decisions/battery.md.
 """
 
 from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
@@ -18,13 +18,12 @@ from eyechart.verdicts.labels import (
     MARGIN,
     NET_ALPHA,
     NOT_JUDGED,
-    ONE_SIDED_FROM,
     PAPER_LABELS,
     UNPARSED_CUT,
     Label,
 )
 from eyechart.verdicts.paper import paper_rules
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_notes, words_of
 
 __all__ = [
@@ -41,14 +40,12 @@ __all__ = [
     "MARGIN",
     "NET_ALPHA",
     "NOT_JUDGED",
-    "ONE_SIDED_FROM",
     "PAPER_LABELS",
     "PREFIX",
     "UNPARSED_CUT",
     "VALIDITY",
     "Evidence",
     "Label",
-    "Reason",
     "Ruling",
     "Scored",
     "Stopped",

@@ -1,6 +1,6 @@
-"""Admission: the clauses that an estimator has to meet before its scenes may steer anything.
+"""Admission: the clauses that an estimator has to meet before its scenes may steer.
 
-Source: paper, section Constructive renderer-calibrated controller. The full battery retains the same gate.
+Source: paper, section Constructive renderer-calibrated controller.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from eyechart.records import Written
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.rules import Axis, Clause, Rule, compared, there
 
-_ASKED: Mapping[str, tuple[float, str]] = {
+_LEAST: Mapping[str, tuple[float, str]] = {
     "parse": (0.95, "share of replies that hold an estimate"),
     "close_accuracy": (0.75, "share of frames whose 'close' is right"),
     "balanced_accuracy": (0.75, "mean of sensitivity and specificity of 'close'"),
@@ -22,7 +22,7 @@ _ASKED: Mapping[str, tuple[float, str]] = {
 """The least value of each statistic that meets its clause, and what that is in words."""
 
 CLAUSES: dict[str, Clause] = {
-    name: compared(name, "value", ">=", least, needs=says) for name, (least, says) in _ASKED.items()
+    name: compared(name, "value", ">=", least, needs=says) for name, (least, says) in _LEAST.items()
 }
 
 ADMITS = Axis(
@@ -33,15 +33,12 @@ ADMITS = Axis(
         Rule("admitted", "parse", says="it meets every clause"),
     ),
 )
-"""Whether scenes may steer: the first clause that fails decides, else the first of which nothing can be said."""
+"""Whether scenes may steer: the first clause decides that fails, or was not measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held(Written):
-    """A clause held against a model: the statistic that was read, and whether it meets the clause.
-
-    ``passes`` is None where the statistic cannot say, which admits nobody.
-    """
+    """A clause and the statistic that it reads of a model."""
 
     written = "clause=name least statistic.value statistic.n statistic.ci outcome"
 
@@ -50,27 +47,27 @@ class Held(Written):
 
     @property
     def name(self) -> str:
-        """Return the name of the statistic, which is that of the clause."""
+        """Return the name of the statistic."""
         return self.clause.statistic
 
     @property
     def least(self) -> float:
         """Return the least value that meets the clause."""
-        return _ASKED[self.name][0]
+        return _LEAST[self.name][0]
 
     @property
     def passes(self) -> bool | None:
-        """Return whether the value is at least what the clause asks for."""
+        """Return whether the value meets the clause."""
         return self.clause.holds({self.name: self.statistic})
 
     @property
     def outcome(self) -> str:
-        """Return the same in a word."""
+        """Return whether it passes, in a word."""
         return {True: "pass", False: "fail", None: "cannot say"}[self.passes]
 
     @property
     def words(self) -> str:
-        """Return what was found beside what is asked, with its n; or why nothing can be said."""
+        """Return the value beside the least one, with n; or why there is none."""
         one, least = self.statistic, self.least
         if one.value is None:
             return one.note

@@ -1,4 +1,4 @@
-"""The label of one axis of a policy: its cameras or one of them, its state, its instruction, as rows of clauses.
+"""The rules of each axis of a policy: all cameras, one camera, the state and the instruction.
 
 Why these rules: docs/decisions/policies.md.
 """
@@ -12,7 +12,7 @@ from eyechart.records import picked
 from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.shares import Followed, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, fail, missing, there
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, missing, there, word
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.uses import (
     ALPHA,
@@ -26,12 +26,11 @@ from eyechart.verdicts.uses import (
     IGNORED,
     LEAST_NOISE,
     USED,
-    WORDS,
     Asked,
     Known,
     Statistics,
-    above,
     asked,
+    bounded,
     carrying,
     disuse,
     enough,
@@ -40,9 +39,7 @@ from eyechart.verdicts.uses import (
     may_follow,
     measured,
     of_action,
-    opposing,
     quoted,
-    say,
     sentence,
     settled,
     share,
@@ -50,11 +47,10 @@ from eyechart.verdicts.uses import (
     use,
     used,
     way,
-    word,
 )
 
 OF_DATA_SET = 0.10
-"""Absence is said of a data set, and not of its episodes alone, where fewer than this share of them may respond."""
+"""An absence holds of the data set where fewer than this share of its episodes may respond."""
 SURENESS = 0.99
 """The confidence of that bound."""
 OF_ITS_WORLD: Mapping[str, str] = {
@@ -62,36 +58,41 @@ OF_ITS_WORLD: Mapping[str, str] = {
     "recoloured": "other colours of the table",
     "decoys": "further objects",
 }
-"""Pictures of the same moment that are drawn otherwise, in words."""
+"""Other pictures of the same moment, and what they show."""
 RESPONDS: Mapping[str, tuple[str, ...]] = {
     "responds": ("swapped", "matched", "blank"),
     "responds.shown": ("swapped", "matched"),
     "responds.alike": ("matched",),
 }
-"""In which episodes a channel carries something all the same, by the conditions that a claim of absence rests on.
+"""The conditions of each claim of absence, by the statistic that counts responding episodes.
 
-Of a channel that is ignored; of pictures that must only be there; of those that tell no more than the state.
+The claims: the channel is ignored; pictures only have to be there; they tell no more than the
+state.
 """
 
 
+def condition_of(name: str, channel: str) -> str:
+    """Return the name of a condition of a channel; grey and recoloured pictures go by the camera's."""
+    if name not in {"blank", "exchanged"}:
+        return f"{name}@{channel}"
+    return name if channel == "cameras" else f"{name}@{channel.partition(':')[2]}"
+
+
 def rests_on(claim: str, channel: str) -> Iterator[str]:
-    """Yield the conditions that a claim of `RESPONDS` on a channel rests on, of those that the channel has."""
+    """Yield the conditions of a channel that a claim of `RESPONDS` rests on."""
     for name in RESPONDS[claim]:
-        if name != "blank":
-            yield f"{name}@{channel}"
-        elif channel == "cameras":
-            yield name
-        elif channel.startswith("camera:"):
-            yield f"{name}@{channel.partition(':')[2]}"
+        if name != "blank" or channel.startswith("camera"):
+            yield condition_of(name, channel)
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one.
+    """A label on one axis, why, the statistic that decided it, and why it is no stronger one.
 
-    Of a label of absence, ``responds`` is the share of episodes that respond, and what it may be in the data set.
-    ``may_be`` is a stronger label that the run neither gives nor refutes; ``may_be_unconnected`` says of a channel that
-    changes not one bit of any answer that it may never have been given to the policy.
+    Of an absence, ``responds`` is the share of episodes that respond, with its interval for the
+    data set. ``may_be`` is a stronger label that the run neither gives nor refutes.
+    ``may_be_unconnected``: the channel changes not one bit of any answer, so that the policy may
+    never have been given it.
     """
 
     label: str
@@ -104,12 +105,12 @@ class Judged:
 
     @property
     def of_data_set(self) -> str:
-        """Return the label that holds of the data set too, ``undecided`` where too many of its episodes may respond."""
+        """Return the label for the whole data set; ``undecided`` if too many may respond."""
         bound = None if self.responds is None else self.responds.ci
         return "undecided" if bound is not None and bound[1] >= OF_DATA_SET else self.label
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; ``data_set`` says how far a claim of absence goes beyond the episodes asked."""
+        """Return plain JSON values; ``data_set`` bounds an absence for the whole data set."""
         found = picked(self, "label because by why_not")
         if self.responds is None or self.responds.ci is None:
             return found
@@ -124,14 +125,14 @@ _MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("p
 _ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
 _FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
 Beside = tuple[tuple[str, ...], tuple[str, ...]]
-"""The single cameras of which there are shares, and those that the bank could exchange and the run did not ask."""
+"""The single cameras that have shares, and those that the run left out."""
 
 
 def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: Beside = ((), ())) -> Iterator[Rule]:
-    """Yield a rule of absence behind those that take it away.
+    """Yield a rule of absence after the rules that take it away.
 
-    A part of the answer, or another picture, shows a use; the run did not ask what may show one; or more of its
-    episodes respond than may. ``shown`` are the shares that the label rests on, in words.
+    These are: a part of the answer or another picture shows a use, a control was not run, or too
+    many episodes respond. ``shown`` has the shares that the label rests on, in words.
     """
     rests, bound = tuple(f"T.{name}" for name in rests_on(claim, channel)), f"{claim}@{channel}"
 
@@ -156,7 +157,7 @@ def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: Beside = 
 
 
 def _no_part(name: str) -> Clause:
-    """Return the condition that no number or step of the answer goes with a channel although their mean does not."""
+    """Return the condition that no single number or step of the answer goes with a channel."""
     return Clause(name, (Reading("carried", "missing"), Reading("p", ">", ALPHA, otherwise=False)))
 
 
@@ -166,36 +167,24 @@ def _parts(found: Known, names: str) -> str:
     return ", ".join(f"{part} (T {size:.2f})" for part, size in list(carried.items())[:4])
 
 
-WORDS["parts"] = _parts
-
-
 def _no_scatter(name: str) -> Clause:
-    """Return the condition that answers scatter as they do otherwise, so that their mean tells all."""
+    """Return the condition that answers scatter as they do otherwise."""
     scatter = Reading("scatter", "<=", USED, otherwise=True), Reading("scatter_p", ">", ALPHA, otherwise=True)
     return Clause(name, scatter, "how its answers scatter changes, by {scatter}")
 
 
-@word
-def _scatter(one: Share) -> str:
-    return f"{one.scatter:.0%} of the variation (p {one.scatter_p:.4f})"
-
-
-@word
-def _responding(one: Share) -> str:
-    return f"{_count(one)} of {one.n} episodes each respond by {IGNORED:.2f} of the variation or more"
-
-
 def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tuple[tuple[Clause, ...], list[Clause]]]:
-    """Yield which other pictures must not carry as much as must not be ignored where an absence is said, after needs.
+    """Yield what speaks against an absence: needs, and clauses of which one then fails.
 
-    Noise is none of them: no robot is shown noise, and who ignores what it is shown may answer to it. What is drawn in
-    the pictures of all cameras, which are ignored otherwise, may have been seen through any of them.
+    Noise is none of them: no robot is shown noise, and a policy that ignores its pictures may
+    answer to it. What is drawn in the pictures of all cameras may have been seen through any of
+    them.
     """
     if channel in {"state", "instruction"}:
         return
     drawn = {name: (f"T.{name}", f"{what} change {{of_action}}") for name, what in OF_ITS_WORLD.items()}
     if channel != "cameras":
-        own, whole = f"T.exchanged@{channel.partition(':')[2]}", "T.swapped@cameras"
+        own, whole = f"T.{condition_of('exchanged', channel)}", "T.swapped@cameras"
         unused = (*disuse(whole), fail(use(whole)))
         yield (), [fail(carrying(own), drawn["exchanged"][1])]
         seen = [fail(carrying(name), f"{but}, by whichever camera") for name, but in drawn.values()]
@@ -214,30 +203,26 @@ def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tup
 
 
 def _controls(claim: str, channel: str, singles: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the conditions that show such pictures."""
     if channel != "cameras":
-        return (f"exchanged@{channel.partition(':')[2]}",) if channel.startswith("camera:") else ()
+        return (condition_of("exchanged", channel),) if channel.startswith("camera:") else ()
     return tuple(dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for one in singles for name in rests_on(claim, one)))))
 
 
 @dataclass(frozen=True)
 class _Camera:
-    """The rules of all cameras together, or of one, and what its sentences share."""
+    """The rules of all cameras together, or of one."""
 
     channel: str
     what: str
     beside: Beside
 
     def share(self, name: str) -> str:
-        """Return the name of a share of this camera: of what is drawn otherwise by the camera's own name."""
-        of_all = self.channel == "cameras"
-        if name in {"blank", "exchanged"}:
-            return f"T.{name}" if of_all else f"T.{name}@{self.channel.partition(':')[2]}"
-        return f"T.{name}@{self.channel}"
+        """Return the name of a share of this camera."""
+        return f"T.{condition_of(name, self.channel)}"
 
     @property
     def swap(self) -> str:
-        """Return the name of the share that goes with another episode's."""
+        """Return the name of the share that goes with another episode's pictures."""
         return self.share("swapped")
 
     @property
@@ -247,7 +232,7 @@ class _Camera:
 
     @property
     def seen(self) -> str:
-        """Return in words what it shares with pictures at a similar state."""
+        """Return that share and the one at a similar state in words."""
         return f"{self.shown}, and {{share:{self.share('matched')}}} where the state is alike{{still:{self.channel}}}"
 
     def axis(self) -> Axis:
@@ -257,25 +242,24 @@ class _Camera:
         rules = (
             undecided(swap, (missing(swap, "value"),), open_),
             undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", asked(alike)),
-            *self.unshown((measured(matched, holds=False),)),
-            *self.unshown(disuse(matched)),
+            *self.unshown(),
             *self.pose((*use(swap), *disuse(matched))),
             *self.content((*use(swap), *use(matched))),
             *self.open(),
         )
         return Axis(self.channel, rules)
 
-    def unshown(self, alike: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of pictures that may be another episode's: whether they have to be there at all."""
-        grey, needs = self.share("blank"), (*disuse(self.swap), *alike)
+    def unshown(self) -> Iterator[Rule]:
+        """Yield the rules of pictures that may be another episode's, or none."""
+        grey, needs = self.share("blank"), (*disuse(self.swap), *disuse(self.share("matched"), may_lack=True))
         words = (
             f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
         )
-        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), say(words))
+        gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), words)
         shown = f"{self.shown}, and grey pictures {{share:{grey}}}"
         yield from _absence(gone, "responds", self.channel, shown, self.beside)
         shown = f"{self.shown}, but grey pictures {{share:{grey}}}"
-        says = say(f"{shown}: that there is a picture matters, not which of these it is")
+        says = f"{shown}: that there is a picture matters, not which of these it is"
         there_ = Rule("camera_presence", grey, (*needs, *use(grey)), says)
         yield from _absence(there_, "responds.shown", self.channel, shown, self.beside)
         open_ = f"{{without:{grey.removeprefix('T.')}|settled:{grey}|why_open:{grey}}}"
@@ -284,26 +268,23 @@ class _Camera:
     def pose(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures that are used, and not at a similar state.
 
-        A bank may hold such moments in a part of its states only. So any other episode's picture must be used in these
-        same moments too.
+        A bank may hold such moments for some states only, so the swapped picture must have an
+        effect in them too.
         """
         matched, alike = self.share("matched"), f"swapped.alike@{self.channel}"
-        shown = (
-            f"{self.shown}, but of another episode at a similar state{{few:{self.channel}}} only {{share:{matched}}}"
-        )
+        few, only = f"{{few:{self.channel}}}", f"changes only {{share:{matched}}}"
+        shown = f"{self.shown}, but a picture of another episode at a similar state{few} {only}"
         why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
         yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
-        pose = Rule(
-            "pose_only", matched, needs, say(f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
-        )
+        pose = Rule("pose_only", matched, needs, f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
         yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
-        """Yield the rules of pictures whose content decides: whether the object in them is followed, is of all cameras.
+        """Yield the rules of pictures whose content decides.
 
-        A picture of the own episode, as far off in its state as the matched one, or farther, takes the claim away where
-        it changes as much, or was not asked; not from who follows an object that is moved, or answers to objects whose
-        colours are exchanged, while the state stays.
+        The claim is withdrawn if a picture of the same episode, at least as far off in its state,
+        changes as much or was not asked. It stays where the state stays and the policy follows a
+        moved object or exchanged colours.
         """
         beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
         unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
@@ -312,13 +293,13 @@ class _Camera:
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
         yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
-        plain = Rule("camera_content", self.share("matched"), needs, say(self.seen))
+        plain = Rule("camera_content", self.share("matched"), needs, self.seen)
         if self.channel == "cameras":
             yield from _grounded(plain, self.seen)
         yield plain
 
     def open(self) -> Iterator[Rule]:
-        """Yield the rules of pictures of which neither is settled."""
+        """Yield the rules of pictures that are neither used nor ignored."""
         swap, matched = self.swap, self.share("matched")
         neither = (fail(use(swap)), fail(disuse(swap)))
         yield undecided(swap, neither, f"{self.shown}: {{why_open:{swap}}}")
@@ -331,14 +312,13 @@ class _Camera:
 
 
 def _proofs(channel: str) -> tuple[tuple[Clause, ...], ...]:
-    """Return the conditions of each proof that more than the own pose is seen, while the state stays."""
-    if channel != "cameras":
-        return (use(f"T.exchanged@{channel.partition(':')[2]}", COLOURED),)
-    return use("T.exchanged", COLOURED), following(_GAIN, FOLLOWED)
+    """Return the conditions of each proof that more than the robot's own pose is seen."""
+    coloured = use(f"T.{condition_of('exchanged', channel)}", COLOURED)
+    return (coloured, following(_GAIN, FOLLOWED)) if channel == "cameras" else (coloured,)
 
 
 def _still(found: Known, channel: str) -> str:
-    """Return in words which numbers of the state no picture of the own episode shows otherwise."""
+    """Return in words which numbers of the state never change within an episode."""
     still = ", ".join(map(str, found[f"beyond@{channel}"].still or ()))
     proven = any(all(clause.holds(found) for clause in one) for one in _proofs(channel))
     never = "of the state, which never changes within an episode, counts too"
@@ -350,18 +330,38 @@ def _few(found: Known, channel: str) -> str:
     return "" if n == of_all else f" ({n} of {of_all} moments have one)"
 
 
+def _own(found: Known, channel: str) -> str:
+    own = (
+        f"a picture of its own episode, as far off in its state or farther, changes {share(found[f'T.near@{channel}'])}"
+    )
+    return f"{own}, and that another episode's changes more is not settled ({way(found[f'beyond@{channel}'])} more)"
+
+
+@word
+def _exchanged(one: Share) -> str:
+    """Return in brackets which instruction most often took the place of which."""
+    return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
+
+
+@word
+def _hears(one: Share) -> str:
+    return f"; another instruction changes {of_action(one)}" if used(one) else ""
+
+
+@word
+def _degrees(one: Followed) -> str:
+    """Return how many degrees the way of an answer is off that of the moved object."""
+    return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
+
+
 def _unnoticed(found: Known, channel: str) -> str:
-    """Return that nobody would notice, of who answers alike to the same and of whose episodes none responds."""
+    """Return that nobody would notice, of a deterministic policy of which no episode responds."""
     drawn, some = found[f"T.swapped@{channel}"].p is not None, found[f"responds@{channel}"].value
     return "" if drawn or some else " without anybody noticing"
 
 
-def _own(found: Known, channel: str) -> str:
-    own = f"one of its own episode, as far off in its state or farther, {share(found[f'T.near@{channel}'])}"
-    return f"{own}, and that it is more is not settled ({way(found[f'beyond@{channel}'])} more)"
-
-
 WORDS |= {
+    "parts": _parts,
     "still": _still,
     "few": _few,
     "rest": lambda found, channel: "; of the other moments nothing is said" if _few(found, channel) else "",
@@ -371,6 +371,11 @@ WORDS |= {
     "also": lambda found, name: (
         f"; the objects' colours exchanged change {share(found[name])}" if name in found else ""
     ),
+    "p": lambda found, name: f"{found[name].p:.4f}",
+    "scatter": lambda found, name: f"{found[name].scatter:.0%} of the variation (p {found[name].scatter_p:.4f})",
+    "responding": lambda found, name: (
+        f"{_count(found[name])} of {found[name].n} episodes each respond by {IGNORED:.2f} of the variation or more"
+    ),
 }
 
 
@@ -379,7 +384,7 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
 
     def plain(why_not: str, *needs: Clause, may: bool = False, broken: tuple[Clause, ...] = ()) -> Rule:
         may_be = "object_grounded" if may else ""
-        return replace(content, needs=(*content.needs, *needs), why_not=say(why_not), may_be=may_be, broken=broken)
+        return replace(content, needs=(*content.needs, *needs), why_not=why_not, may_be=may_be, broken=broken)
 
     words = "so whether it is followed is open"
     yield plain(f"{{{_FORGOT_MOVES}}}, {words}", may=True, broken=tuple(map(asked, _ALL_MOVES)))
@@ -400,50 +405,40 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
         off = f"its way is {{degrees:{_GAIN}}} degrees off that of the moved object, and goes {{way:{_GAIN}}}"
         yield plain(f"{off} of the oracle's along it", *given, compared(_GAIN, "heading", "<", HEADING))
         farther = f"{{way:{control}}} farther than where another is named"
-        says = say(f"{seen}; moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}")
+        says = f"{seen}; when it is moved, the named object is {gain} (p {{p:{_GAIN}}}), and {farther}"
         yield Rule("object_grounded", _GAIN, (*content.needs, *given), says)
 
 
 @word
-def _part(one: Share) -> str:
-    """Return in words of what that was told, or along which axis, an object is followed less than on the mean.
+def _part(one: Followed) -> str:
+    """Return in words for which instruction, or along which axis, an object is followed least.
 
-    The mean over all is no claim about each: who goes to one block and not to the other has half of it.
+    The mean is no claim about each: a policy that goes to one block of two has half of it.
     """
-    assert isinstance(one, Followed)
     assert one.least is not None
     where, least = one.least
     far, whole = (f"{100 * (size or 0.0):.0f} %" for size in (least["value"], one.value))
     return f"{where} it is followed only {far} farther than the other, and {whole} on the whole"
 
 
-@word
-def _degrees(one: Share) -> str:
-    """Return how far the way of an answer is off that of what was moved."""
-    assert isinstance(one, Followed)
-    return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
-
-
-WORDS["p"] = lambda found, name: f"{found[name].p:.4f}"
-
-
 @cache
 def camera_axis(channel: str, what: str, beside: Beside = ((), ())) -> Axis:
-    """Return the axis of a camera, or of all, which a sentence calls ``what``."""
+    """Return the axis of one camera, or of all; sentences call it ``what``."""
     return _Camera(channel, what, beside).axis()
 
 
 def _of_state() -> Iterator[Rule]:
-    """Yield the rules of the state, and of places that are answered relative to it.
+    """Yield the rules of the state.
 
-    A place that stays is another motion relative to another state, and one that goes along with it is the same.
+    An answer may be a place: relative to another state the same place is another motion, and one
+    that goes along is the same motion.
     """
     swap, reads = _STATE, "reads@state"
     yield undecided("", (compared("has_state", "value", "<", 1.0),), "the bank has no state")
     open_ = f"its state cannot be judged: {{without:swapped@state|why_open:{swap}}}"
     yield undecided(swap, (missing(swap, "value"),), open_)
     shown = f"its answers are places, and change by {{share:{reads}}} with its state"
-    yield from _absence(Rule("ignores_state", reads, disuse(reads), say(shown)), "responds", "state", shown)
+    yield from _absence(Rule("ignores_state", reads, disuse(reads), shown), "responds", "state", shown)
     shown, given = f"its state carries {{of_action:{swap}}}", there(reads, "value")
     along = (
         f"its answers are places that go along with it ({{share:{reads}}}): it reads it, and does the same from there"
@@ -453,34 +448,28 @@ def _of_state() -> Iterator[Rule]:
         f"its answers are places, and as they are change by {{share:{reads}}} with it: relative to another state the"
     )
     yield undecided(reads, (given, *use(swap), fail(use(reads))), f"{shown}; but {stays} same place is another motion")
-    yield from _absence(Rule("ignores_state", swap, disuse(swap), say(shown)), "responds", "state", shown)
+    yield from _absence(Rule("ignores_state", swap, disuse(swap), shown), "responds", "state", shown)
     yield undecided(swap, (fail(use(swap)),), f"{shown}: {{why_open:{swap}}}")
-    short, blind = (
-        say(f"{shown}, and its cameras next to nothing{{hears}}"),
+    blind, short = (
         compared("ignores_camera", "value", ">=", 1.0),
+        f"{shown}, and its cameras next to nothing{{hears:{_HEARS}}}",
     )
     yield Rule("state_shortcut", swap, (blind,), short, bound="responds@cameras")
-    yield Rule("state_used", swap, (), say(shown))
-
-
-WORDS["hears"] = lambda found, _: (
-    f"; another instruction changes {of_action(found[_HEARS])}" if used(found[_HEARS]) else ""
-)
+    yield Rule("state_used", swap, (), shown)
 
 
 def _of_instruction() -> Iterator[Rule]:
-    """Yield the rules of the instruction: whether another one changes the action, and towards what is named."""
     swap, shown = _HEARS, f"another instruction{{exchanged:{_HEARS}}} changes {{of_action:{_HEARS}}}"
     open_ = f"what it is told cannot be judged: {{forgot:swapped@instruction|why_open:{swap}}}"
     yield undecided(swap, (), open_, asked("swapped@instruction"))
     yield undecided(swap, (measured(swap), missing(swap, "value")), open_)
     why = "{without:swapped@instruction|=no two episodes of the bank are told different things}"
-    yield Rule("no_power", "", (missing(swap, "value"),), say(why))
+    yield Rule("no_power", "", (missing(swap, "value"),), why)
     open_ = f"{shown}; whether it goes to what is named is open: {{{_FORGOT_MOVES}|lost:{_TOLD}}}"
     for known in (use(swap), disuse(swap)):
         yield undecided(swap, known, open_, *map(asked, _ALL_MOVES))
         yield undecided(swap, (*known, lossy(_TOLD)), open_)
-    unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), say(shown))
+    unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), shown)
     yield from _absence(unheard, "responds", "instruction", shown)
     yield from _heard(use(swap), shown)
     follows = f"it follows what is named {{share:{_TOLD}}} of the oracle's way more than what is not"
@@ -491,43 +480,35 @@ def _of_instruction() -> Iterator[Rule]:
 def _heard(needs: tuple[Clause, ...], shown: str) -> Iterator[Rule]:
     """Yield the rules of an instruction that changes the action: whether towards what is named.
 
-    Where no object is followed, or none is moved, its own has to bring it nearer to what was logged than another one
-    does. Where nobody can say whether it does, and nothing is moved, the label stands, and it is said what is not
-    tested.
+    Where no object is followed or moved, its own instruction has to bring it nearer to the log than
+    another one does. If there is no log either, the label stands, and its sentence says what was
+    not tested.
     """
     label, more = "instruction_followed", f"{{way:{_TOLD}}} of the oracle's way more"
-    says = say(f"{shown}, and it follows what is named {more} than what is not")
+    says = f"{shown}, and it follows what is named {more} than what is not"
     yield Rule(label, _TOLD, (*needs, *following(_TOLD, HEARD)), says)
+    back = ("high", "<", 0.0)
     away = f"it goes away from what is named or to what is not, {{way:{_TOLD}}} of the oracle's way"
-    yield undecided(_TOLD, (*needs, *opposing(_TOLD)), f"{shown}, but {away}: it may take one name for the other")
+    yield undecided(_TOLD, (*needs, *bounded(_TOLD, *back)), f"{shown}, but {away}: it may take one name for the other")
     only = f"{shown}, but it follows what is named only {more}"
     for name in (_GAIN, "follow.other"):
         yield undecided(_TOLD, (*needs, *following(name, FOLLOWED)), f"{only}; {{unfollowed:{_TOLD}}}")
     nearer = f"its own brings it nearer to what was logged by {{way:{_LOG}}} of what both differ by"
-    yield undecided(_LOG, (*needs, *opposing(_LOG)), f"{shown}, but {nearer}: the other way")
-    moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), say(f"{shown}, and {nearer}")
-    not_shown, none = "that it follows an object is not shown", "the bank moves no object"
-    sure = above(_LOG, HEARD)
+    yield undecided(_LOG, (*needs, *bounded(_LOG, *back)), f"{shown}, but {nearer}: the other way")
+    moved, still, says = there(_TOLD, "value"), missing(_TOLD, "value"), f"{shown}, and {nearer}"
+    open_ = "whether it goes to what is named is open: "
     for proof, what in (
-        ((moved, *following(_LOG, HEARD)), not_shown),
-        ((still, *following(_LOG, HEARD)), none),
-        ((still, *sure), none),
+        ((moved, *following(_LOG, HEARD)), "that it follows an object is not shown"),
+        ((still, *bounded(_LOG, "low", ">", HEARD)), "the bank moves no object"),
     ):
-        open_ = say(f"whether it goes to what is named is open: {what}")
-        yield Rule(label, _LOG, (*needs, *proof), says, why_not=open_)
+        yield Rule(label, _LOG, (*needs, *proof), says, why_not=f"{open_}{what}")
     only = f"{only} than what is not"
     yield undecided(_TOLD, (*needs, moved, there(_LOG, "value")), f"{only}, and {nearer}; {{unfollowed:{_LOG}}}")
     yield undecided(_TOLD, (*needs, moved), only)
     why = f"{nearer}; {{unfollowed:{_LOG}}}: that it changes towards what it is told is not shown"
     yield replace(undecided(_LOG, (*needs, there(_LOG, "value")), f"{shown}, but {why}"), may_be=label)
     why = "whether it does what it is told is not tested: the bank moves no object, and has no log to be held against"
-    yield Rule(label, _HEARS, needs, say(f"{shown}; {why}"), why_not=why)
-
-
-@word
-def _exchanged(one: Share) -> str:
-    """Return in brackets what was told most often, and in its place."""
-    return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
+    yield Rule(label, _HEARS, needs, f"{shown}; {why}", why_not=why)
 
 
 STATE = Axis("state", tuple(_of_state()))
@@ -535,12 +516,12 @@ INSTRUCTION = Axis("instruction", tuple(_of_instruction()))
 
 
 def judged(ruling: Ruling, *beside: str) -> Judged:
-    """Return a ruling in words, of the whole data set only where few enough of its episodes may respond.
+    """Return a ruling in words; ``beside`` are its sentences, by default its reason.
 
-    ``beside`` is what else is said, by sentence; without it the reason alone.
+    An absence is said of the episodes alone where too many of the data set's may respond.
     """
-    one, why = ruling.bound, str(ruling.why_not)
-    because = " ".join(map(sentence, beside or (str(ruling.reason),)))
+    one, why = ruling.bound, ruling.why_not
+    because = " ".join(map(sentence, beside or (ruling.reason,)))
     found = Judged(ruling.label, because, ruling.decided_by, why, may_be=ruling.may_be)
     if one is None or one.value is None or one.ci is None:
         return found
@@ -557,12 +538,11 @@ def judged(ruling: Ruling, *beside: str) -> Judged:
 
 
 def _count(one: Statistic) -> int:
-    """Return how many episodes respond."""
     return round((one.value or 0.0) * one.n)
 
 
 def of_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EVERYTHING) -> Ruling:
-    """Return the ruling on all cameras together, or of one."""
+    """Return the ruling on all cameras together, or on one."""
     head = "swapped@camera:"
     singles = tuple(name.removeprefix("T.swapped@") for name in statistics if name.startswith(f"T.{head}"))
     others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
@@ -572,11 +552,11 @@ def of_camera(statistics: Statistics, channel: str, what: str, asked: Asked = EV
 
 
 def _halves(found: Known) -> dict[str, Share]:
-    """Return whether what is followed because it is named is half of what is followed at least, by either control."""
+    """Return by control whether at least half of the following is because the object is named."""
     gain = found[_GAIN].value or 0.0
     return {
         f"half@{name}": Share(float(name in found and 2 * (found[name].value or 0.0) >= gain), 1)
-        for name in (_TOLD, "follow.rather")
+        for name in (_TOLD, _RATHER)
     }
 
 

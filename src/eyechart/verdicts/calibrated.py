@@ -1,11 +1,11 @@
-"""The calibrated rules: they hold their error rate, and say ``undecided`` rather than accept a null.
+"""The calibrated rules: they hold their error rate, and accept no null hypothesis.
 
 docs/decisions/battery.md says why; `depth` has what depth needs beside its first test.
 """
 
 import math
 from collections import ChainMap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 from eyechart.conditions import ABSENT, AGAIN, FURTHER
 from eyechart.stats.agreement import SwapRate, trials_needed
@@ -26,6 +26,7 @@ from eyechart.verdicts.depth import (
 )
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.rules import (
+    WORDS,
     Axis,
     Clause,
     Found,
@@ -39,7 +40,7 @@ from eyechart.verdicts.rules import (
     p_from,
     there,
 )
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling, p_value
 
 CONTENT = {
     "content_shuffled": "another frame of the scenario",
@@ -48,35 +49,32 @@ CONTENT = {
 }
 """The tests of content, and what each picture changes."""
 
-CHANGES = ("mirrored", "lead_near", "lead_far", ABSENT)
-"""What an absence bounds besides, at `BOUND_ALPHA`: these change the picture and are no other frame."""
+_CHANGES = ("bound_mirrored", "bound_lead_near", "bound_lead_far", f"bound_{ABSENT}")
+"""What an absence also bounds, at `BOUND_ALPHA`: changed pictures that are no other frame."""
+
+_NO_PICTURES = ("bound_noise", "bound_text_only")
+"""Likewise, where decisions are said not to come from the camera at all."""
 
 STRICT = ("bound_content_shuffled", "bound_content_recoloured", "bound_scene", "bound_blank")
 """The bounds at `ALPHA`; the last is not of content."""
 
-NO_PICTURES = ("noise", "text_only")
-"""Likewise, where decisions are said not to come from the camera at all."""
 
-
-def grade(found: Mapping[str, Statistic]) -> str:
-    """Return how well the question of distance was put: controlled, interventional, observational or none."""
+def grade(found: Found) -> str:
+    """Return how distance was tested: controlled, interventional, observational or none."""
     if found["depth_interventional"].p is not None:
         return "controlled" if is_drawn(found) or found["lane_net"].n else "interventional"
     return "none" if found["depth_observational"].p is None else "observational"
 
 
 def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
-    """Return the control conditions to ask next, of those ``supplied`` by the bank and not ``asked`` yet.
-
-    None where nothing that could be claimed so far could be taken away by a control. It depends on the statistics
-    alone, so that whoever scores a run finds the same.
-    """
+    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet."""
     ruling = calibrated_rules(found, turns=False)[0]
-    label = ruling.label
+    label, decided = ruling.label, ruling.statistic is not None
+    may_be_blind = label == "undecided" and decided and UNFOLLOWED.holds(found)
     wanted: tuple[str, ...] = ()
     if label in {"content", "depth_associated"}:
         wanted = (NUDGED,)
-    elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
+    elif label in {"presence_only", "refusal_effect", "image_invariant"} or may_be_blind:
         wanted = (ABSENT, AGAIN)
     if set(STAGE) <= {*supplied, *asked}:
         if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
@@ -89,41 +87,33 @@ def controls_wanted(found: Found, *, supplied: Collection[str], asked: Collectio
     return tuple(name for name in wanted if name in supplied and name not in asked)
 
 
-def _may_be_blind(found: Mapping[str, Statistic], ruling: Ruling) -> bool:
-    """Return whether nothing is decided but that it follows no file: some absence may be true of it."""
-    return ruling.label == "undecided" and ruling.statistic is not None and UNFOLLOWED.holds(found) is True
-
-
 NO_CONTENT = (there("bound_content_shuffled"), p_from("repeats_together", ALPHA))
 
 
-def _bounds(levels: Mapping[str, float]) -> tuple[Clause, ...]:
-    """Return the bounds that an absence of content needs, each with its level; one that was not tested is not open."""
-    return tuple(p_below(name, alpha, untested=True) for name, alpha in levels.items())
+def _bounds(*names: str) -> tuple[Clause, ...]:
+    """Return the bounds that an absence needs, of those that were tested."""
+    return tuple(p_below(name, _level(name), untested=True) for name in names)
 
 
-def _levels(changes: Sequence[str]) -> dict[str, float]:
-    """Return the bounds that an absence of content needs, each with its level."""
-    return dict.fromkeys(STRICT[:3], ALPHA) | {f"bound_{name}": BOUND_ALPHA for name in changes}
+def _level(name: str) -> float:
+    return ALPHA if name in STRICT else BOUND_ALPHA
 
 
-_OF_CONTENT = _bounds(_levels(CHANGES))
-_OF_ALL = _bounds(_levels((*CHANGES, *NO_PICTURES)))
+_OF_CONTENT = _bounds(*STRICT[:3], *_CHANGES)
+_OF_ALL = (*_OF_CONTENT, *_bounds(*_NO_PICTURES))
 _BLANK = p_below("bound_blank", ALPHA)
 _PRESENCE = p_below("presence", ALPHA)
 
 
-def _open_bound(found: Found, clause: Clause | None) -> Reason:
-    """Say of the bound that is open whether there is an effect, or how many frames would decide."""
-    assert clause is not None
-    alpha = ALPHA if clause.statistic in STRICT else BOUND_ALPHA
-    needed = frames_to_bound(found[clause.statistic], alpha)
+def _open_bound(found: Found, name: str) -> str:
+    """Say of an open bound that there is an effect, or how many frames would decide."""
+    needed = frames_to_bound(found[name], _level(name))
     if needed is None:
-        words = "{what} changes its decision more than a repeat does, which no rule makes a claim of"
-        what = clause.statistic.removeprefix("bound_").removeprefix("content_")
-        return Reason(words, {"what": what})
-    words = "no test decided; an effect of {margin} is not excluded ({under}, about {need} frames would)"
-    return Reason(words, {"margin": MARGIN, "need": needed[0], "under": needed[1]})
+        what = name.removeprefix("bound_").removeprefix("content_")
+        return f"{what} changes its decision more than a repeat does, which supports no label"
+    return "no test decided; an effect of {2} is not excluded (about {0} frames would exclude or show it, {1})".format(
+        *needed, MARGIN
+    )
 
 
 def _no_answer(name: str, condition: str) -> Rule:
@@ -151,19 +141,17 @@ _REST = (
         "depth_associated",
         "depth_observational",
         (missing("depth_interventional"), p_below("depth_observational", ALPHA), UNFOLLOWED),
-        f"{HARDER}; nothing was moved",
+        f"{HARDER}; no lead was moved to test it",
     ),
     *(
         Rule(
             "content",
             name,
-            (
-                p_below(name, ALPHA, family=tuple(CONTENT)),
-                p_below(name.replace("content_", "content_nudged_"), ALPHA, untested=True),
-            ),
+            (p_below(name, ALPHA, family=tuple(CONTENT)), p_below(nudged, ALPHA, untested=True)),
             f"{what} changes its answer more than a repeat does",
         )
         for name, what in CONTENT.items()
+        for nudged in (name.replace("content_", "content_nudged_"),)
     ),
     Rule(
         "self_inconsistent",
@@ -175,7 +163,7 @@ _REST = (
             p_below("bound_kappa", ALPHA),
             p_below("kappa_pooled", ALPHA),
         ),
-        "it disagrees with itself on the same picture (s = {self_disagreement}), about as often as chance would",
+        "it disagrees with itself on the same picture (s = {value:self_disagreement}), about as often as chance would",
     ),
     Rule(
         "scene_cue",
@@ -187,13 +175,13 @@ _REST = (
         "presence_only",
         "presence",
         (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
-        f"real and blank differ, and the effect of content is below {MARGIN}",
+        f"its decisions on real and blank pictures differ, and the effect of content is below {MARGIN}",
     ),
     Rule(
         "refusal_effect",
         "presence_response",
         (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
-        "real and blank differ in outputs, not in decisions",
+        "real and blank pictures differ in its outputs, not in its decisions",
     ),
     Rule(
         "image_invariant",
@@ -206,7 +194,7 @@ _REST = (
         "repeat_over_nudged",
         (p_below("repeat_over_nudged", ALPHA),),
         "one pixel changed by one level, which nobody sees, changes its answer more than a repeat does: it follows "
-        "the file, or a cache answered, and neither is sight",
+        "the file, or a cache answered, so that its answers do not show what it sees",
     ),
     _no_answer("bound_content_shuffled", "shuffled"),
     _no_answer("bound_blank", "blank"),
@@ -214,48 +202,44 @@ _REST = (
         "undecided",
         "repeats_together",
         (p_below("repeats_together", ALPHA),),
-        "some pictures get another answer than most, and get it twice; what is in them was not shown",
+        "some pictures get another answer than most, and get it twice; that their content decides was not shown",
     ),
     # where the effect of a blank is shown, what is open is the effect of content
-    Rule("undecided", needs=(_PRESENCE,), says=_open_bound, broken=_OF_CONTENT, worst=True),
-    Rule("undecided", says=_open_bound, broken=(*_OF_ALL, _BLANK), worst=True),
+    Rule("undecided", needs=(_PRESENCE,), says="{open_bound}", broken=_OF_CONTENT, worst=True),
+    Rule("undecided", says="{open_bound}", broken=(*_OF_ALL, _BLANK), worst=True),
 )
 
 DISTANCE = Axis("distance", (*_ANSWERED, *RULES, *_REST))
-"""The calibrated labels, in the order in which they are tried.
+"""The calibrated labels, in the order in which they are tried."""
 
-Of a run without pictures in which the lead is drawn along its range they come to ``depth_associated`` at most.
-"""
-
-_CLAIMS_NOTHING = {"undecided", "not_scorable", "image_invariant"}
-_OF_ONE_TEST = {"depth_lateral", "partial_depth", "depth_associated"}
-
-CLAIMS = len({rule.label for rule in DISTANCE.rules} - _CLAIMS_NOTHING - _OF_ONE_TEST)
+_NO_CLAIMS = {"undecided", "not_scorable", "image_invariant"}
+_OF_DEPTH = {"depth_lateral", "partial_depth", "depth_associated"}
+CLAIMS = len({rule.label for rule in DISTANCE.rules} - _NO_CLAIMS - _OF_DEPTH)
 """So many positive claims are tested, each at alpha; depth and what falls short of it are one."""
 
 
 def frames_to_bound(bound: Statistic, alpha: float) -> tuple[int, str] | None:
-    """Return how many frames would decide on a bound, and under what; None where there is an effect.
+    """Return how many frames would decide on a bound, and if what; None where there is an effect.
 
-    They are more than there are: where that many without an effect would do, those that there are look like one, and
-    counted is what would bound it, or show it, were the rest like these (the interval shrinks with the root).
+    Where as many frames as there are would do without an effect, it counts how many would bound it,
+    or show it, were the rest like these: the interval shrinks with the root.
     """
     if bound.ci is None or bound.value is None or bound.ci[0] > 0:
         return None
     discordant = bound.discordant / max(bound.n, 1) if isinstance(bound, Discordant) else 0.0
     need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=alpha)
     if need > bound.n:
-        return need, "were there none"
+        return need, "if there is none"
     (low, high), value = bound.ci, bound.value
     times = [((high - value) / (MARGIN - value)) ** 2] if value < MARGIN else []
     times += [((value - low) / value) ** 2] if value > 0 else []
-    return max(math.ceil(bound.n * min(times)), bound.n + 1), "were the rest like these"
+    return max(math.ceil(bound.n * min(times)), bound.n + 1), "if the rest are like these"
 
 
 def turns_to_tell(swap: Statistic) -> int | None:
-    """Return how many turns would tell whether they are exchanged, more than there are; None where none would.
+    """Return how many turns would tell whether they are exchanged; None where none would.
 
-    So many as a rate of .65 takes, and where there are that many already, as the rate that they have.
+    It is for a rate of .65, and where there are enough turns for that, for the rate that they have.
     """
     need = _turns_for(0.5)
     if need > swap.n:
@@ -265,17 +249,16 @@ def turns_to_tell(swap: Statistic) -> int | None:
 
 
 def _turns_for(chance: float) -> int:
-    """Return how many turns tell a rate of .65 from chance."""
     return trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
 
 
-BOXED = compared("turns_boxed", "high", "<", 0.0, needs="an upper bound below 0")
+BOXED = compared("turns_boxed", "high", "<", 0.0)
 """Where neither side is clear it turns less than half as often as where one is."""
 _INWARDS = Clause("turns_boxed", (Reading("value", "<=", 0.0), Reading("low", "<=", 0.0)), untested=True)
 
 
-def earns_lateral(found: Mapping[str, Statistic], label: str) -> bool:
-    """Return whether a lateral label earns ``depth_lateral``: turns to the clear side, and few where none is."""
+def earns_lateral(found: Found, label: str) -> bool:
+    """Return whether a lateral label earns ``depth_lateral``."""
     return label == "turns_clear" and BOXED.holds(found) is True
 
 
@@ -283,9 +266,9 @@ _SWAP = "mirror_swap_rate"
 
 
 def lateral_facts(found: Found, seen: Mapping[str, int]) -> Mapping[str, Statistic]:
-    """Return what else the lateral rules read, of ``seen``, which counts each direction over pictures and reflections.
+    """Return the facts that the lateral rules read.
 
-    Whether turns could be exchanged, whether every direction was given, and which alone, of eight answers at least.
+    ``seen`` counts each direction over pictures and their reflections.
     """
     given = [direction for direction, count in seen.items() if count]
     alone = len(given) == 1 and sum(seen.values()) >= ONE_SIDED_FROM
@@ -296,16 +279,22 @@ def lateral_facts(found: Found, seen: Mapping[str, int]) -> Mapping[str, Statist
     }
 
 
-def _few_turns(found: Found, clause: Clause | None) -> Reason:
-    """Say how many directions would tell, or that those which there are do not."""
-    del clause
+def _few_turns(found: Found, _: str) -> str:
+    """Say how many directions would tell, or that those given do not."""
     swap = found[_SWAP]
     need = _turns_for(number_of(swap, "chance") or 0.0)
     if need <= swap.n:
-        words = "its {n} directional decisions do not tell whether it exchanges half of them"
-        return Reason(words, {"n": swap.n})
-    return Reason("{n} directional decisions would tell a rate of .65 from chance", {"n": need})
+        return f"its {swap.n} directional decisions do not tell whether it exchanges half of them"
+    return f"{need} directional decisions would tell a rate of .65 from chance"
 
+
+WORDS.update(
+    open_bound=_open_bound,
+    few_turns=_few_turns,
+    hundredths=lambda found, name: f"{found[name].value:.2f}",
+    chance=lambda found, name: f"{found[name].chance:.2f}",
+    p_value=lambda found, name: p_value(found[name].p),
+)
 
 _SWAPS = (
     compared("every_direction", "value", ">=", 1.0),
@@ -317,56 +306,54 @@ _SWAPS = (
 LATERAL_AXIS = Axis(
     "lateral",
     (
-        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), f"{{{_SWAP}.note}}", quiet=True),
+        Rule("not_tested", _SWAP, (compared("turns_reflected", "value", "<", 1.0),), f"{{note:{_SWAP}}}", quiet=True),
         Rule(
             "one_sided",
             _SWAP,
             (compared("one_direction", "value", ">=", 1.0),),
-            "{one_direction.note} is the only direction it ever gives, mirrored or not",
+            "{note:one_direction} is the only direction it ever gives, mirrored or not",
         ),
-        *(
-            Rule(
-                "no_power",
-                _SWAP,
-                (missing(_SWAP, reads),),
-                f"no directional decision; up to {_turns_for(0.5)} are needed",
-                quiet=True,
-            )
-            for reads in ("value", "low", "p", "chance")
+        Rule(
+            "no_power",
+            _SWAP,
+            (Clause(_SWAP, tuple(Reading(reads, "missing") for reads in ("value", "low", "p", "chance"))),),
+            f"no decision has a direction; up to {_turns_for(0.5)} are needed",
+            quiet=True,
         ),
         Rule(
             "swaps",
             "turns_against",
             (*_SWAPS, p_below("turns_against", BOUND_ALPHA), compared("turns_against", "value", ">", MARGIN)),
-            "directions are exchanged, but {turns_against.value:.2f} of its turns, beyond its noise, go to the blocked "
-            "side",
+            "its directions are exchanged under reflection, but {hundredths:turns_against} of its turns, beyond its "
+            "noise, go to the blocked side",
         ),
         Rule(
             "turns_clear",
             "turns_clear",
             (*_SWAPS, p_below("turns_clear", ALPHA), p_below("turns_clear_within", ALPHA), _INWARDS),
-            "directions are exchanged and go to the clear side, within each lane too (p = {turns_clear_within.p})",
+            "its directions are exchanged under reflection and go to the clear side, within each lane too "
+            "(p = {p_value:turns_clear_within})",
         ),
-        Rule("swaps", _SWAP, _SWAPS, f"directions are exchanged, chance is {{{_SWAP}.chance:.2f}}"),
+        Rule("swaps", _SWAP, _SWAPS, f"its directions are exchanged under reflection; chance is {{chance:{_SWAP}}}"),
         Rule(
             "does_not_swap",
             _SWAP,
             (compared(_SWAP, "high", "<", SWAP_RATE),),
-            f"directions are exchanged in less than {SWAP_RATE} of the cases",
+            f"its directions are exchanged under reflection in less than {SWAP_RATE} of the cases",
         ),
-        Rule("no_power", _SWAP, says=_few_turns),
+        Rule("no_power", _SWAP, says="{few_turns}"),
     ),
 )
 """Whether directions are exchanged under reflection, and go to the clear side."""
 
 
 def lateral_rules(found: Found, seen: Mapping[str, int]) -> Ruling:
-    """Return the lateral label; ``seen`` counts each direction over the decisions on pictures and their reflections."""
+    """Return the lateral label; ``seen`` is that of `lateral_facts`."""
     return LATERAL_AXIS.evaluate(ChainMap(dict(lateral_facts(found, seen)), found))  # type: ignore[arg-type]
 
 
 def calibrated_rules(found: Found, *, turns: bool) -> tuple[Ruling, str]:
-    """Return the calibrated label, and how well the question of distance was put, see `grade`.
+    """Return the calibrated label, and how distance was tested, see `grade`.
 
     ``turns`` says whether the lateral label earns ``depth_lateral`` where distance earns ``depth``.
     """

@@ -1,4 +1,4 @@
-"""A verdict as a notebook shows it: a card of HTML in which everything that a model or a file said is text."""
+"""A verdict as a notebook shows it: a card of HTML in which all that a model said is text."""
 
 from collections.abc import Iterable, Mapping
 from html import escape
@@ -13,7 +13,7 @@ _CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;backgroun
 
 
 def card(name: str, answer: str, label: str, says: str, rows: Mapping[str, str], small: Iterable[str]) -> str:
-    """Return a card: whose it is, the answer, the label, why, a row a fact, the small print; tags come out as text."""
+    """Return a card of HTML: the answer, a row for each fact, and small print, all escaped."""
     facts = "".join(
         f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
         f'{escape(row)}</th><td style="{_CELL}">{escape(text)}</td></tr>'

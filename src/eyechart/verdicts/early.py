@@ -1,20 +1,19 @@
-"""A verdict that was settled early rests on the e-values that stopped its run, and on nothing computed after."""
+"""The verdict on a run that stopped early rests on the e-values that stopped it alone."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from eyechart.records import Written
-from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
-from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.rules import WORDS, Axis, Clause, Found, Reading, Rule, compared, filled
+from eyechart.verdicts.ruling import Ruling
 
 PREFIX = "early."
-"""What the names of e-values begin with among the statistics of a model."""
+"""The names of e-values among the statistics of a model begin with it."""
 
 FORECAST_ALPHA = 0.02
-"""Chance that what the rest of the run would have shown is forecast wrongly."""
+"""The chance that a forecast of the rest of the run is wrong."""
 
 _SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth"]
 
@@ -22,22 +21,21 @@ NOT_YET = "not_yet"
 """The label of a run of which no claim is settled that would give one."""
 
 _REQUIRED = frozenset(("bound_shuffled",))
-"""Without it no absence is claimed, also where it cannot be tested."""
+"""Without it no absence is claimed, even where a bank cannot test it."""
 _ALONG = {
     "depth": compared("along", "value", ">=", 1.0),
     "depth_associated": compared("along", "value", "<", 1.0),
 }
-"""Braking by distance is evidence for the first where there are pictures along the range, else for the second."""
-_SAYS = "{claim.says}"
+"""Braking by distance is evidence for the first if there are pictures along the range."""
 _ALONE = compared("one_direction", "value", ">=", 1.0)
+WORDS["says"] = lambda found, name: found[name].says
 
 
 def _row(label: str, claims: tuple[str, ...], *facts: Clause) -> Rule:
-    """Return the rule of a label whose claims are settled; those that a bank cannot test are left out but the first."""
     by, needed = PREFIX + claims[0], _REQUIRED | {claims[0]}
-    settled = (Reading("settled", ">=", 1.0),)
+    settled = (Reading("settled", ">=", 1.0),)  # a claim that the bank cannot test is left out, unless it is needed
     needs = tuple(Clause(PREFIX + name, settled, untested=name not in needed) for name in claims)
-    return Rule(label, by, (*facts, *needs), lambda found, _: Reason(_SAYS, {"claim": found[by]}))
+    return Rule(label, by, (*facts, *needs), f"{{says:{by}}}")
 
 
 def _of_turns() -> Iterator[Rule]:
@@ -57,10 +55,7 @@ EARLY = Axis(
         _OPEN,
     ),
 )
-"""The labels that e-values settle, in the order of the rules; ``along`` says whether there are pictures of the range.
-
-What they need of controls, and that replies hold decisions at all, is asked after.
-"""
+"""The labels that e-values settle; ``along`` says whether there are pictures along the range."""
 
 EARLY_LATERAL = Axis("early lateral", (*_of_turns(), _OPEN))
 """The lateral labels likewise; ``one_direction`` is that of `lateral_facts`."""
@@ -83,11 +78,9 @@ VALIDITY = (
 class Stopped(Written):
     """Where a model's verdict was settled before its run ended.
 
-    ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
-    and ``with_it`` the others; ``depth`` rests on the tests of a whole run. ``lateral`` is None where the ordinary
-    lateral rules apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to
-    the stop, of ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for
-    nothing.
+    ``decided_by`` is the first of the claims that the calibrated ``label`` rests on, ``with_it``
+    has the others. ``lateral`` is None where the ordinary lateral rules apply. ``calls`` counts the
+    calls up to the stop, ``beyond`` those that were under way then and do not count.
     """
 
     written = "rule=label decided_by with=with_it lateral lateral_by frames calls planned saved beyond"
@@ -105,7 +98,7 @@ class Stopped(Written):
 
     @property
     def whole(self) -> bool:
-        """Return whether everything that its label's tests read was asked of all frames, as in a whole run."""
+        """Return whether its label is judged by the rules of a whole run."""
         return self.label == "depth"
 
     @property
@@ -118,32 +111,27 @@ class Stopped(Written):
         return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
 
 
-def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
-    """Return the calibrated label of a run that stopped, and how the question of distance was put.
-
-    ``depth`` is what the rules of a whole run say: everything that they read of it was asked.
-    """
+def early_rules(found: Found, stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
+    """Return the calibrated label of a run that stopped, and how distance was tested."""
     if stopped.whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
-        says = Reason("{how}: {why}", {"how": stopped.words(), "why": ruling.reason})
-        return replace(ruling, reason=says, found=ruling.reason), evidence
+        return replace(ruling, reason=f"{stopped.words()}: {ruling.reason}", found=ruling.reason), evidence
     evidence = "interventional" if stopped.interventional else "none"
     ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
     return replace(ruling, with_it=stopped.with_it), evidence
 
 
-def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | None:
+def early_lateral(found: Found, stopped: Stopped) -> Ruling | None:
     """Return the lateral label of a run that stopped; None where the ordinary rules apply."""
-    if stopped.lateral is None:
-        return None
-    return _settled(found, stopped.lateral, stopped.lateral_by, "stopped early")
+    name = stopped.lateral
+    return None if name is None else _settled(found, name, stopped.lateral_by, "stopped early")
 
 
 def early_paper(stopped: Stopped) -> Ruling:
-    """Return what stands for the paper's label of a run that stopped."""
-    return Ruling(NOT_JUDGED, stopped.decided_by, Reason(f"{stopped.words()}: the paper's tests need the whole run"))
+    """Return what stands in place of the paper's label of a run that stopped."""
+    return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
 
 
-def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
-    claim = {"claim": found[name]}
-    return Ruling(label, name, Reason(f"{how}: {_SAYS}", claim), found[name], found=Reason(_SAYS, claim))
+def _settled(found: Found, label: str, name: str, how: str) -> Ruling:
+    says = filled("{says:" + name + "}", found)
+    return Ruling(label, name, f"{how}: {says}", found[name], found=says)

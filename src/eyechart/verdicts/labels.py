@@ -1,4 +1,4 @@
-"""Every label of a verdict, once: what it says, how it is drawn, what settles it early, and what a gate reads in it."""
+"""Every label of a verdict, once, and the thresholds of the rules that give them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,39 +10,39 @@ UNPARSED_CUT = 0.05
 """Above this share of real and real_repeat calls without a decision a model is not scorable."""
 
 FLOOR = 0.2
-"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
+"""``self_inconsistent`` needs a lower bound of s above this, and a kappa of repeats below it."""
 
 SWAP_RATE = 0.5
-"""From this mirror swap rate on directions count as exchanged. The cut is ours; no model of the paper comes near."""
+"""From this mirror swap rate on directions count as exchanged. The cut is ours."""
 
 ONE_SIDED_FROM = 8
-"""So many turns of one direction only, and none of another, are ``one_sided``."""
+"""So many turns of one direction, and none of another, are ``one_sided``."""
 
 NET_ALPHA = 0.02
 """Level of the one-sided lower bounds of the net effects that must reach the margin."""
 
 ORDER_CUT = 0.15
-"""Fewer comparisons than this share come out the wrong way round, in expectation over answers: the bound of depth."""
+"""Depth needs an expected share of comparisons the wrong way round that is below this."""
 ORDER_HIGH, ORDER_LOW = 0.09, 0.05
-"""A kind of pairs whose share lies above the first, and its lower bound above the second, refutes depth."""
+"""A kind of pairs refutes depth with a share above the first and a lower bound above the second."""
 FAR_SHARE = 0.5
-"""So much of both is enough where one of the pair is far: who overlooks the other ties with it, and loses nothing."""
+"""This part of both where one is far: a model that overlooks the other ties, and loses nothing."""
 ORDER_OPEN = 0.25
-"""A kind of pairs whose upper bound lies above this is named, and a gate that requires depth is not met."""
+"""A kind of pairs with an upper bound above this is named, and does not meet a gate for depth."""
 
 BESIDE_CUT = 0.15
-"""In each third of the range a neighbour does less than half of what the lead does, give or take this level."""
+"""In each third of the range a neighbour may do half of what the lead does, and this level more."""
 BESIDE_REFUTED, THIRD_REFUTED = -0.02, 0.05
-"""Above these values specificity, of all and of a third, is not merely not shown: it does not hold."""
+"""Above these values specificity, of all and of a third, is refuted."""
 
 SENSITIVE_FROM = 0.25
-"""Who is bounded below this reads distance on too few frames to matter, and more frames would not show it."""
+"""A sensitivity bounded below this is of too few frames to matter."""
 
 RISE_ALPHA, FILE_ALPHA = 0.05, 0.001
-"""Levels of the tests that somewhere braking rises with distance, and that it follows the file."""
+"""Levels of the tests that braking rises with distance somewhere, and that it follows the file."""
 
 DRAWN, DRAWN_LEAST = 8, 3
-"""A window a factor of 1.2 wide holds so many drawn distances on average, and so many in the emptiest one."""
+"""Drawn distances in a window a factor of 1.2 wide: on average, and in the emptiest."""
 
 KAPPA_MARGIN = 0.20
 """Below this bound on kappa a model agrees with itself about as often as chance would."""
@@ -51,11 +51,11 @@ ABSENCES = frozenset({"image_invariant", "presence_only", "refusal_effect"})
 """The labels that say that what a picture shows decides nothing."""
 
 BOUND_ALPHA = 0.05
-"""Level of the bounds of an absence on pictures that are no other frame: mirrored, lead moved, noise, no picture."""
+"""Level of the bounds of an absence on pictures that are no other frame."""
 
 
 GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
-"""What stands before a word of each family, for those who do not tell its colour."""
+"""The sign of each family, for a reader who cannot tell its colour."""
 
 LOOKS = "looks"
 """What a gate may require: that the answer is Yes or In part."""
@@ -65,14 +65,13 @@ LOOKS = "looks"
 class Label:
     """One label: what it says, how it is drawn, what a gate reads in it, and what settles it early.
 
-    A report draws it in the colours of its ``family``, with a sign of its ``own`` or that of its family. ``answer`` is
-    what it answers to whether a model looks. A gate that requires it by name is met by it, as is one that requires what
-    it ``meets`` besides, or `LOOKS` where it is answered with Yes or In part; of any other, ``otherwise`` says what it
-    shows: that it fails, that it cannot say, or that it fails where the share of pairs in which braking follows
-    distance is bounded below the margin. ``early`` names the claims that settle it before a run
-    has ended, the first its evidence; without any it is never settled early. Those of ``depth`` only say what is left
-    out: whether it is one is decided on all frames, by the rules of a whole run. ``nearest`` is the nearest stronger
-    label and the test that kept it from that, where it is one test.
+    A report draws it in the colours of its ``family``, with its ``own`` sign or that of its family.
+    ``answer`` is to whether a model looks. A gate that requires the label by name is met by it, and
+    so is one that requires what it ``meets``, or `LOOKS` where the answer is Yes or In part.
+    ``otherwise`` is what it shows of another label: that it fails, that it cannot say, or that it
+    fails where the share of pairs in which braking follows distance is bounded below the margin.
+    ``early`` names the claims that settle it before a run has ended, the first its evidence.
+    ``nearest`` is the next stronger label, and the test that kept a model from it.
     """
 
     says: str
@@ -86,7 +85,7 @@ class Label:
 
     @property
     def glyph(self) -> str:
-        """Return the sign before its word."""
+        """Return its sign."""
         return self.own or GLYPHS[self.family]
 
 
@@ -94,7 +93,7 @@ _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far
 _ALONE, _ABSENT = ("bound_mirrored", "bound_lead_near", "bound_lead_far"), "bound_lead_absent"
 _BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only", _ABSENT)
 _NEARER = ("near_far", "net_near_far")
-_CONTENT_SHOWN, _PRESENCE_SHOWN = ("content", "content_shuffled"), ("presence_only", "presence")
+_SHOWN, _PRESENT = ("content", "content_shuffled"), ("presence_only", "presence")
 
 LABELS: dict[str, Label] = {
     "not_scorable": Label(
@@ -137,14 +136,14 @@ LABELS: dict[str, Label] = {
         "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
         "blind",
         answer="No",
-        nearest=_CONTENT_SHOWN,
+        nearest=_SHOWN,
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
         answer="No",
-        nearest=_CONTENT_SHOWN,
+        nearest=_SHOWN,
     ),
     "presence_only": Label(
         "It notices whether there is a picture, not what is in it: no authority over motion.",
@@ -152,21 +151,21 @@ LABELS: dict[str, Label] = {
         "◔",
         answer="No",
         early=("presence", *_CONTENT, *_ALONE, _ABSENT),
-        nearest=_CONTENT_SHOWN,
+        nearest=_SHOWN,
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
         answer="No",
         early=("presence_response", "bound_blank_kept", *_BLIND),
-        nearest=_PRESENCE_SHOWN,
+        nearest=_PRESENT,
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
         answer="No",
         early=("bound_blank", "bound_blank_response", *_BLIND),
-        nearest=_PRESENCE_SHOWN,
+        nearest=_PRESENT,
     ),
     "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
 }
@@ -182,14 +181,14 @@ LATERAL: dict[str, Label] = {
     ),
     "not_tested": Label("No direction could be asked for under reflection.", otherwise="cannot say"),
 }
-"""The lateral labels: whether left and right are exchanged under reflection and follow the clear side."""
+"""The lateral labels."""
 
 ADMITTED: dict[str, Label] = {
     "admitted": Label("It meets every clause: its scenes may steer.", "sees"),
     "not_admitted": Label("It fails a clause: its scenes may not steer.", "blind"),
     "admission_cannot_be_said": Label("What a clause asks for was not measured.", otherwise="cannot say"),
 }
-"""Whether the scenes of an estimator may steer."""
+"""The labels of an estimator."""
 
 SIGHT: dict[str, Label] = {
     "by_camera": Label("drives by what it sees", "sees"),
@@ -200,14 +199,14 @@ SIGHT: dict[str, Label] = {
     "no_difference_found": Label("no difference found"),
     "cannot_say": Label("cannot say", otherwise="cannot say"),
 }
-"""What a driver shows beside itself with other pictures in the same worlds."""
+"""The labels of a driver, beside itself with other pictures in the same worlds."""
 
 PLANNERS: dict[str, Label] = {
     "by_pictures": Label("it completes by its pictures", "sees"),
     "completion_alone": Label("completion does not show perception", "blind"),
     "not_shown": Label("completion does not show perception", otherwise="cannot say"),
 }
-"""Whether a planner reaches its goals by its pictures."""
+"""The labels of a planner."""
 
 PROMPTED: dict[str, Label] = {
     "gap": Label("goes with the gap", "sees"),
@@ -215,15 +214,15 @@ PROMPTED: dict[str, Label] = {
     "one_answer": Label("always the same answer", "blind"),
     "no_link": Label("no link shown"),
 }
-"""What the answers under one prompt hold of the scene."""
+"""The labels of the answers under one prompt."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use(Label):
-    """One label of an axis of a policy, or a guard in its place: how much of its channel it says is used.
+    """One label of an axis of a policy, or a guard in its place.
 
-    ``rank`` is its place in the order of its axis, 0 that nothing is; None of one that says nothing. ``advice`` is what
-    somebody who trains the policy could do next.
+    ``rank`` is its place in the order of its axis: 0 says that nothing of the channel is used, None
+    that the label says nothing. ``advice`` is for a person who trains the policy.
     """
 
     rank: int | None = None
@@ -231,7 +230,7 @@ class Use(Label):
 
     @property
     def is_open(self) -> bool:
-        """Return whether it says nothing."""
+        """Return whether it says nothing of its channel."""
         return self.rank is None
 
     @property
@@ -273,7 +272,7 @@ CAMERA: dict[str, Use] = {
     ),
     "undecided": Use("The run does not settle what the picture is used for.", otherwise="cannot say"),
 }
-"""The labels of the cameras of a policy, the strongest first; the answer to whether it looks is theirs."""
+"""The labels of the cameras of a policy, the strongest first."""
 
 STATE: dict[str, Use] = {
     "state_shortcut": Use(
@@ -299,10 +298,10 @@ INSTRUCTION: dict[str, Use] = {
     "no_power": Use("On this bank it cannot be told something else.", otherwise="cannot say"),
     "undecided": Use("The run does not settle whether the instruction is followed.", otherwise="cannot say"),
 }
-"""The labels of what a policy is told."""
+"""The labels of the instruction of a policy."""
 
 USES: dict[str, Use] = CAMERA | STATE | INSTRUCTION
-"""Every label of a policy by its name; those that say nothing share theirs."""
+"""Every label of a policy by its name; axes share the names of labels that say nothing."""
 
 GUARDS: dict[str, Use] = {
     "not_scorable": Use(
@@ -322,7 +321,7 @@ GUARDS: dict[str, Use] = {
         advice="empty its queue and its history before every call (reset), or give it a seed.",
     ),
 }
-"""What is asked of a policy before any axis, in this order, with what it means where it fails."""
+"""The guards of a policy, in their order, with what it means that each fails."""
 
 PAPER_LABELS = (
     "not_scorable",
@@ -336,7 +335,7 @@ PAPER_LABELS = (
 """The labels that the paper's rules give, in the order of these rules."""
 
 NOT_JUDGED = "not_judged"
-"""In place of a label of the paper's rules where a run stopped early: their tests hold at a fixed size only."""
+"""In place of the paper's label where a run stopped early: its tests hold at a fixed size only."""
 
 
 def meets(name: str, labels: Mapping[str, Label]) -> tuple[str, ...]:

@@ -1,21 +1,18 @@
-"""The numbers that depth rests on: what each asks, what it has to reach, what refutes it, and what came of it.
+"""The numbers that depth rests on, each with the thresholds of the clauses that read it."""
 
-The thresholds are those of the rules' own clauses, so that a page, a card and the docs say what a ruling reads.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.depth import NAMED, NO_FILE, REFUTING, SHOWN, is_drawn
-from eyechart.verdicts.rules import Clause, Found, Reading
+from eyechart.verdicts.rules import Clause, Found
 from eyechart.verdicts.ruling import figures
 
 Outcome = Literal["holds", "not shown", "fails", "not tested"]
 
 SIGNS: Mapping[Outcome, str] = {"holds": "✓", "not shown": "?", "fails": "✗", "not tested": "–"}
-"""What stands beside an outcome, for those who do not tell its colour."""
+"""The sign of each outcome, for a reader who cannot tell its colour."""
 
 ASKS: Mapping[str, str] = {
     "sensitivity": "on which share of frames it brakes harder for the near lead than for the far one, net",
@@ -39,15 +36,15 @@ BESIDE: Mapping[str, str] = {
     "drawn_distances": "how many drawn distances a window a factor of 1.2 wide holds, on average and at fewest",
     "unparsed_controls": "replies to edited pictures that hold no decision",
 }
-"""What is read beside them: by place, and how well it was asked."""
+"""What the rules read besides: by place, and how well distance was sampled."""
 
 FIRST = ("sensitivity", "specificity", "order", "rise", "file")
-"""One number of each kind, which are said in a line each."""
+"""One number of each kind: a verdict prints each in a line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number that depth rests on: ``needs`` and ``refuted_by`` are its thresholds in words, empty without any."""
+    """One number that depth rests on; ``needs`` and ``refuted_by`` are its thresholds in words."""
 
     name: str
     asks: str
@@ -58,7 +55,7 @@ class Number:
 
     @property
     def threshold(self) -> str:
-        """Return what it needs, or where it fails, what refutes it."""
+        """Return what it needs, or what refuted it."""
         return f"refuted: {self.refuted_by}" if self.outcome == "fails" else self.needs
 
     @property
@@ -71,7 +68,7 @@ class Number:
 
 
 def numbers_of(found: Found) -> tuple[Number, ...]:
-    """Return the numbers of a run that was asked for the lead along its range, and what is read beside; else none."""
+    """Return the numbers of a run, none without pictures of the lead along its range."""
     if not is_drawn(found):
         return ()
     return tuple(
@@ -80,34 +77,29 @@ def numbers_of(found: Found) -> tuple[Number, ...]:
     )
 
 
-def clauses_of(name: str) -> tuple[tuple[Clause, ...], tuple[Clause, ...]]:
+def _clauses_of(name: str) -> tuple[list[Clause], list[Clause]]:
     """Return the clauses that have to be shown of a statistic, and those whose failure refutes."""
-    shown = tuple(one for one in (*SHOWN, NO_FILE, *NAMED) if one.statistic == name)
-    return shown, tuple(one for one in REFUTING if one.statistic == name)
+    shown, refuting = (*SHOWN, NO_FILE, *NAMED), (*REFUTING, NO_FILE)
+    return [one for one in shown if one.statistic == name], [one for one in refuting if one.statistic == name]
 
 
 def needs_of(name: str) -> str:
-    """Return what depth needs of a statistic: of a kind of pairs, what keeps it from being named as not excluded."""
-    shown, refuting = clauses_of(name)
-    named = ", else named" if set(shown) & set(NAMED) else ""
-    return " and ".join(_all(clause.readings, " or ") for clause in shown or refuting) + named
+    """Return what depth needs of a statistic, or else names."""
+    shown, refuting = _clauses_of(name)
+    named = ", else named" if any(clause in NAMED for clause in shown) else ""
+    return " and ".join(" or ".join(map(str, clause.readings)) for clause in shown or refuting) + named
 
 
 def refuted_by(name: str) -> str:
-    """Return what refutes depth, or, of the file, leaves it undecided; empty where nothing of it does."""
-    shown, refuting = clauses_of(name)
-    refuting = refuting or tuple(one for one in shown if one is NO_FILE)
-    return "; or ".join(_all([~reading for reading in clause.readings], " and ") for clause in refuting)
-
-
-def _all(readings: Sequence[Reading], joined: str) -> str:
-    return joined.join(map(str, readings))
+    """Return what refutes depth; of the file, what leaves it undecided."""
+    refuting = _clauses_of(name)[1]
+    return "; or ".join(" and ".join(str(~reading) for reading in clause.readings) for clause in refuting)
 
 
 def _outcome(found: Found, name: str) -> Outcome:
     """Return what came of a statistic: refuted first, then not tested, then not shown."""
-    shown, refuting = clauses_of(name)
-    if any(one.outcome(found) is False for one in (*refuting, *(one for one in shown if one is NO_FILE))):
+    shown, refuting = _clauses_of(name)
+    if any(clause.outcome(found) is False for clause in refuting):
         return "fails"
     said = [clause.outcome(found) for clause in shown or refuting]
     if None in said:

@@ -1,4 +1,4 @@
-"""The paper's rules, as we read them (docs/decisions/battery.md), and what it would point out."""
+"""The paper's rules as we read them, and what it would point out: docs/decisions/battery.md."""
 
 from collections import ChainMap
 from collections.abc import Mapping
@@ -13,25 +13,28 @@ from eyechart.verdicts.rules import Axis, Found, Rule, compared, missing, p_belo
 from eyechart.verdicts.ruling import Ruling, and_p, figures, number
 
 PAPER_ALPHA = 0.05
-"""Below this p a test counts, in the rules as we read them. The level is ours: the paper prints none, calls a p of .041
-significant and one of .120 not."""
+"""Below this p a test counts. The level is ours: the paper calls .041 significant and .120 not."""
 PAPER_UNPARSED = 0.20
-"""Above this unparsed rate over all calls the rules as we read them do not score. The cut is ours: the paper prints
-none, and any in (.05, .28) gives the five verdicts of Table t:frontier."""
+"""Above this unparsed rate over all calls the rules do not score. The cut is ours: any in (.05,
+.28) gives the five verdicts of Table t:frontier.
+"""
 
 
 _UNGRADED = "the gap tests cannot be passed"
+_ALIKE = p_from("cramers_v.holm", PAPER_ALPHA)
+_REFUSES = p_from("cramers_v.decision", PAPER_ALPHA)
+_FARTHER = compared("gap_order", "value", "<=", 0.0)
+_SWAPS = compared("mirror_swap_rate", "value", ">=", SWAP_RATE)
 _FOLLOWS = tuple(p_below(name, PAPER_ALPHA) for name in ("obstacle.decision", "mutual_information.decision"))
 
 PAPER = Axis(
     "paper",
     (
-        *(
-            Rule("not_scorable", "unparsed_rate", (clause,), f"above {PAPER_UNPARSED}")
-            for clause in (
-                missing("unparsed_rate", "value"),
-                compared("unparsed_rate", "value", ">", PAPER_UNPARSED),
-            )
+        Rule(
+            "not_scorable",
+            "unparsed_rate",
+            (compared("unparsed_rate", "value", ">", PAPER_UNPARSED, untested=True),),
+            f"above {PAPER_UNPARSED}",
         ),
         Rule(
             "not_scorable",
@@ -40,42 +43,22 @@ PAPER = Axis(
             "fewer than two conditions were asked: there is nothing to compare",
             quiet=True,
         ),
+        Rule("image_invariant", "cramers_v", (_ALIKE,), "no answer depends on the condition"),
+        Rule("refusal_effect", "cramers_v.decision", (_REFUSES,), "only outputs differ"),
         Rule(
-            "image_invariant",
-            "cramers_v",
-            (p_from("cramers_v.holm", PAPER_ALPHA),),
-            "no answer depends on the condition",
-        ),
-        Rule(
-            "refusal_effect", "cramers_v.decision", (p_from("cramers_v.decision", PAPER_ALPHA),), "only outputs differ"
-        ),
-        *(
-            Rule(
-                "self_inconsistent",
-                "clears_floor",
-                (clause,),
-                "IDI {idi} is not above 1.5 s, s = {noise_floor}",
-                quiet=True,
-            )
-            for clause in (missing("clears_floor", "value"), compared("clears_floor", "value", "<", 1.0))
+            "self_inconsistent",
+            "clears_floor",
+            (compared("clears_floor", "value", "<", 1.0, untested=True),),
+            "IDI {value:idi} is not above 1.5 s, s = {value:noise_floor}",
+            quiet=True,
         ),
         *(
             Rule("presence_only", "gap_order", (clause,), _UNGRADED)
             for clause in (*(missing(one.statistic) for one in _FOLLOWS), missing("gap_order", "value"))
         ),
         Rule("presence_only", says="the action does not follow the gap", broken=_FOLLOWS, worst=True),
-        Rule(
-            "presence_only",
-            "gap_order",
-            (compared("gap_order", "value", "<=", 0.0),),
-            "it does not brake nearer than it proceeds",
-        ),
-        Rule(
-            "depth_lateral",
-            "mirror_swap_rate",
-            (compared("mirror_swap_rate", "value", ">=", SWAP_RATE),),
-            "directions are exchanged under reflection",
-        ),
+        Rule("presence_only", "gap_order", (_FARTHER,), "it does not brake nearer than it proceeds"),
+        Rule("depth_lateral", "mirror_swap_rate", (_SWAPS,), "directions are exchanged under reflection"),
         Rule("depth", "mutual_information.decision", says="the action follows the gap"),
     ),
 )
@@ -83,10 +66,9 @@ PAPER = Axis(
 
 
 def paper_rules(found: Found, corrected: Mapping[str, float | None]) -> Ruling:
-    """Return the paper's label, by its rules as we read them; alpha, .05, and the other cuts are ours.
+    """Return the paper's label; ``corrected`` holds the p of Cramér's V, corrected over the models.
 
-    ``corrected`` holds the p of Cramér's V corrected over the models. A refusal effect compares a model with itself,
-    so its decision level is not corrected: over other models it would have another family than the response level.
+    A refusal effect compares a model with itself, so that its decision level is not corrected.
     """
     whole = found["cramers_v"]
     facts = {
@@ -97,10 +79,10 @@ def paper_rules(found: Found, corrected: Mapping[str, float | None]) -> Ruling:
 
 
 def findings(evidence: Evidence) -> list[str]:
-    """Return what there is to be pointed out of a model's answers, whatever its label; often nothing.
+    """Return what the paper would point out of a model's answers, whatever its label.
 
-    Source: paper, section The Input-Ablation Battery (refusal
-    effect, noise floor), section Models (truncation) and section Edge models are image-invariant (image token).
+    Source: paper, sections The Input-Ablation Battery (refusal effect, noise floor), Models
+    (truncation) and Edge models are image-invariant (image token).
     """
     found = evidence.statistics
     return [*_cut(evidence), *_refusal(evidence), *_noise(found), *_image_token(found)]
@@ -116,7 +98,7 @@ def _cut(evidence: Evidence) -> list[str]:
 
 
 def _refusal(evidence: Evidence) -> list[str]:
-    """Point out answers that depend on the condition in outputs and not in decisions."""
+    """Point out that outputs depend on the condition, and decisions do not."""
     found, asked = evidence.statistics, {name: sum(given.values()) for name, given in evidence.replies.items()}
     if found["refusal_effect"].value != 1.0:
         return []
@@ -129,25 +111,24 @@ def _refusal(evidence: Evidence) -> list[str]:
     outputs, decisions = (f"{symbol} = {number(one)}{and_p(one)} over" for one in tests)
     counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
     says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
-    return [f"refusal effect: what it is shown decides whether it answers, not what: {says}"]
+    return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]
 
 
-def _noise(found: Mapping[str, Statistic]) -> list[str]:
-    """Point out a dependence that the paper's flag takes for noise; a model that never varies has none to flag."""
+def _noise(found: Found) -> list[str]:
+    """Point out a dependence that the paper's flag takes for noise."""
     floor, idi, association = found["noise_floor"], found["idi"], found["cramers_v"]
     if found["clears_floor"].value != 0.0 or not floor.value or not idi.value:
         return []
-    looks = ""
+    says = "by the paper's flag, what depends on the picture is not told from its own noise"
     if association.p is not None and association.p < PAPER_ALPHA:
-        looks = f", whatever Cramér's V says (V = {number(association)}{and_p(association)})"
+        says += f", whatever Cramér's V says (V = {number(association)}{and_p(association)})"
     repeats = f"it repeats its answer on {1 - floor.value:.0%} of identical pictures (s = {number(floor)})"
     flag = f"IDI = {number(idi)} is not above 1.5 s, and IDI_adj = {number(found['idi_adj'])}"
-    says = "by the paper's flag, what depends on the picture is not told from its own noise"
-    return [f"noise floor: {repeats}: {flag}: {says}{looks}"]
+    return [f"noise floor: {repeats}: {flag}: {says}"]
 
 
-def _image_token(found: Mapping[str, Statistic]) -> list[str]:
-    """Point out decisions that hang on whether there is a picture much more than on what it shows."""
+def _image_token(found: Found) -> list[str]:
+    """Point out that a picture's presence decides much more than what it shows."""
     more = found["image_token.decision"]
     if more.value is None or more.ci is None or more.ci[0] <= MARGIN:
         return []

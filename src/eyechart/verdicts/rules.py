@@ -1,4 +1,4 @@
-"""One evaluator: an axis is an ordered table of rules, and the first rule that holds gives the label.
+"""One evaluator: an axis is an ordered table of rules; the first that holds gives the label.
 
 A clause is one condition on one statistic: it holds, it does not, or it was not tested.
 """
@@ -7,11 +7,12 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from string import Formatter
+from typing import Any
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.ruling import Reason, Ruling
+from eyechart.verdicts.ruling import Ruling, number
 
 Found = Mapping[str, Statistic]
 """A model's statistics by name."""
@@ -24,16 +25,25 @@ _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
 }
 _SPOKEN = {"low": "lower end", "high": "upper end"}
 _SIGNS = {"<": "<", "<=": "≤", ">": ">", ">=": "≥"}
+_NEEDS = {
+    ("p", "<"): "p below {:g}",
+    ("p", ">"): "p above {:g}",
+    ("p", ">="): "p of {:g} at least",
+    ("low", ">="): "a lower bound of at least {:g}",
+    ("low", "<="): "a lower bound of at most {:g}",
+    ("high", "<"): "an upper bound below {:g}",
+}
+"""What a comparison needs, in words."""
 _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "there": "missing", "missing": "there"}
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One comparison of one number of a statistic.
+    """One comparison of one number of a statistic with a threshold.
 
-    ``reads`` is ``p``, ``value``, ``low`` or ``high`` (the ends of its interval) or another number that its kind has;
-    ``threshold`` a number, or the name of another such number. ``there`` and ``missing`` in place of a comparison ask
-    whether there is this number. ``otherwise`` is said where one is missing.
+    ``reads`` is ``p``, ``value``, ``low`` or ``high`` (the ends of its interval) or another number
+    of its kind; ``threshold`` may be the name of such a number. ``holds`` is the comparison, or
+    ``there`` or ``missing``. ``otherwise`` is the outcome where a number is missing.
     """
 
     reads: str
@@ -42,7 +52,7 @@ class Reading:
     otherwise: bool | None = None
 
     def of(self, one: Statistic) -> bool | None:
-        """Return whether it holds of a statistic; ``otherwise`` where a number is missing."""
+        """Return whether it holds of a statistic."""
         read = number_of(one, self.reads)
         if self.holds in {"there", "missing"}:
             return (read is None) == (self.holds == "missing")
@@ -61,9 +71,9 @@ class Reading:
 
 
 def number_of(one: Statistic, reads: str) -> float | None:
-    """Return a number of a statistic by its name, None where it has none; one that cannot say has no numbers.
+    """Return a number of a statistic by its name, None where it is missing.
 
-    Raises AttributeError for a number that its kind does not know.
+    Raises AttributeError for a number that its kind does not have.
     """
     if reads in {"low", "high"}:
         return None if one.ci is None else one.ci[reads == "high"]
@@ -76,10 +86,9 @@ def number_of(one: Statistic, reads: str) -> float | None:
 class Clause:
     """A condition on a statistic: one of some readings has to hold.
 
-    ``but`` says what it means of a model of which it does not hold, with places for the statistic's ``note`` and
-    ``value``; ``unasked`` what it means where it was not tested. ``needs`` says what would make it hold. The p of a
-    ``family`` are corrected together. A rule takes a clause that was not tested for ``untested``; ``conditions`` are
-    the pictures that would test it.
+    ``but`` says what it means that it does not hold, ``unasked`` that it was not tested, ``needs``
+    what would make it hold. The p of a ``family`` are corrected together. ``untested`` is what a
+    rule takes it for where it was not tested; ``conditions`` are the pictures that would test it.
     """
 
     statistic: str
@@ -92,7 +101,7 @@ class Clause:
     conditions: tuple[str, ...] = ()
 
     def read(self, found: Found) -> Statistic:
-        """Return the statistic that it is about, with the p that it reads."""
+        """Return its statistic, with the p that it reads."""
         one = found[self.statistic]
         if not self.family:
             return one
@@ -101,51 +110,46 @@ class Clause:
 
     def outcome(self, found: Found) -> bool | None:
         """Return whether it holds, None where it was not tested."""
-        one, unknown = self.read(found), False
-        for reading in self.readings:
-            holds = reading.of(one)
-            if holds:
-                return True
-            unknown = unknown or holds is None
-        return None if unknown else False
+        one = self.read(found)
+        said = {reading.of(one) for reading in self.readings}
+        return True if True in said else None if None in said else False
 
     def is_settled(self, found: Found) -> bool:
         """Return whether it holds of an e-value."""
         return isinstance(found[self.statistic], EValue) and self.outcome(found) is True
 
     def holds(self, found: Found) -> bool | None:
-        """Return the same as a rule takes it."""
+        """Return the outcome as a rule takes it."""
         said = self.outcome(found)
         return self.untested if said is None else said
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A label and the clauses that it needs: each has to hold.
+    """A label: each clause of ``needs`` has to hold, and one of ``broken``, if any, to fail.
 
-    ``decided_by`` names the statistic that decides. Without it one of ``broken`` does, at least one of which has to
-    fail: the first that fails, or the one with the greatest p where it is the ``worst`` that decides. ``says`` is its
-    sentence, with places for the values of statistics and, as ``but``, for what the clause says that decides, or the
-    first of ``open_to`` that does not hold; or it makes the reason of the statistics and that clause. ``why_not`` says
-    likewise what stood in the way of a stronger label, ``may_be`` which label is neither given nor refuted, and
-    ``bound`` names the statistic that says how far the label holds beyond what was asked. A ``quiet`` rule prints no
-    numbers.
+    ``decided_by`` names the statistic that decides; without it the first clause of ``broken`` that
+    fails does, or the one with the greatest p where the ``worst`` decides. ``says`` is the
+    sentence, see `filled`; its ``{but}`` is of the clause that decides, or of the first of
+    ``open_to`` that does not hold. ``why_not`` says what stood in the way of a stronger label,
+    ``may_be`` which label is neither given nor refuted. ``bound`` names the statistic that bounds
+    the label beyond what was asked. A ``quiet`` rule prints no numbers.
     """
 
     label: str
     decided_by: str = ""
     needs: tuple[Clause, ...] = ()
-    says: str | Callable[[Found, Clause | None], Reason] = ""
+    says: str = ""
     broken: tuple[Clause, ...] = ()
     open_to: tuple[Clause, ...] = ()
     worst: bool = False
     quiet: bool = False
-    why_not: str | Callable[[Found, Clause | None], Reason] = ""
+    why_not: str = ""
     may_be: str = ""
     bound: str = ""
 
     def ruling(self, found: Found) -> Ruling | None:
-        """Return the ruling of statistics, None where the rule does not hold of them."""
+        """Return the ruling, None where the rule does not hold."""
         if not all(clause.holds(found) for clause in self.needs):
             return None
         broken = [clause for clause in self.broken if clause.holds(found) is False]
@@ -157,33 +161,61 @@ class Rule:
         return Ruling(
             self.label,
             name,
-            _reason(self.says, found, clause),
+            filled(self.says, found, clause),
             None if self.quiet else found[name],
             tuple(one.statistic for one in self.needs if one.statistic != name and one.is_settled(found)),
-            why_not=_reason(self.why_not, found, clause),
+            why_not=filled(self.why_not, found, clause),
             may_be=self.may_be,
             bound=found[self.bound] if self.bound else None,
         )
 
 
-def _reason(says: str | Callable[[Found, Clause | None], Reason], found: Found, clause: Clause | None) -> Reason:
-    if not isinstance(says, str):
-        return says(found, clause)
-    names = [name.partition(".")[0] for _, name, _, _ in Formatter().parse(says) if name]
-    but = said_of(clause, found) if clause is not None and "but" in names else ""
-    return Reason(says, {name: but if name == "but" else found[name] for name in names})
+WORDS: dict[str, Callable[[Any, str], str]] = {
+    "value": lambda found, name: number(found[name]),
+    "note": lambda found, name: found[name].note,
+}
+"""The words of places: each a function of the statistics and of the name of one."""
 
 
-def said_of(clause: Clause, found: Found) -> str:
-    """Return what a clause says that does not hold, or was not tested."""
-    one = found[clause.statistic]
-    says = clause.unasked if clause.outcome(found) is None and clause.unasked else clause.but
-    return says.format(note=one.note, value=one.value)
+def word(says: Callable[[Any], str]) -> Callable[[Any], str]:
+    """Register a function of one statistic as a word of sentences."""
+    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
+    return says
+
+
+def filled(sentence: str, found: Found, clause: Clause | None = None) -> str:
+    """Return a sentence with its places filled: ``{value:NAME}`` is the value of a statistic.
+
+    ``{note:NAME|=words}`` is the first that is not empty. ``{but}`` is what the clause says; its
+    places are of its own statistic where they name none.
+    """
+    parts = []
+    for literal, name, spec, _ in Formatter().parse(sentence):
+        parts.append(literal)
+        if name == "but":
+            parts.append("" if clause is None else filled(_said_of(clause, found), found, clause))
+        elif name is not None:
+            own = clause.statistic if clause is not None else ""
+            places = f"{name}:{spec}".split("|")
+            parts.append(next((said for one in places if (said := _filled(one, found, own))), ""))
+    return "".join(parts)
+
+
+def _said_of(clause: Clause, found: Found) -> str:
+    is_tested = not clause.unasked or clause.outcome(found) is not None
+    return clause.but if is_tested else clause.unasked
+
+
+def _filled(place: str, found: Found, own: str) -> str:
+    if place.startswith("="):
+        return place[1:]
+    name, _, of = place.partition(":")
+    return WORDS[name](found, of or own)
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """What is asked of a model on one axis: rules in their order, the last of which holds of anything."""
+    """Rules in their order; the last one always holds."""
 
     name: str
     rules: tuple[Rule, ...]
@@ -199,13 +231,13 @@ class Axis:
 
 
 def p_below(name: str, alpha: float, **more: object) -> Clause:
-    """Return the condition that a test rejects; one that was not made does not."""
-    return Clause(name, (Reading("p", "<", alpha),), **{"untested": False, "needs": f"p below {alpha}", **more})  # type: ignore[arg-type]
+    """Return the condition that a test was made and rejects."""
+    return compared(name, "p", "<", alpha, **{"untested": False, **more})
 
 
 def p_from(name: str, alpha: float, **more: object) -> Clause:
-    """Return the condition that a test does not reject; one that was not made does not."""
-    return Clause(name, (Reading("p", ">=", alpha),), **{"untested": True, "needs": f"p of {alpha} at least", **more})  # type: ignore[arg-type]
+    """Return the condition that a test does not reject, or was not made."""
+    return compared(name, "p", ">=", alpha, untested=True, **more)
 
 
 def missing(name: str, reads: str = "p") -> Clause:
@@ -220,18 +252,16 @@ def there(name: str, reads: str = "p") -> Clause:
 
 def compared(name: str, reads: str, holds: str, threshold: float | str, **more: object) -> Clause:
     """Return the condition of one comparison."""
-    return Clause(name, (Reading(reads, holds, threshold),), **more)  # type: ignore[arg-type]
+    needs = _NEEDS.get((reads, holds), "").format(threshold)
+    return Clause(name, (Reading(reads, holds, threshold),), **{"needs": needs, **more})  # type: ignore[arg-type]
 
 
 def fail(clauses: Iterable[Clause], but: str = "") -> Clause:
-    """Return the condition that one of some conditions on one statistic does not hold, each of which is of one reading.
-
-    ``but`` says what it means that all of them hold.
-    """
+    """Return the condition that one of some conditions on one statistic does not hold."""
     many = tuple(clauses)
     return Clause(many[0].statistic, tuple(~clause.readings[0] for clause in many), but)
 
 
 def fact(name: str, *, holds: bool) -> Mapping[str, Statistic]:
-    """Return as a statistic what is known of a run beside its statistics, so that a rule can read it."""
+    """Return a fact on a run as a statistic that a rule can read."""
     return {name: Statistic(float(holds), 1)}

@@ -1,57 +1,29 @@
-"""A ruling is a label with the statistic that decided it and the reason, which are put into words when printed."""
+"""A ruling is a label with the reason and the statistic that decided it; its words."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 
 
 @dataclass(frozen=True, slots=True)
-class _Written:
-    """A statistic as a sentence has it: ``{name}`` is its value, ``{name.p}`` its p, ``{name.n}`` another number."""
-
-    one: Statistic
-
-    def __format__(self, _: str) -> str:
-        return number(self.one)
-
-    def __getattr__(self, name: str) -> object:
-        return p_value(self.one.p or 0.0) if name == "p" else getattr(self.one, name)
-
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """Why a rule gave its label: a sentence with places, and the numbers that are written there."""
-
-    says: str
-    numbers: Mapping[str, object] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        if not self.numbers:
-            return self.says
-        shown = {name: _Written(one) if isinstance(one, Statistic) else one for name, one in self.numbers.items()}
-        return self.says.format(**shown)
-
-
-@dataclass(frozen=True, slots=True)
 class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
-    ``statistic`` is that statistic, None where there was nothing to measure; ``with_it`` names e-values that settled
-    the label besides. ``why_not``, ``may_be`` and ``bound`` are those of its rule. ``found`` is the reason alone, where
-    ``reason`` says before it how the run ended.
+    ``with_it`` names other e-values that settled the label. ``why_not``, ``may_be`` and ``bound``
+    are those of its rule. ``found`` is the reason alone, where ``reason`` also says how the run
+    ended.
     """
 
     label: str
     decided_by: str
-    reason: Reason
+    reason: str
     statistic: Statistic | None = None
     with_it: tuple[str, ...] = ()
-    why_not: Reason = Reason("")
+    why_not: str = ""
     may_be: str = ""
     bound: Statistic | None = None
-    found: Reason | None = None
+    found: str = ""
 
     @property
     def because(self) -> str:
@@ -61,27 +33,27 @@ class Ruling:
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
             so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
             return f"{self.reason}: settled by {settled}{so_are}"
-        return str(self.reason) if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
+        return self.reason if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
 
 def measured(name: str, one: Statistic | None) -> str:
-    """Return a statistic by its name with its value, interval, n and p in words; its name alone where there is none."""
+    """Return a statistic by its name with its figures; its name alone where there is none."""
     return name if one is None else f"{name} = {figures(one)}"
 
 
 def figures(one: Statistic) -> str:
-    """Return a statistic's value, interval, n and p in words; an interval and a p only where there are any."""
+    """Return the value, interval, n and p of a statistic in words."""
     interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
     return f"{number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 
 def number(statistic: Statistic) -> str:
-    """Return a statistic's value as text; "cannot say" is a dash."""
+    """Return the value of a statistic as text; a dash where it is None."""
     return "—" if statistic.value is None else f"{statistic.value:.3f}"
 
 
 def and_p(one: Statistic) -> str:
-    """Return a statistic's p as what follows its value, empty where there is none."""
+    """Return the p of a statistic as it follows its value; empty where there is none."""
     return "" if one.p is None else f", p = {p_value(one.p)}"
 
 

@@ -1,55 +1,48 @@
-"""How a share is read: its margins, the clauses that it is used, ignored or followed, why it is open, and its words.
+"""How a share is read: margins, the clauses that it is used, ignored or followed, and words.
 
 Why these rules: docs/decisions/policies.md.
 """
 
 import math
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from string import Formatter
 
 from eyechart.stats.shares import Followed, Misfit, Share, of_kind
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.rules import Clause, Found, Reading, Rule
-from eyechart.verdicts.ruling import Reason
+from eyechart.verdicts.rules import WORDS, Clause, Reading, Rule, word
 
-USED = 0.02
-"""A channel is used where its share is above this, with a chance of .01 to be wrong."""
-IGNORED = 0.10
-"""And ignored where its share is below this, likewise."""
-COLOURED = 0.03
-"""Of two ways to look beyond one's pose, colours that are exchanged count from here on: two chances are two errors."""
 ALPHA = 0.01
+USED, IGNORED = 0.02, 0.10
+"""A channel is used above the first share and ignored below the second, each at `ALPHA`."""
+COLOURED = 0.03
+"""Exchanged colours count from here on: a second proof is a second chance to err."""
 FOLLOWED = 0.30
-"""An object is followed where the answer goes at least so far with it, as a share of the oracle's way, likewise."""
+"""An object is followed where the answer goes with it by this share of the oracle's way."""
 BECAUSE = 0.15
-"""So much of it has to be because it is named, likewise, and half of what it follows the named one at least."""
+"""This much of it, and half of it at least, has to be because the object is named."""
 EVENLY = 0.75
-"""By each instruction, and along each axis of the world, it is so much of what it is on the mean at least."""
+"""For each instruction and along each axis of the world it is at least this share of its mean."""
 HEADING = math.cos(math.radians(45))
-"""And it goes towards the object where its way is at most so far off that of the object, as a mean cosine."""
+"""The mean cosine between the answer's way and the object's is at least this."""
 HEARD = 0.10
-"""An instruction is followed where the answer goes at least so far towards what is named, or logged, likewise."""
+"""An instruction is followed where the answer goes this share of the way to what it names."""
 UNSCORABLE = 0.10
-"""Above this share of calls without a motion a policy is not scorable, and a condition says nothing."""
+"""Above this share of calls without a motion nothing is scored."""
 LEAST_NOISE = 0.01
-"""Answers that differ by a smaller share of what they vary are as good as ones that do not."""
+"""Answers that differ by a smaller share of what they vary count as equal."""
 LEAST_EPISODES = 6
 """Fewer episodes bound nothing: the jackknife's intervals are too short."""
 
 _LONG = 60
-"""Signs of an instruction that a sentence quotes."""
+"""A sentence quotes so many characters of an instruction."""
 
 Statistics = Mapping[str, Statistic]
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a run did not ask although its bank can show it, and why the bank cannot show the rest, by condition.
-
-    ``bank`` is the folder of the bank, for the commands that sentences name.
-    """
+    """The conditions that a run left out, and why its bank lacks others."""
 
     unasked: frozenset[str] = frozenset()
     lacking: Mapping[str, str] = field(default_factory=dict)
@@ -57,26 +50,24 @@ class Asked:
 
 
 EVERYTHING = Asked()
-"""Nothing is known to be missing."""
-_KINDS: Mapping[str, type[Share]] = {"follow": Followed, "misfit": Misfit}
-"""The kinds of statistics that are read, by the head of their names; the others are shares."""
 
 
 def _kind(name: str) -> type[Share]:
-    return _KINDS.get(name.partition(".")[0], Share)
+    kinds: Mapping[str, type[Share]] = {"follow": Followed, "misfit": Misfit}
+    return kinds.get(name.partition(".")[0], Share)
 
 
 def as_read(name: str, one: Statistic) -> Share:
-    """Return a statistic of a name as the kind that is read, which has no further number where it was of no kind."""
+    """Return a statistic of a name as the kind that the rules read."""
     kind = _kind(name)
     return one if isinstance(one, kind) else of_kind(kind, one)
 
 
 class Known(dict[str, Share]):
-    """The statistics of a policy, each of its kind, and what else is known of its run, so that a rule can read it.
+    """The statistics of a policy, each of its kind, with facts on its run that rules read.
 
-    ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank cannot show it; its note says
-    so. Of what there is not n is -1, and all else None.
+    ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank lacks it.
+    A statistic that is missing has an n of -1.
     """
 
     def __init__(self, statistics: Statistics, asked: Asked = EVERYTHING, **facts: bool) -> None:
@@ -92,13 +83,9 @@ class Known(dict[str, Share]):
         return _kind(name)(None, -1)
 
     def forgot(self, *conditions: str) -> str:
-        """Return in words which of some conditions the run did not ask, nothing where it asked all that there are."""
+        """Return in words which of some conditions the run did not ask."""
         names = [name for name in conditions if self[f"asked.{name}"].value is not None]
         return f"the run did not ask {', '.join(names)}" if names else ""
-
-    def without(self, condition: str) -> str:
-        """Return in words why there is nothing of a condition, nothing where nobody says."""
-        return self[f"asked.{condition}"].note
 
 
 _FEW_LOST = Reading("lost", "<=", UNSCORABLE, otherwise=True)
@@ -113,42 +100,38 @@ def _used(least: float) -> tuple[Reading, ...]:
 
 
 def every(name: str, *readings: Reading) -> tuple[Clause, ...]:
-    """Return the conditions that each of some readings of a statistic holds."""
+    """Return a condition for each of some readings of a statistic."""
     return tuple(Clause(name, (one,)) for one in readings)
 
 
 def use(name: str, least: float = USED) -> tuple[Clause, ...]:
-    """Return the conditions that a share is above the margin, and no chance."""
+    """Return the conditions that a share is above a margin, and not by chance."""
     return every(name, *_used(least))
 
 
-def disuse(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that a share is below the margin."""
-    return every(name, *_IGNORED)
+def disuse(name: str, *, may_lack: bool = False) -> tuple[Clause, ...]:
+    """Return the conditions that a share is below the margin, or, if it ``may_lack``, missing."""
+    lacks = (Reading("n", "<", 0.0),) if may_lack else ()
+    return tuple(Clause(name, (one, *lacks)) for one in _IGNORED)
 
 
 def carrying(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that a share is used, and no less than what may be ignored."""
+    """Return the conditions that a share is used, and may be too large to be ignored."""
     return every(name, Reading("high", ">=", IGNORED), *_used(USED))
 
 
 def following(name: str, least: float) -> tuple[Clause, ...]:
-    """Return the conditions that what was moved is followed farther than that, and not by chance."""
+    """Return the conditions that a moved object is followed so far, and not by chance."""
     return every(name, Reading("low", ">", least), Reading("p", "<", ALPHA, otherwise=False), *_BOUNDED)
 
 
-def above(name: str, least: float) -> tuple[Clause, ...]:
-    """Return the conditions that an interval is above a margin, of calls of which nearly all came back."""
-    return every(name, _FEW_LOST, Reading("low", ">", least, otherwise=False))
-
-
-def opposing(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that the answers go the other way."""
-    return every(name, _FEW_LOST, Reading("high", "<", 0.0, otherwise=False))
+def bounded(name: str, reads: str, holds: str, least: float) -> tuple[Clause, ...]:
+    """Return the conditions of one end of an interval, of a statistic that lost few calls."""
+    return every(name, _FEW_LOST, Reading(reads, holds, least, otherwise=False))
 
 
 def may_follow(name: str) -> Clause:
-    """Return the condition that a following that is not settled may be as large as `FOLLOWED` all the same."""
+    """Return the condition that a following that is not settled may reach `FOLLOWED`."""
     return Clause(name, (Reading("high", ">=", FOLLOWED, otherwise=True), ~_FEW_LOST))
 
 
@@ -157,23 +140,28 @@ def lossy(name: str) -> Clause:
     return Clause(name, (~_FEW_LOST,))
 
 
+def unknown(name: str) -> Clause:
+    """Return the condition that a statistic has no value, or lost too many calls."""
+    return Clause(name, (Reading("value", "missing"), ~_FEW_LOST))
+
+
 def measured(name: str, *, holds: bool = True) -> Clause:
-    """Return the condition that there is such a statistic, or is none, whatever it says."""
+    """Return the condition that there is such a statistic, or is none."""
     return Clause(name, (Reading("n", ">=" if holds else "<", 0.0),))
 
 
 def asked(condition: str) -> Clause:
-    """Return the condition that a run did not leave out what its bank can show."""
+    """Return the condition that the run did not leave out a condition of its bank."""
     return Clause(f"asked.{condition}", (Reading("value", "missing"),))
 
 
 def enough(name: str) -> tuple[Clause, ...]:
-    """Return the conditions that a share was measured, on episodes enough to bound anything."""
+    """Return the conditions that a share was measured, on enough episodes to bound it."""
     return every(name, Reading("value", "there"), _ENOUGH)
 
 
 def used(one: Statistic | None) -> bool:
-    """Return whether a share is above the margin, and no chance."""
+    """Return whether a share is above the margin, and not by chance."""
     return one is not None and all(reading.of(as_read("", one)) for reading in _used(USED))
 
 
@@ -183,67 +171,25 @@ def ignored(one: Statistic | None) -> bool:
 
 
 def settled(one: Statistic) -> bool:
-    """Return whether a share has an interval that holds, of calls of which nearly all came back."""
+    """Return whether a share has an interval, on enough episodes and with few calls lost."""
     return all(reading.of(one) for reading in _SETTLED)
 
 
-Word = Callable[[Known, str], str]
-WORDS: dict[str, Word] = {
-    "forgot": lambda found, names: found.forgot(*names.split(",")),
-    "without": lambda found, name: found.without(name),
-    "note": lambda found, name: found[name].note,
-    "bank": lambda found, _: found.bank,
-}
-"""The words that stand in sentences as places."""
-
-
-def word(says: Callable[[Share], str]) -> Callable[[Share], str]:
-    """Let sentences have places for what is said of a statistic, and return the function."""
-    WORDS[says.__name__.strip("_")] = lambda found, name: says(found[name])
-    return says
-
-
-def told(sentence: str, found: Known, clause: Clause | None = None) -> str:
-    """Return a sentence with its places filled: ``{share:NAME}`` is what `share` says of a statistic.
-
-    Of ``{forgot:NAME|=words}`` it is the first that is not empty; ``{but}`` is what the clause says that decides, whose
-    places are of its own statistic where they name none.
-    """
-    parts = []
-    for literal, name, spec, _ in Formatter().parse(sentence):
-        parts.append(literal)
-        if name == "but" and clause is not None:
-            parts.append(told(clause.but, found, clause))
-        elif name is not None:
-            parts.append(next(filter(None, (_filled(one, found, clause) for one in f"{name}:{spec}".split("|"))), ""))
-    return "".join(parts)
-
-
-def _filled(place: str, found: Known, clause: Clause | None) -> str:
-    if place.startswith("="):
-        return place[1:]
-    name, _, of = place.partition(":")
-    return WORDS[name](found, of or (clause.statistic if clause is not None else ""))
-
-
-def say(sentence: str) -> Callable[[Found, Clause | None], Reason]:
-    """Return what makes the reason of a rule from its sentence, see `told`."""
-
-    def reason(found: Found, clause: Clause | None) -> Reason:
-        assert isinstance(found, Known)
-        return Reason(told(sentence, found, clause))
-
-    return reason
+WORDS.update(
+    forgot=lambda found, names: found.forgot(*names.split(",")),
+    without=lambda found, name: found[f"asked.{name}"].note,
+    bank=lambda found, _: found.bank,
+)
 
 
 def undecided(by: str, needs: tuple[Clause, ...], sentence: str, *broken: Clause) -> Rule:
     """Return the rule of what is open."""
-    return Rule("undecided", by, needs, say(sentence), broken)
+    return Rule("undecided", by, needs, sentence, broken)
 
 
 @word
 def lost(one: Share) -> str:
-    """Return in words how many of its calls hold no motion, where they are too many; nothing else."""
+    """Return in words how many of its calls hold no motion; empty where they are few."""
     if one.lost is None or one.lost <= UNSCORABLE:
         return ""
     return f"{one.lost:.0%} of its calls hold no motion, and what it would have done there is not known"
@@ -272,13 +218,13 @@ def why_open(one: Share) -> str:
         alone = f"one value of its pictures that is one level off changes {one.bytes:.0%} too"
         return f"{alone}: what goes beyond that is not above {USED}, and the whole not below {IGNORED}"
     if one.p is not None and one.p > ALPHA and one.ci is not None and one.ci[0] > USED:
-        return f"its answers are drawn, and such a difference comes by chance (p {one.p:.3f})"
+        return f"its answers are drawn, and such a difference can come by chance (p {one.p:.3f})"
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
 
 
 @word
 def share(one: Share) -> str:
-    """Return a share of the action in words; one above 1 is no percentage of anything, and below 0 is only noise."""
+    """Return a share in words; below 0 it is noise, and above 1 it is no percentage."""
     if one.value is not None and one.value < 0:
         ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
         one = replace(one, value=0.0, ci=ends)
@@ -291,7 +237,7 @@ def share(one: Share) -> str:
 
 @word
 def of_action(one: Share) -> str:
-    """Return a share in words, of what."""
+    """Return a share in words, with "of the action"."""
     if one.value is None or one.value <= 1:
         return f"{share(one)} of the action"
     return f"all of the action and more (T {one.value:.2f}{_ends(one)})"
@@ -303,7 +249,7 @@ def _ends(one: Statistic) -> str:
 
 @word
 def way(one: Share) -> str:
-    """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
+    """Return in percent how much of a way is followed; more than 100 is too far."""
     if one.value is None:
         return "— %"
     interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"
@@ -311,11 +257,11 @@ def way(one: Share) -> str:
 
 
 def quoted(text: object) -> str:
-    """Return the head of what was told, in quotes."""
+    """Return the beginning of an instruction, in quotes."""
     said = " ".join(str(text).split())
     return f"'{said if len(said) <= _LONG else said[: _LONG - 1] + '…'}'"
 
 
-def sentence(words: str) -> str:
+def sentence(words: str, end: str = ".") -> str:
     """Return words as a sentence."""
-    return f"{words[0].upper()}{words[1:]}."
+    return f"{words[0].upper()}{words[1:]}{end}"

@@ -1,9 +1,8 @@
-"""A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
+"""A verdict: the rulings of both sets of rules, what a model may be trusted with, and the scope."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeGuard
 
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard, unfinished
@@ -19,6 +18,7 @@ from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.numbers import FIRST, Number, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
+from eyechart.verdicts.rules import Found
 from eyechart.verdicts.ruling import Ruling, measured, number
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
@@ -30,25 +30,21 @@ _ASKED = {
 }
 
 CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
-"""Labels that a model deserves whose answers are all the same: that they are is no fault of its run."""
-
-_COUNTED = ("finished", "planned")
+"""Labels under which equal answers are no fault of the run."""
 
 
 @dataclass(frozen=True)
 class Verdict(Written):
-    """What a model's answers support under both sets of rules; the calibrated label is the headline.
+    """What a model's answers support under both sets of rules.
 
-    ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
-    picture, with controls or without, by observation, or not at all. ``trust`` and ``scope`` are one sentence each.
-    ``stopped`` says where the run settled it early: it then rests on e-values, and the paper's label is
-    ``not_judged``. ``failed`` are the guards that say that the run itself is not to be believed; they mark the verdict
-    wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
-    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``why_not``
-    says what kept it from the nearest stronger label, ``beware`` that turns go to the blocked side where they do;
-    ``trust`` holds it too. ``holes`` are the places in which its braking does not answer to the lead, with counts, and
-    ``open_to`` what a label of depth does not exclude, in words. ``numbers`` are those that depth rests on, of a run
-    that was asked for the lead along its range.
+    ``print`` it for the evidence in words; a notebook shows it as a card. ``evidence`` says how
+    distance was tested: by intervention with or without controls, by observation, or not at all.
+    ``stopped`` says where the run settled the label early: it then rests on e-values, and the
+    paper's label is ``not_judged``. ``failed`` are the guards that put the run in doubt; they mark
+    the verdict wherever it is printed. ``unfinished`` is (calls finished, calls planned) of a run
+    with calls left. ``beware`` says that turns go to the blocked side, where they do. ``holes`` are
+    the places in which braking does not answer to the lead, ``open_to`` what a label of depth does
+    not exclude, and ``numbers`` those that depth rests on.
     """
 
     written = (
@@ -77,18 +73,18 @@ class Verdict(Written):
 
     @property
     def answer(self) -> str:
-        """Return whether it looks: Yes, In part, No, or Inconclusive, also where a guard puts it in doubt."""
+        """Return whether it looks: Yes, In part, No, or Inconclusive."""
         label = LABELS.get(self.calibrated.label)
         return "Inconclusive" if self.doubts or label is None else label.answer
 
     @property
     def state(self) -> str:
-        """Return in words how far a run is that is not finished; empty where it is, and where it stopped early."""
+        """Return how far an unfinished run is; empty where it is finished, or stopped early."""
         return f"unfinished: {self.progress}" if self.progress else ""
 
     @property
     def progress(self) -> str:
-        """Return how many calls of a run that is not finished there are; empty where it is, and where it stopped."""
+        """Return the counts of calls of an unfinished run."""
         if self.unfinished is None:
             return ""
         answered, planned = self.unfinished  # a shard whose own calls are all answered lacks its controls
@@ -97,35 +93,30 @@ class Verdict(Written):
     @property
     def counted(self) -> dict[str, int] | None:
         """Return the same counts by their names."""
-        return None if self.unfinished is None else dict(zip(_COUNTED, self.unfinished, strict=True))
+        if self.unfinished is None:
+            return None
+        finished, planned = self.unfinished
+        return {"finished": finished, "planned": planned}
 
     @property
     def headline(self) -> str:
-        """Return the calibrated label, and behind it that the run is not finished where it is not."""
+        """Return the calibrated label, and in brackets that the run is not finished."""
         return f"{self.calibrated.label} ({self.state})" if self.state else self.calibrated.label
 
     @property
     def marks(self) -> tuple[str, ...]:
-        """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
+        """Return the guards that failed, in words."""
         return tuple(one.mark for one in self.failed)
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Return the marks that put the verdict in doubt: not that all answers are one, where it says just that."""
+        """Return the marks that put the verdict in doubt."""
         says_so = self.calibrated.label in CONSTANT
         return tuple(guard.mark for guard in self.failed if not (says_so and guard.name == "degeneracy"))
 
     @property
-    def agreeing(self) -> tuple[str, ...]:
-        """Return the other marks: guards that failed on what the verdict says."""
-        return tuple(mark for mark in self.marks if mark not in self.doubts)
-
-    @property
     def measures(self) -> dict[str, str]:
-        """Return in words where its braking does not answer, what is not excluded, and a number of each kind.
-
-        None of a run that was not asked for the lead along its range.
-        """
+        """Return in words the holes, what is not excluded, and a number of each kind."""
         said = {
             "does not answer": named(self.holes),
             "not excluded": "; ".join(self.open_to),
@@ -135,7 +126,7 @@ class Verdict(Written):
 
     @property
     def sentence(self) -> str:
-        """Return the answer and why: what is said first."""
+        """Return the answer and why."""
         return f"{self.answer}: {self.calibrated.reason}."
 
     def __repr__(self) -> str:
@@ -146,23 +137,21 @@ class Verdict(Written):
         return self.text()
 
     def text(self, *, without: Collection[str] = ()) -> str:
-        """Return the evidence in words, a line each; ``without`` are notes that are said elsewhere."""
-        notes = (note for note in self.notes if note not in without)
-        measured = (f"{name}: {words}" for name, words in self.measures.items())
+        """Return the evidence in words, without the notes that are printed elsewhere."""
         kept = () if self.why_not is None else (str(self.why_not), self.why_not.settled_by)
         lines = (
+            f"{self.model}: {self.headline}, evidence {self.evidence}",
             *self.marks,
             f"{self.answer}: {self.calibrated.because}",
-            *measured,
+            *(f"{name}: {words}" for name, words in self.measures.items()),
             self.lateral.because,
             *kept,
             self.trust,
-            *notes,
+            *(note for note in self.notes if note not in without),
         )
-        return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
+        return "\n  ".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return a card of the evidence."""
         ruling = self.calibrated
         kept = {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
         rows = {
@@ -173,9 +162,10 @@ class Verdict(Written):
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
-        first = (*self.doubts, str(ruling.reason))
+        first = (*self.doubts, ruling.reason)
         said = " ".join((*(f"{one[:1].upper()}{one[1:]}." for one in first), self.trust))
-        small = (*self.agreeing, *self.notes, self.scope)
+        agreeing = (mark for mark in self.marks if mark not in self.doubts)
+        small = (*agreeing, *self.notes, self.scope)
         return card(self.model, self.answer, self.headline, said, rows, small)
 
 
@@ -221,7 +211,7 @@ _BY_DISTANCE = ("depth", "depth_lateral", "partial_depth", "depth_associated")
 
 
 def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[str]) -> str:
-    """Return with what a model may be trusted, to which side it turns where that was shown, and what is left open."""
+    """Return what a model may be trusted with, and to which side it turns."""
     said = [LABELS[label].says]
     if label == "depth_lateral" and lateral.label == "turns_clear":
         said.append(LATERAL[lateral.label].says)
@@ -233,36 +223,35 @@ def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[st
 
 
 def _beware(label: str, lateral: Ruling, clear: Statistic) -> str:
-    """Return in words that a model turns to the blocked side, where it does; nothing where it was shown not to."""
-    if label == "depth_lateral" and lateral.label == "turns_clear":
+    """Return in words that a model turns to the blocked side; empty where it was not shown to."""
+    if not isinstance(clear, SignTest) or (label == "depth_lateral" and lateral.label == "turns_clear"):
         return ""
     if _turns_blocked(clear):
         return "its turns go to the blocked side"
-    if lateral.decided_by == "turns_against" and isinstance(clear, SignTest):
+    if lateral.decided_by == "turns_against":
         return f"{clear.losses} of its {clear.n} turns with one clear side go to the blocked side"
     return ""
 
 
-def _turns_blocked(clear: Statistic) -> TypeGuard[SignTest]:
-    return isinstance(clear, SignTest) and clear.ci is not None and clear.ci[1] < 1 / 2
+def _turns_blocked(clear: SignTest) -> bool:
+    return clear.ci is not None and clear.ci[1] < 1 / 2
 
 
 def shared_notes(verdicts: Mapping[str, Verdict]) -> dict[str, str]:
-    """Return every note that several verdicts bear, word for word, with the names of those that bear it in words."""
+    """Return every note that several verdicts share, with the names of these."""
     bearers: dict[str, list[str]] = {}
     for name, one in verdicts.items():
         for note in dict.fromkeys(one.notes):
             bearers.setdefault(note, []).append(name)
-    every = len(verdicts)
     return {
-        note: "every model" if len(names) == every else ", ".join(names)
+        note: "every model" if len(names) == len(verdicts) else ", ".join(names)
         for note, names in bearers.items()
         if len(names) > 1
     }
 
 
 def words_of(verdicts: Mapping[str, Verdict]) -> str:
-    """Return the evidence of several verdicts in words; what is noted of several of them is said once, at the end."""
+    """Return several verdicts in words; a note that they share is said once, at the end."""
     shared = shared_notes(verdicts)
     texts = [one.text(without=shared) for one in verdicts.values()]
     if shared:
@@ -281,11 +270,12 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
         ended = f"; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else ""
         said.append(f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved{ended}")
     elif evidence.unfinished:
-        unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
-        early = any(name.startswith(PREFIX) for name in found)
         words = unfinished(evidence.answered, evidence.planned, "planned calls are finished", part=True)
-        later = "; a shard asks no controls: merge the shards, and resume the merged run" if evidence.part else ""
-        said.append(words + later + (unsettled if early else ""))
+        if evidence.part:
+            words += "; a shard asks no controls: merge the shards, and resume the merged run"
+        if any(name.startswith(PREFIX) for name in found):
+            words += "; nothing is settled early, and tests of a fixed size hold at the end only"
+        said.append(words)
     if reasons := evidence.reasons(BATTERY):
         words = f"{number(found['unparsed_rate'])} of the calls hold no decision: {_listed(reasons)}"
         every = evidence.reasons()
@@ -297,16 +287,15 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
     said += _untested(evidence, label)
-    most = CLAIMS * ALPHA
     said.append(
         f"up to {CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
-        f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
+        f"of at most {CLAIMS * ALPHA:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)
 
 
-def _before(found: Mapping[str, Statistic], label: str) -> list[str]:
-    """Say of a label below depth that its evidence was called depth by versions that knew no controls."""
+def _before(found: Found, label: str) -> list[str]:
+    """Say that older versions, without controls, called this evidence depth."""
     if label not in {"depth_associated", "content"}:
         return []
     moved, gaps = (found[f"depth_{name}"] for name in ("interventional", "observational"))
@@ -321,7 +310,7 @@ def _before(found: Mapping[str, Statistic], label: str) -> list[str]:
 
 
 def _untested(evidence: Evidence, label: str) -> list[str]:
-    """Return what was not tested, or was and is worth a word beside the label."""
+    """Return what was not tested, and what its turns do beside the lateral label."""
     found, said = evidence.statistics, list[str]()
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
@@ -338,22 +327,21 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     moves = any(not set(many) & set(evidence.absent) for many in (EXCHANGE, STAGE))
     if label in ABSENCES and moves and not found["lane_net"].n and not is_drawn(found):
         said.append(
-            "no vehicle of a neighbouring lane was moved: who answers to that alone is not told from who is blind"
+            "no vehicle of a neighbouring lane was moved: a model that answers to that alone looks like a blind one"
         )
     return said
 
 
-def _turns(found: Mapping[str, Statistic]) -> list[str]:
-    """Return what its turns do beside the lateral label: how many go to the blocked side, and where none is clear."""
-    said = list[str]()
-    clear = found["turns_clear"]
-    if _turns_blocked(clear):
-        said.append(f"it turns to the blocked side: {clear.losses} of {clear.n} turns with exactly one clear side")
-    elif isinstance(clear, SignTest) and clear.losses:
-        said.append(f"{clear.losses} of {clear.n} turns with exactly one clear side go to the blocked side")
-    elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
-        said.append(f"whether it turns to the clear side was not tested: {clear.note}")
-    boxed = found["turns_boxed"]
+def _turns(found: Found) -> Iterator[str]:
+    """Yield how many turns go to the blocked side, and whether it turns where no side is clear."""
+    clear, boxed = found["turns_clear"], found["turns_boxed"]
+    if isinstance(clear, SignTest):
+        counts = f"{clear.losses} of {clear.n} turns with exactly one clear side"
+        if _turns_blocked(clear):
+            yield f"it turns to the blocked side: {counts}"
+        elif clear.losses:
+            yield f"{counts} go to the blocked side"
+    elif found["mirror_swap_rate"].value is not None:
+        yield f"whether it turns to the clear side was not tested: {clear.note}"
     if isinstance(boxed, BoxedTurns) and boxed.turned:
-        said.append(f"it turns where no side is clear: {boxed.turned} of {boxed.n} answers")
-    return said
+        yield f"it turns where no side is clear: {boxed.turned} of {boxed.n} answers"

@@ -25,7 +25,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.controls import FEWEST_PAIRS
 from eyechart.studies.battery.depth import BESIDE, PICTURE_OF, Moved, moved_of
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
-from eyechart.verdicts.depth import earns_depth
+from eyechart.verdicts.depth import DEPTH
 
 NOISE = 0.11
 """The default noise floor: near the median of the paper's hosted models, .125."""
@@ -247,7 +247,8 @@ class _Drawn:
             given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
         draws = min(self.draws, ALONG_DRAWS)
         earned = (
-            earns_depth(Drawn(replace(shown, levels={name: levels[draw] for name, levels in given.items()})))
+            DEPTH.ruling(Drawn(replace(shown, levels={name: levels[draw] for name, levels in given.items()})))
+            is not None
             for draw in range(draws)
         )
         return sum(earned) / draws

@@ -133,7 +133,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
         "verdict": verdict,
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),
-        "because": str(verdict.calibrated.reason),
+        "because": verdict.calibrated.reason,
         "measures": {name: words for name, words in verdict.measures.items() if name not in held},
     }
 

@@ -17,7 +17,7 @@ from eyechart.studies.structured import online
 from eyechart.studies.structured.online import VETTING
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
-from eyechart.verdicts import Reason, Ruling
+from eyechart.verdicts import Ruling
 from eyechart.verdicts.admission import ADMITS
 from eyechart.verdicts.labels import ADMITTED
 
@@ -98,7 +98,7 @@ class Structured(OfFrames[StructuredScore]):
 
 def _finding(statistics: Mapping[str, Statistic], state: str, marks: Sequence[str] = ()) -> Finding:
     """Return whether an estimator is admitted, with its first failed clause; or cannot say."""
-    ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", Reason("the drives have no frame"))
+    ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", "the drives have no frame")
     ruling = replace(ruling, label=_UNSAID) if state else ruling
     return Finding.of(ruling, ADMITTED[ruling.label], state, marks)
 
