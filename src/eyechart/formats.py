@@ -43,13 +43,14 @@ FORMATS: dict[str, Format] = {
         "the pictures",
         ("table", "convert"),
         refuses={
-            "ahead": "--horizon and --kind are for --format lerobot; of a --table, [motion] of --rig says them",
+            "ahead": "--horizon, --kind, --state and --action are for --format lerobot; of a --table, [motion] of "
+            "--rig says them",
             "camera": "--camera is for --format lerobot; of a --table, --rig names the cameras",
         },
     ),
     "lerobot": Format(
         "eyechart.importing.lerobot:import_lerobot",
-        "a LeRobotDataset v3",
+        "a LeRobotDataset",
         ("camera", "ahead"),
         sign="meta/info.json",
         extra="lerobot",

@@ -434,11 +434,11 @@ def test_numbers_that_a_policy_does_not_get_are_named(tmp_path: Path) -> None:
     assert f"{said}'observation.tactile' (2×3 numbers), 'observation.gripper' (1 number)" in taken(
         bank_of(tmp_path / "set")
     )
-    describe(tmp_path / "set", lambda info: info["features"][STATE].update(shape=[80]))
+    describe(tmp_path / "set", lambda info: info["features"][STATE].update(shape=[180]))
     (said,) = left_out(bank_of(tmp_path / "set", "long"))
-    assert said.startswith("left out of the state, which has nothing: 'observation.state' (80 numbers), ")
-    describe(tmp_path / "set", lambda info: info["features"][ACTION].update(shape=[80]))
-    assert "'action' (80 numbers)" in refused(tmp_path / "set")
+    assert said.startswith("left out of the state, which has nothing: 'observation.state' (180 numbers), ")
+    describe(tmp_path / "set", lambda info: info["features"][ACTION].update(shape=[180]))
+    assert "'action' (180 numbers)" in refused(tmp_path / "set")
 
 
 def test_places_of_another_unit_or_frame_are_asked_for(tmp_path: Path) -> None:
@@ -564,8 +564,11 @@ def test_a_template_of_another_s_is_no_code(tmp_path: Path, template: str) -> No
 def test_a_template_s_names_are_replaced_and_what_they_bring_is_not() -> None:
     """With zeros at their head, as many as are asked for; braces in a camera's name are its own."""
     template = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index}.mp4"
-    assert video_of(template, "front", 7, 12) == "videos/front/chunk-007/file-12.mp4"
-    assert video_of(template, "{chunk_index:09d}", 1234, 5) == "videos/{chunk_index:09d}/chunk-1234/file-5.mp4"
+    assert video_of(template, "front", chunk_index=7, file_index=12) == "videos/front/chunk-007/file-12.mp4"
+    assert (
+        video_of(template, "{chunk_index:09d}", chunk_index=1, file_index=5)
+        == "videos/{chunk_index:09d}/chunk-001/file-5.mp4"
+    )
 
 
 START, CHUNK = f"videos/{CAMERA}/from_timestamp", f"videos/{CAMERA}/chunk_index"

@@ -259,7 +259,7 @@ def spoil(root: Path, what: str) -> None:
     """Damage a data set."""
     info = json.loads((root / "meta/info.json").read_text())
     if what == "version":
-        info["codebase_version"] = "v2.1"
+        info["codebase_version"] = "v1.6"
     if what == "outside":
         info["video_path"] = "../../{video_key}.mp4"
     if what == "no camera":
@@ -290,7 +290,7 @@ def spoil_files(root: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
+        ("version", "says version v1.6; this reads v2.0, v2.1 and v3"),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
         ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),

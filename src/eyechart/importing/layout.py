@@ -1,10 +1,14 @@
-"""The files of a LeRobotDataset v3, none of them outside of it, and what its ``meta`` folder says, in bounded memory.
+"""The files of a LeRobotDataset, none of them outside of it, and what its ``meta`` folder says, in bounded memory.
 
-Layout (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0): ``meta/info.json`` has the
-features, the frames a second and the path templates; ``meta/episodes/chunk-*/file-*.parquet`` says for each episode in
-which data file and, for each camera, in which video file and from which second on it lies; ``data/chunk-*/
-file-*.parquet`` has a row a frame, and the pictures of cameras that have no video; ``meta/tasks.parquet`` the words of
-each task.
+Layout of version 3 (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0):
+``meta/info.json`` has the features, the frames a second and the path templates;
+``meta/episodes/chunk-*/file-*.parquet`` says for each episode in which data file and, for each camera, in which video
+file and from which second on it lies; ``data/chunk-*/file-*.parquet`` has a row a frame, and the pictures of cameras
+that have no video; ``meta/tasks.parquet`` the words of each task.
+
+Layout of versions 2.0 and 2.1: the same features and rows, but each episode has a data file and a video a camera of its
+own (``data/chunk-*/episode_*.parquet``), and ``meta/episodes.jsonl`` and ``meta/tasks.jsonl`` say what the Parquet
+files of version 3 say. GR00T writes version 2 with ``meta/modality.json`` beside it, and without a ``frame_index``.
 """
 
 import re
@@ -12,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 
@@ -31,10 +35,11 @@ SLOWEST, FASTEST = 1e-3, 1e5
 """Frames a second that a camera may take."""
 MOST_SECONDS = 1e7
 """Seconds of one video; a hundred days."""
-_CONVERTER = "lerobot.scripts.convert_dataset_v21_to_v30"
+MOST_LINES = 64_000_000
+"""Bytes of a file of lines in ``meta``; a hundred thousand episodes have a third of them."""
 _TEXTS = {"video", "image", "string", "language"}
 _EXACT = 2**53
-_NAME = re.compile(r"\{(video_key|chunk_index|file_index)(?::0([1-9])d)?\}")
+_NAME = re.compile(r"\{(video_key|chunk_index|file_index|episode_chunk|episode_index)(?::0([1-9])d)?\}")
 
 
 class Feature(msgspec.Struct, frozen=True):
@@ -83,6 +88,12 @@ class Info(msgspec.Struct, frozen=True):
     fps: float
     features: dict[str, Feature]
     video_path: str | None = None
+    chunks_size: Annotated[int, msgspec.Meta(ge=1)] = 1000
+
+    @property
+    def is_of_episodes(self) -> bool:
+        """Return whether each episode has files of its own, as in version 2."""
+        return self.codebase_version.startswith("v2.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +115,14 @@ class Episodes:
 
 @dataclass(frozen=True)
 class Layout:
-    """The folder of a data set; every file of it is opened by a path from here."""
+    """The folder of a data set of version 3; every file of it is opened by a path from here.
+
+    ``EPISODES`` and ``TASKS`` are where it says what its episodes and its tasks are, ``DATA`` what its data files are.
+    """
+
+    EPISODES: ClassVar = "meta/episodes"
+    TASKS: ClassVar = "meta/tasks.parquet"
+    DATA: ClassVar = "chunk-*/file-*.parquet"
 
     root: Path
 
@@ -130,9 +148,9 @@ class Layout:
 
     def parquets(self, inner: str) -> list[Path]:
         """Return the Parquet files of a kind, in order; raises SourceError where there is none."""
-        found = sorted(islice((self.root / inner).glob("chunk-*/file-*.parquet"), MOST_FILES + 1))
+        found = sorted(islice((self.root / inner).glob(self.DATA), MOST_FILES + 1))
         if not found:
-            raise SourceError(f"{self.root / inner} holds no chunk-*/file-*.parquet: is the data set complete?")
+            raise SourceError(f"{self.root / inner} holds no {self.DATA}: is the data set complete?")
         if len(found) > MOST_FILES:
             raise SourceError(f"{self.root / inner} holds more than {MOST_FILES} files")
         named = [(path, self.file(path.relative_to(self.root).as_posix())) for path in found]
@@ -141,7 +159,7 @@ class Layout:
         return found
 
     def info(self) -> Info:
-        """Return what info.json says; raises SourceError where it is none of version 3, or says what cannot be."""
+        """Return what info.json says; raises SourceError where its version is not read, or it says what cannot be."""
         path = self.root / "meta" / "info.json"
         if self.file("meta/info.json") is None:
             raise SourceError(f"{path} does not exist: {_where(self.root)}")
@@ -149,11 +167,10 @@ class Layout:
         raw = read_at_most(path, MOST_INFO, SourceError, "the description of a data set")
         with raising(SourceError, wrong, of=(msgspec.MsgspecError, ValueError, RecursionError)):
             info = msgspec.json.decode(raw, type=Info)
-        if not re.match(r"v3(\.|$)", info.codebase_version):
-            convert = f"'python -m {_CONVERTER} --repo-id=OWNER/NAME --root={self.root} --push-to-hub=false'"
+        if not re.match(r"v(3|2\.[01])(\.|$)", info.codebase_version):
             raise SourceError(
-                f"{path} says version {info.codebase_version[:20]}, and this reads v3; LeRobot's own converter makes "
-                f"v3 of v2.1: {convert} (in older versions of LeRobot the module stands in lerobot.datasets.v30)"
+                f"{path} says version {info.codebase_version[:20]}; this reads v2.0, v2.1 and v3: convert it with the "
+                "LeRobot that wrote it"
             )
         if not SLOWEST <= info.fps <= FASTEST:
             raise SourceError(f"{path} says {info.fps:g} frames a second, which is no rate of a camera")
@@ -161,35 +178,39 @@ class Layout:
             raise SourceError(f"{path} lists {len(info.features)} features; the limit is {MOST_COLUMNS}")
         return info
 
-    def episodes(self, cameras: Sequence[str], template: str | None) -> Episodes:
-        """Return what meta/episodes says of episodes, and where the ``cameras``' videos lie, by a path ``template``.
+    def episodes(self, cameras: Sequence[str], info: Info) -> Episodes:
+        """Return what meta/episodes says of episodes, and where the ``cameras``' videos lie, by info.json's template.
 
         A camera of which it says nothing has no clips. Raises SourceError where a cell is wrong, or an episode stands
         there twice with two places.
         """
         where, lengths, clips = (
-            self.root / "meta/episodes",
+            self.root / self.EPISODES,
             dict[int, int | None](),
             {one: dict[int, Clip]() for one in cameras},
         )
-        files = self.parquets("meta/episodes")
+        files = self.parquets(self.EPISODES)
         for row in chain.from_iterable(open_parquet(path, extra="lerobot").rows() for path in files):
             episode = _number(row, "episode_index", where)
             length = None if row.get("length") is None else _number(row, "length", where)
             if lengths.setdefault(episode, length) is None:
                 lengths[episode] = length
             elif length is not None:
-                _once(lengths, episode, length, f"{where}: the length of episode {episode}")
+                once(lengths, episode, length, f"{where}: the length of episode {episode}")
             for camera, found in clips.items():
-                clip = _clip(row, camera, template, where)
+                clip = _clip(row, camera, info.video_path, where)
                 if clip is not None:
-                    _once(found, episode, clip, f"{where}: the place of episode {episode} in the videos of '{camera}'")
-        _require_own(clips, self.root)
+                    once(found, episode, clip, f"{where}: the place of episode {episode} in the videos of '{camera}'")
+        require_own(clips, self.root)
         return Episodes(lengths, clips)
+
+    def task_column(self, columns: Sequence[str]) -> str:  # noqa: ARG002 - that GR00T has others
+        """Return the column with the number of a row's task, of the ``columns`` of the data files."""
+        return "task_index"
 
     def tasks(self) -> dict[int, str]:
         """Return the words of each task; none where there is no file of them."""
-        path = self.file("meta/tasks.parquet")
+        path = self.file(self.TASKS)
         found: dict[int, str] = {}
         for row in () if path is None else open_parquet(path, extra="lerobot").rows():
             if (words := _words(row, str(path))) is None:
@@ -198,7 +219,7 @@ class Layout:
             if number is None:
                 cell = row.get("task_index")
                 raise SourceError(f"{path}: '{words[:60]}' has the task_index {cell!r}, no whole number of 0 or more")
-            _once(found, number, words, f"{path}: the words of task {number}")
+            once(found, number, words, f"{path}: the words of task {number}")
         return found
 
 
@@ -231,16 +252,19 @@ def vectors_of(features: Mapping[str, Feature]) -> Iterator[tuple[str, tuple[str
             yield name, tuple(f"{name}.{one}" for one in given)
 
 
-def video_of(template: str | None, camera: str, chunk: int, file: int) -> str:
+def video_of(template: str | None, camera: str, **places: int) -> str:
     """Return the path of a video by info.json's template; raises ValueError where that is none.
 
-    Only its three names are replaced, each with up to nine digits: a template of another's is no format of Python.
+    Only its own names, video_key and those of ``places``, are replaced, each with up to nine digits: a template of
+    another's is no format of Python.
     """
     if not template:
         raise ValueError("it is missing, and the episodes have videos")
-    values = {"video_key": camera, "chunk_index": chunk, "file_index": file}
-    if "{" in (rest := _NAME.sub("", template)) or "}" in rest or "{video_key:" in template:
-        raise ValueError(f"'{template[:200]}' is no path with video_key, chunk_index and file_index in braces")
+    values = {"video_key": camera, **places}
+    rest = _NAME.sub(lambda found: "" if found[1] in values else "{", template)
+    if "{" in rest or "}" in rest or "{video_key:" in template:
+        *some, last = values
+        raise ValueError(f"'{template[:200]}' is no path with {', '.join(some)} and {last} in braces")
     return _NAME.sub(lambda found: str(values[found[1]]).zfill(int(found[2] or 0)), template)
 
 
@@ -277,7 +301,7 @@ def _quoted(cell: Cell) -> str:
     return "empty" if cell is None else repr(cell)[:60]
 
 
-def _once(found: dict[int, Any], number: int, value: object, what: str) -> None:
+def once(found: dict[int, Any], number: int, value: object, what: str) -> None:
     """Take note of what a number has; raises SourceError where it has something else already."""
     if found.setdefault(number, value) != value:
         raise SourceError(f"{what} stands there twice, and not alike: which of both is right? Leave out the other")
@@ -293,7 +317,7 @@ def _clip(row: Mapping[str, Cell], camera: str, template: str | None, where: Pat
     if start is None:
         raise SourceError(f"{where}: an episode does not say where its video is: '{names['from_timestamp']}' is empty")
     with raising(SourceError, f"{where.parent / 'info.json'}: video_path", of=ValueError):
-        return Clip(video_of(template, camera, chunk, file), start, end)
+        return Clip(video_of(template, camera, chunk_index=chunk, file_index=file), start, end)
 
 
 def _seconds(row: Mapping[str, Cell], name: str, where: Path) -> float | None:
@@ -305,7 +329,7 @@ def _seconds(row: Mapping[str, Cell], name: str, where: Path) -> float | None:
     return float(cell)
 
 
-def _require_own(clips: Mapping[str, Mapping[int, Clip]], root: Path) -> None:
+def require_own(clips: Mapping[str, Mapping[int, Clip]], root: Path) -> None:
     """Raise SourceError where two cameras lie in one video: what each shows would be the other's."""
     owner: dict[str, str] = {}
     for camera, found in clips.items():

@@ -1,6 +1,7 @@
-"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos or from those files."""
+"""A LeRobotDataset becomes a bank: rows from its Parquet files, pictures from its videos or from those files."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,6 +14,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
+from eyechart.importing.episode_files import EpisodeFiles
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, given_name, vectors_of, whole
 from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
@@ -24,17 +26,19 @@ from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
-FILE = "file"
+FILE, STEP = "file", PLACES["step"]
 """The column that names each frame's picture; the data set has none of its own."""
-TASK, STATE, ACTION = "task", "observation.state", "action"
-OBSERVED = "observation."
+TASK, OBSERVED = "task", "observation."
+STATE, ACTION = ("observation.state", "state"), ("action", "actions")
+"""What the vectors of the state and of the action are called, the usual name first; or they come in parts of it."""
 
 
 @dataclass(frozen=True)
 class Dataset:
     """A data set: its files, what info.json says, the reels of its cameras, its episodes, and words of tasks.
 
-    ``timeline`` takes note of its rows as they are read, ``said`` of what is left out.
+    ``timeline`` takes note of its rows as they are read, ``said`` of what is left out. ``task`` is the column that
+    numbers the tasks.
     """
 
     layout: Layout
@@ -43,6 +47,7 @@ class Dataset:
     episodes: Episodes
     tasks: Mapping[int, str]
     timeline: Timeline
+    task: str = "task_index"
     said: list[str] = field(default_factory=list)
 
     @property
@@ -58,10 +63,15 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data."""
+    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data.
+
+    ``state`` and ``action`` name the features of both, in their order; without them they have their usual names.
+    """
 
     horizon: int
     kind: Kind | None = None
+    state: Sequence[str] = ()
+    action: Sequence[str] = ()
 
 
 def import_lerobot(
@@ -74,7 +84,7 @@ def import_lerobot(
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
-    """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
+    """Make a bank at ``out`` of a LeRobotDataset v2.0, v2.1 or v3; episodes and steps are those of the data set.
 
     With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
     policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
@@ -104,15 +114,18 @@ def import_lerobot(
         data.timeline.needed += _numbers(rig)
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     if TASK in chosen.prompt_columns:
-        _require_words(kept)
+        _require_words(kept, data)
     elif data.tasks:
-        data.said.extend(_wordless(kept))
+        data.said.extend(_wordless(kept, data))
     frames = _frames(kept, chosen, data.timeline)
-    settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    settings: dict[str, object] = {
+        "format": f"lerobot {data.info.codebase_version.partition('.')[0]}",
+        "camera": ", ".join(data.reels),
+    }
     if ahead is not None and chosen.rig is not None:
         rig, settings[KIND] = _told(chosen.rig, kept, ahead)
         chosen = replace(chosen, rig=rig)
-        data.said.extend(_left_of_state(data, rig))
+        data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
     source = Source(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
@@ -128,28 +141,29 @@ def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
 
 
 def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
-    """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown.
+    """Read the ``meta`` folder; raises SourceError where its version is not read, or the camera is unknown.
 
     Of several cameras ``every`` one is taken where none is named, but those of depths and those without any file, which
     are said.
     """
-    layout, said = Layout(folder), list[str]()
-    info = layout.info()
+    said, info = list[str](), Layout(folder).info()
+    layout = EpisodeFiles(folder) if info.is_of_episodes else Layout(folder)
     cameras = _cameras(info.features, layout.root / "meta/info.json", said)
     videos = [name for name in cameras if info.features[name].dtype == "video"]
-    episodes = layout.episodes(videos, info.video_path)
+    episodes = layout.episodes(videos, info)
     lacking = {name: why for name in cameras if (why := _lacks(layout, info, episodes, name))}
     chosen = _chosen(cameras, lacking, camera, layout, every=every)
     said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
     tasks = layout.tasks()
-    timeline = Timeline(given_name(layout.root), info.fps, ["task_index"] if tasks else [], [])
+    task = layout.task_column(open_parquet(layout.parquets("data")[0], extra="lerobot").columns)
+    timeline = Timeline(given_name(layout.root), info.fps, [task] if tasks else [], [])
     reels: dict[str, Reel] = {}
     for name in chosen:
         if info.features[name].dtype == "video":
             reels[name] = Videos(layout, episodes.clips[name], timeline)
         else:
             reels[name] = Embedded(layout.parquets("data"), name)
-    return Dataset(layout, info, reels, episodes, tasks, timeline, said)
+    return Dataset(layout, info, reels, episodes, tasks, timeline, task, said)
 
 
 def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> list[str]:
@@ -178,7 +192,7 @@ def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
         return "" if there else "info.json lists it, and no data file has a column of it"
     clips = episodes.clips[camera]
     if not clips:
-        return "info.json lists it, and meta/episodes does not say where its videos are"
+        return f"info.json lists it, and {layout.EPISODES} does not say where its videos are"
     there = any(layout.file(video) is not None for video in sorted({one.video for one in clips.values()}))
     return "" if there else "info.json lists it, and none of its videos is there"
 
@@ -208,23 +222,18 @@ def _chosen(
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
     """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
-    state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
+    names, done = (_numbered(data.features, many) for many in _features_of(data, ahead))
+    state, action = tuple(names.values()), tuple(done.values())
     if not action:
         raise SourceError(_no_action(data))
-    names = dict(zip(_labels(data.features, STATE), state, strict=True))
-    done = dict(zip(_labels(data.features, ACTION), action, strict=True))
-    known = names if len(names) == len(state) and len(done) == len(action) else {}
-    kind = ahead.kind or ("absolute" if done.keys() <= known.keys() else "delta")
-    numbers = [
-        Number(column, name, state=known.get(name, ""))
-        for column, name in zip(action, _labels(data.features, ACTION), strict=True)
-    ]
+    kind = ahead.kind or ("absolute" if done.keys() <= names.keys() else "delta")
+    numbers = [Number(column, name, state=names.get(name, "")) for name, column in done.items()]
     by_name = [one | {column: column for column in one.values()} for one in (names, done)]
     reflection = None if choices.rig is None else choices.rig.reflection
     return Rig(
         tuple(_named(name, choices) for name in data.reels),
         {"state": tuple(state)} if state else {},
-        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION),
+        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION[0]),
         None if reflection is None else reflection.by_column(*by_name),
     )
 
@@ -240,8 +249,8 @@ def _no_action(data: Dataset) -> str:
     there = [f"'{name}' ({_sized(one)})" for name, one in data.features.items() if one.size not in {(), (1,)}]
     has = f"; of numbers it has {', '.join(there[:20])}" if there else ""
     return (
-        f"{data.about} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers, and a policy is held against "
-        f"what was done{has}"
+        f"{data.about} lists no feature '{ACTION[0]}' of up to {MOST_COMPONENTS} numbers, and a policy is held against "
+        f"what was done{has}; --action names the feature, or its parts with commas, where it is called otherwise"
     )
 
 
@@ -249,16 +258,15 @@ def _sized(feature: Feature) -> str:
     return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
 
 
-def _left_of_state(data: Dataset, rig: Rig) -> list[str]:
+def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
     """Return which numbers that were observed are not in the state that a policy gets."""
-    taken = {STATE} if rig.state else set[str]()
     left = [
         f"'{name}' ({_sized(one)})"
         for name, one in data.features.items()
         if name.startswith(OBSERVED) and one.size and not one.is_picture and name not in taken
     ]
     more = f", and {len(left) - 20} more" if len(left) > 20 else ""
-    has = f"'{STATE}'" if rig.state else "nothing"
+    has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
     return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
 
 
@@ -304,8 +312,8 @@ def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, 
     if None not in named and (told.ratio is None or told.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not tell what the numbers of '{ACTION}' are ({told.why()}): say it with --kind delta, absolute, "
-        "velocity or waypoints"
+        f"the data do not tell what the numbers of '{ACTION[0]}' are ({told.why()}): say it with --kind delta, "
+        "absolute, velocity or waypoints"
     )
 
 
@@ -332,16 +340,48 @@ def _short(camera: str) -> str:
     return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
 
 
+def _features_of(data: Dataset, ahead: Ahead) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the features of the state and of the action: those that are named, else by their usual names.
+
+    Raises SourceError where one that is named is no vector of numbers.
+    """
+    for option, names in (("--state", ahead.state), ("--action", ahead.action)):
+        for name in names:
+            if not _columns(data.features, name):
+                numbers = [one for one in data.features if _columns(data.features, one)]
+                near = meant(name, numbers)
+                raise SourceError(
+                    f"{option} {name}: {data.about} lists no such feature of up to {MOST_COMPONENTS} numbers;{near} "
+                    f"there are {', '.join(numbers)}"
+                )
+    return ahead.state or _usual(data.features, STATE), ahead.action or _usual(data.features, ACTION)
+
+
+def _usual(features: Mapping[str, Feature], names: Sequence[str]) -> Sequence[str]:
+    """Return the first of the ``names`` that is a feature, else all features that are parts of the first."""
+    whole_ones = [name for name in names if _columns(features, name)]
+    return whole_ones[:1] or [name for name in features if name.startswith(f"{names[0]}.") and _columns(features, name)]
+
+
+def _numbered(features: Mapping[str, Feature], names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of features by what the data set calls them; by the part too, where two have one name."""
+    labels = [(name, label) for name in names for label in _labels(features, name)]
+    often = Counter(label for _, label in labels)
+    said = [label if often[label] == 1 else f"{name.rpartition('.')[2]}.{label}" for name, label in labels]
+    columns = [column for name in names for column in _columns(features, name)]
+    return dict(zip(said if len(set(said)) == len(said) else columns, columns, strict=True))
+
+
 def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
     """Return what the data set calls the components of a vector; their numbers where it has no such names."""
-    names, count = features.get(name, Feature()).names, len(_columns(features, name))
+    names, columns = features[name].names, _columns(features, name)
     if isinstance(names, dict) and len(names) == 1:
         (names,) = names.values()
-    if isinstance(names, list) and len(names) == 1 != count:
+    if isinstance(names, list) and len(names) == 1 != len(columns):
         (names,) = names
-    if isinstance(names, list) and len({*map(str, names)}) == len(names) == count:
+    if isinstance(names, list) and len({*map(str, names)}) == len(names) == len(columns):
         return [*map(str, names)]
-    return [f"{name}.{place}" for place in range(count)]
+    return [f"{name}.{place}" for place in range(len(columns))]
 
 
 def _columns(features: Mapping[str, Feature], name: str) -> tuple[str, ...]:
@@ -356,37 +396,37 @@ def _instruction(data: Dataset) -> tuple[str, ...]:
 
     Raises SourceError where its rows have tasks and nobody has their words.
     """
-    path, first = data.layout.root / "meta/tasks.parquet", data.layout.parquets("data")[0]
-    numbered = "task_index" in open_parquet(first, extra="lerobot").columns
+    path, first = data.layout.root / data.layout.TASKS, data.layout.parquets("data")[0]
+    numbered = data.task in open_parquet(first, extra="lerobot").columns
     if len(data.tasks) > 1 and not numbered:
         raise SourceError(
-            f"{path} has the words of {len(data.tasks)} tasks, and {first} no column 'task_index' that says which of "
+            f"{path} has the words of {len(data.tasks)} tasks, and {first} no column '{data.task}' that says which of "
             "them a row is of; name what a policy is told with --prompt-columns"
         )
     if not data.tasks and numbered:
         lacking = "holds no words of tasks" if path.is_file() else "does not exist"
         raise SourceError(
-            f"{path} {lacking}, and every row has a task_index: without their words no policy is told what to do; "
+            f"{path} {lacking}, and every row has a {data.task}: without their words no policy is told what to do; "
             "download the data set again with its whole meta folder, or name what a policy is told with "
             "--prompt-columns"
         )
     return (TASK,) if data.tasks else ()
 
 
-def _require_words(kept: Kept) -> None:
+def _require_words(kept: Kept, data: Dataset) -> None:
     """Note as a fault, once a task, where a row's task has no words."""
-    first = {row.get("task_index"): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
+    first = {row.get(data.task): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
     for number, where in reversed(first.items()):
-        kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
+        kept.faults.add(f"{where}: {data.layout.TASKS} has no words of task {number}; download the data set again")
 
 
-def _wordless(kept: Kept) -> list[str]:
+def _wordless(kept: Kept, data: Dataset) -> list[str]:
     """Return how many frames are of tasks without words, and of which, where nobody is told them."""
-    lacking = [str(row.get("task_index")) for row in kept.rows if not row.get(TASK)]
+    lacking = [str(row.get(data.task)) for row in kept.rows if not row.get(TASK)]
     if not lacking:
         return []
     said, which = f"{len(lacking)} of {len(kept.rows)} frames have no words of their task", [*dict.fromkeys(lacking)]
-    return [f"{said}: meta/tasks.parquet has none of {', '.join(which[:20])}"]
+    return [f"{said}: {data.layout.TASKS} has none of {', '.join(which[:20])}"]
 
 
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
@@ -394,11 +434,12 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
     vectors = dict(vectors_of(data.features))
     files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
     for place in PLACES.values():
-        if place not in files[0].columns:
+        if place not in files[0].columns and not (place == STEP and data.info.is_of_episodes):
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
     task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
     count = sum(one.count for one in files)
-    columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
+    counted = (STEP,) if data.info.is_of_episodes and STEP not in files[0].columns else ()
+    columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *counted, *task)
     for many in (data.timeline.needed, data.timeline.counted):
         many[:] = [name for name in many if name in columns]
     return Table(data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count)
@@ -412,36 +453,48 @@ def _data_rows(
     for file in files:
         if file.columns != files[0].columns:
             raise SourceError(f"{file.path} has other columns than {files[0].path}")
-        for raw in file.rows():
+        for raw in _numbered_rows(file) if STEP not in file.columns else file.rows():
             done += 1
             if reads is not None and done % 5000 == 0:
                 reads(done, count)
             if row := timeline.add(raw):
                 episode, step = (whole(row[name]) for name in PLACES.values())
-                task = {TASK: _words(data.tasks, row)} if data.tasks else {}
-                _require_one_task(task, row, f"{file.path}, row {done}")
+                task = {TASK: _words(data, row)} if data.tasks else {}
+                _require_one_task(task, row, f"{file.path}, row {done}", data)
                 yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
             else:
                 yield row
     clips = {name: reel.clips for name, reel in data.reels.items() if isinstance(reel, Videos)}
-    timeline.require(data.episodes.lengths, clips, data.layout.root / "meta/episodes")
+    timeline.require(data.episodes.lengths, clips, data.layout.root / data.layout.EPISODES)
 
 
-def _require_one_task(task: Row, row: Row, where: str) -> None:
-    """Raise SourceError where a row has words of its own for its task, and its task_index says others."""
+def _numbered_rows(file: ParquetTable) -> Iterator[Row]:
+    """Yield the rows of an episode's own file that does not number them; raises SourceError where it has several."""
+    first: Row = {}
+    for number, row in enumerate(file.rows()):
+        first = first or row
+        if row.get(PLACES["episode"]) != first.get(PLACES["episode"]):
+            raise SourceError(
+                f"{file.path} has rows of several episodes and no column '{STEP}' that numbers their steps"
+            )
+        yield {**row, STEP: number}
+
+
+def _require_one_task(task: Row, row: Row, where: str, data: Dataset) -> None:
+    """Raise SourceError where a row has words of its own for its task, and the number of its task says others."""
     own, said = row.get(TASK), task.get(TASK)
     if isinstance(own, str) and own and said and own != said:
         raise SourceError(
-            f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its task_index "
-            f"{row.get('task_index')} and meta/tasks.parquet; one of both is wrong"
+            f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its {data.task} "
+            f"{row.get(data.task)} and {data.layout.TASKS}; one of both is wrong"
         )
 
 
-def _words(tasks: Mapping[int, str], row: Row) -> str:
+def _words(data: Dataset, row: Row) -> str:
     """Return the words of a row's task; those of the only one where no row says which it is of."""
-    if "task_index" not in row:
-        return next(iter(tasks.values())) if len(tasks) == 1 else ""
-    return tasks.get(whole(row["task_index"]) or 0, "")
+    if data.task not in row:
+        return next(iter(data.tasks.values())) if len(data.tasks) == 1 else ""
+    return data.tasks.get(whole(row[data.task]) or 0, "")
 
 
 def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:

@@ -26,7 +26,7 @@ MOST_FOOTER = 8_000_000
 """Bytes of the footer."""
 MOST_STRUCTS = 200_000
 """Structs of a footer; a reader takes up to a kilobyte for each."""
-MOST_COMPONENTS = 64
+MOST_COMPONENTS = 128
 """Components of a vector that become columns of their own; longer ones are left out."""
 _MOST_ELEMENTS, _MOST_NESTED = 10_000, 32
 _MOST_PAGES = 2_000_000

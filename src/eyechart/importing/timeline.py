@@ -62,6 +62,7 @@ class Timeline:
     left: dict[str, _Left] = field(default_factory=dict)
     emptied: Counter[str] = field(default_factory=Counter)
     lacking: list[int] = field(default_factory=list)
+    meta: str = "meta/episodes"
     _episodes: dict[int, _Episode] = field(default_factory=dict)
     _paces: "array[float]" = field(default_factory=lambda: array("d"))
 
@@ -129,7 +130,7 @@ class Timeline:
             )
         if self.lacking:
             some = ", ".join(map(str, self.lacking[:_SHOWN])) + (", …" if len(self.lacking) > _SHOWN else "")
-            lines.append(f"{len(self.lacking)} episodes of meta/episodes have no row in the data files: {some}")
+            lines.append(f"{len(self.lacking)} episodes of {self.meta} have no row in the data files: {some}")
         lines += [
             f"{count} cells of '{name}' are left empty: they are no number up to {LARGEST:g}"
             for name, count in self.emptied.items()
@@ -152,6 +153,7 @@ class Timeline:
                     f"{meta}: episode {episode} has the length {length}, and it has {known.count} rows, of which the "
                     f"last is step {known.step}: one of both is wrong, or rows are missing"
                 )
+        self.meta = f"meta/{meta.name}"
         self.lacking = [episode for episode in lengths if episode not in self._episodes]
         self._require_rate(meta.parent / "info.json")
         for camera, found in clips.items():
