@@ -30,7 +30,8 @@ PALETTE = {
 LEAST_DEPTH_M = 0.05
 
 HAZE: Colour = (206, 206, 206)
-"""Everything fades into it with distance. It is grey, as road and marks are: what has a colour is no road."""
+"""Everything fades into it with distance. It is grey, as road and marks are: what has a colour is
+no road."""
 
 HAZE_HALF_M = 45.0
 """Half of a colour is haze at this distance: share d² / (d² + HAZE_HALF_M²)."""
@@ -71,11 +72,12 @@ class Eye:
 class ForwardView:
     """What is known of a world's forward pictures; metres, pixels and radians.
 
-    A pinhole of ``focal_px`` looks along ``horizon``, the row above which is sky, over a straight flat road.
-    ``tracks_m`` are the places across the road, from the right to the left, that a vehicle of ``radius_m`` with
-    ``margin_m`` of room may follow. ``preview_m`` ahead is where a vehicle under way to a track is looked for.
-    ``verges`` maps a scenery to the colour beside the road, ``bodies`` a name to the own vehicle's colour; ``zenith``
-    is the sky's in the first row, ``surface`` the road's grey, ``dashed_m`` how far from the middle lines are dashed.
+    A pinhole of ``focal_px`` looks along ``horizon``, the row above which is sky, over a straight
+    flat road. ``tracks_m`` are the places across the road, from the right to the left, that a
+    vehicle of ``radius_m`` with ``margin_m`` of room may follow. ``preview_m`` ahead is where a
+    vehicle under way to a track is looked for. ``verges`` maps a scenery to the colour beside the
+    road, ``bodies`` a name to the own vehicle's colour; ``zenith`` is the sky's in the first row,
+    ``surface`` the road's grey, ``dashed_m`` how far from the middle lines are dashed.
     """
 
     width: int
@@ -122,8 +124,8 @@ class ForwardView:
     def project(self, eye: Eye, places: npt.ArrayLike) -> _Floats:
         """Return where places on the ground lie in the picture, shape (n, 2); ``places`` are x and y in metres.
 
-        Column and row in pixels from the upper left corner, so that the first pixel's middle is (0.5, 0.5); beyond the
-        picture's edges too. NaN for a place that is not before the eye.
+        Column and row in pixels from the upper left corner, so that the first pixel's middle is
+        (0.5, 0.5); beyond the picture's edges too. NaN for a place that is not before the eye.
         """
         away = np.asarray(places, np.float64).reshape(-1, 2) - (eye.x, eye.y)
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
@@ -181,8 +183,8 @@ ROVER = ForwardView(
 )
 """The rover's camera: 90 degrees wide, 1.2 m above the road.
 
-At 4.5 m/s and a decision a second it has 4.5 m to the next one, and stops within 2.5 m: ``stop_m`` leaves room for the
-one, ``free_m`` for a decision, a change of track and a stop.
+At 4.5 m/s and a decision a second it has 4.5 m to the next one, and stops within 2.5 m: ``stop_m``
+leaves room for the one, ``free_m`` for a decision, a change of track and a stop.
 """
 
 
@@ -196,7 +198,8 @@ DRONE = replace(
     preview_m=0.0,
     distances=Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=0.32, ahead_m=15.0),
 )
-"""The drone's camera, level on a gimbal, 1.5 m above the same road; its pictures are lower than the rover's.
+"""The drone's camera, level on a gimbal, 1.5 m above the same road; its pictures are lower than the
+rover's.
 
 At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; its body is smaller.
 """

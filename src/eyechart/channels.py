@@ -1,7 +1,8 @@
 """What a policy is given comes by channels: cameras, state, instruction; a condition exchanges one of them.
 
-A condition over a channel is written ``swapped@camera:wrist``. Whose channel a frame is shown belongs to the bank:
-every run on it shows the same, and no frame is shown what another frame of its own episode has.
+A condition over a channel is written ``swapped@camera:wrist``. Whose channel a frame is shown
+belongs to the bank: every run on it shows the same, and no frame is shown what another frame of its
+own episode has.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,13 +24,15 @@ CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
 CAMERA = "camera:"
 """Stands before the name of a camera that is a channel of its own."""
 ALONE = "alone"
-"""Shows a channel of the frame whose pictures `swapped` shows, so that all subsets of channels have one partner."""
+"""Shows a channel of the frame whose pictures `swapped` shows, so that all subsets of channels have
+one partner."""
 BY_STATE = ("matched", "near")
 """The conditions whose other frame is chosen by its state."""
 OBJECTS = ("named", "other")
 """What a world moves: what the instruction names, and what it does not."""
 LEAST_REACH = 0.8
-"""A picture of the own episode is as far off as the matched one where each number changes by so much of its square."""
+"""A picture of the own episode is as far off as the matched one where each number changes by so
+much of its square."""
 STILL = 1e-3
 """A number of the state that changes by less of it never changes within an episode."""
 TOLD = "told_"
@@ -121,7 +124,8 @@ def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
 def told(fields: Mapping[str, object]) -> tuple[object, ...]:
     """Return what a policy is told, equal where it differs in case, blanks or punctuation alone.
 
-    Whether two other texts say the same, nobody can tell from them: "reach red" and "go to the red one" are two.
+    Whether two other texts say the same, nobody can tell from them: "reach red" and "go to the red
+    one" are two.
     """
     found = []
     for name, one in fields.items():
@@ -135,9 +139,10 @@ def told(fields: Mapping[str, object]) -> tuple[object, ...]:
 def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[str, str] | None = None) -> Places:
     """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
 
-    ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest: a partner's picture
-    differs from the frame's own; without them all pictures are taken to differ. One camera's partners are those of all
-    cameras, but where one of these has the same picture there.
+    ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest:
+    a partner's picture differs from the frame's own; without them all pictures are taken to differ.
+    One camera's partners are those of all cameras, but where one of these has the same picture
+    there.
     """
     return _partners(_Same(frames, images), how, channel)
 
@@ -145,9 +150,10 @@ def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[st
 def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) -> tuple[str, list[str]]:
     """Return in which number of the state pictures of the own episode (``near``) are nearer than the matched ones.
 
-    In words, empty where in none: then a policy that reads its own pose answers to them as much as to the matched ones.
-    And which numbers never change within an episode: where they are the fewer ones, nobody can be held to them.
-    ``frames`` are places in the bank, by default of all frames that have both partners.
+    In words, empty where in none: then a policy that reads its own pose answers to them as much as
+    to the matched ones. And which numbers never change within an episode: where they are the fewer
+    ones, nobody can be held to them. ``frames`` are places in the bank, by default of all frames
+    that have both partners.
     """
     near, matched = (partners(bank.frames, name, channel, bank.manifest.images) for name in ("near", "matched"))
     asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
@@ -170,9 +176,10 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
 def far_off(bank: FrameBank) -> Mapping[str, tuple[str, ...]]:
     """Return of each frame whose logged motion holds a number that is a fault of the log which dimensions these are.
 
-    It lies far from all others, by `eyechart.stats.outliers`, in one episode or few, relative to the state as motions
-    are compared, and nobody declares the scale of its dimension. Such a frame counts as one without a logged motion:
-    one row of a wrong unit would be the scale of its dimension.
+    It lies far from all others, by `eyechart.stats.outliers`, in one episode or few, relative to
+    the state as motions are compared, and nobody declares the scale of its dimension. Such a frame
+    counts as one without a logged motion: one row of a wrong unit would be the scale of its
+    dimension.
     """
     space = bank.manifest.motion
     return {} if space is None else _far(_Same(bank.frames), space)[0]

@@ -95,8 +95,8 @@ class Episodes(Planned):
     def sample(self) -> "Sample":
         """Return what a probe asks before drives: their words, with the first real picture of each of the first worlds.
 
-        Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
-        them shows any.
+        Worlds are opened in a process of their own. One that shows none is passed over; raises
+        SpecError where none of them shows any.
         """
         from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
 
@@ -177,10 +177,10 @@ def plan(
 ) -> Episodes:
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
-    ``simulator`` is its name, or a `Setup` of its worlds. ``specs`` name who drives: policies, and models by SPEC or by
-    their request mode. ``scenarios`` default to all. ``prompt`` is a name, a TOML file or the prompt itself,
-    ``view`` what models are shown pictures through. Raises SpecError for what is unknown or cannot be, and LedgerError
-    where ``out`` holds something else.
+    ``simulator`` is its name, or a `Setup` of its worlds. ``specs`` name who drives: policies, and
+    models by SPEC or by their request mode. ``scenarios`` default to all. ``prompt`` is a name, a
+    TOML file or the prompt itself, ``view`` what models are shown pictures through. Raises
+    SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds something else.
     """
     setup = simulator if isinstance(simulator, Setup) else Setup(simulator)
     setup = replace(setup, actions=setup.actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None))
@@ -232,8 +232,8 @@ def plan(
 def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str, ...]:
     """Return the conditions of a run that is told none: those that ``out`` holds, or else those that its claims need.
 
-    A model drives by the true pictures and by those of another world: what blank pictures change is only whether there
-    is a picture. A policy that is no model sees none.
+    A model drives by the true pictures and by those of another world: what blank pictures change is
+    only whether there is a picture. A policy that is no model sees none.
     """
     if is_episodes_run(out) and (held := read_episodes_manifest(out).conditions):
         return held
@@ -245,7 +245,8 @@ def with_marginals(
 ) -> list[str | RequestMode]:
     """Return who drives, and for each model among them its own marginal, where real pictures are driven by.
 
-    ``wanted`` says whether; None is as usual: yes, but a model that drove in ``out`` already without one goes on so.
+    ``wanted`` says whether; None is as usual: yes, but a model that drove in ``out`` already
+    without one goes on so.
     """
     held = read_episodes_manifest(out).policies if wanted is None and is_episodes_run(out) else {}
     models = list(_modes(specs)) if REAL in conditions and wanted is not False else []
@@ -342,8 +343,8 @@ def run(
 ) -> Outcome:
     """Drive the planned episodes that the folder does not hold yet, and return how that ended.
 
-    ``engine`` is where the worlds are: ``local`` processes, or actors on a ``ray`` cluster. Raises LedgerError where
-    another process is writing to the same run, or the ledger cannot be written.
+    ``engine`` is where the worlds are: ``local`` processes, or actors on a ``ray`` cluster. Raises
+    LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
     open_worker = _engine(engine, planned.setup)
     with alone_in(planned.out), ExitStack() as opened:
@@ -366,8 +367,8 @@ def _drive_marginals(
 ) -> None:
     """Let the marginal of each driver drive once all of the driver's own episodes with real pictures are over.
 
-    What it draws by stands in the manifest before it first drives, and stays so. Where the driver decided in no
-    episode, those of its marginal are errors that say so.
+    What it draws by stands in the manifest before it first drives, and stays so. Where the driver
+    decided in no episode, those of its marginal are errors that say so.
     """
     left, held = planned.left(), read_episodes_manifest(planned.out)
     episodes = list(read_episodes(planned.out))
@@ -392,8 +393,8 @@ def _drive_marginals(
 def drives_ended(parts: Mapping[str, Episodes], outcome: Outcome, failed: Mapping[str, str]) -> Ending:
     """Say what is left of drives and why; 3 where a limit stopped them, 1 where anything else did.
 
-    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
-    the plan.
+    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why
+    models were left out of the plan.
     """
     lines, left = aside(outcome, failed), 0
     for name, planned in parts.items():
@@ -491,10 +492,10 @@ _LONGEST_SAMPLE = 200
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model.
 
-    An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
-    longest of one action; these drives are made here, in a process of their own. Of an episode that was cut the calls
-    that are finished are not made again. Raises DriveError where a drive fails or they take too long: then nothing can
-    be said.
+    An episode counts as long as one that brakes all the way, in the first of the seeds, and where
+    that crashes as the longest of one action; these drives are made here, in a process of their
+    own. Of an episode that was cut the calls that are finished are not made again. Raises
+    DriveError where a drive fails or they take too long: then nothing can be said.
     """
     left = [key for key in planned.left() if key.policy in planned.drivers.models]
     if not left:

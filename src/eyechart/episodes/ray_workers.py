@@ -12,8 +12,8 @@ from eyechart.loops import asyncio
 class RayWorker:
     """An actor on one of the nodes in turn.
 
-    It claims no processor, because an actor that waits for a free one would hang the run: how many there are at once is
-    the user's to choose.
+    It claims no processor, because an actor that waits for a free one would hang the run: how many
+    there are at once is the user's to choose.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -61,8 +61,9 @@ class _Answering:
 def join() -> None:
     """Join the cluster of ``RAY_ADDRESS``.
 
-    No cluster is begun here: Ray's servers listen on every address of a machine, and that is its owner's to decide.
-    Raises SpecError where Ray is not installed, no cluster is named, or none answers.
+    No cluster is begun here: Ray's servers listen on every address of a machine, and that is its
+    owner's to decide. Raises SpecError where Ray is not installed, no cluster is named, or none
+    answers.
     """
     try:
         import ray  # noqa: PLC0415 - an extra

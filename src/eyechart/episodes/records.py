@@ -20,8 +20,9 @@ from eyechart.spaces.space import Decision
 STUDY = "closed_loop"
 
 SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe": SILENT}
-"""What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
-the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/drives.md)."""
+"""What becomes of a call that fails in a way that may pass, with the kinds of failure that are then
+a model's silence: the episode is left for a resumed run, or the fail-safe is executed
+(docs/decisions/drives.md)."""
 
 
 REAL = "real"
@@ -62,12 +63,14 @@ class EpisodeKey:
 class Step:
     """One decision of an episode.
 
-    ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
-    after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. ``error`` is the kind of failure where the model's call failed. A speed or a distance that the
-    simulator does not tell is None. ``facts`` is what else the simulator says of the move. ``rounded_state_sha256`` is
-    the digest of the world's state after it, its numbers rounded to 3 decimals; None where a record is older than that
-    field, or the world told no state. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and
+    ``crashed`` of the one after it. ``executed_action`` is the decision's or, where there is none,
+    the fail-safe, which is never credited to the policy. ``error`` is the kind of failure where the
+    model's call failed. A speed or a distance that the simulator does not tell is None. ``facts``
+    is what else the simulator says of the move. ``rounded_state_sha256`` is the digest of the
+    world's state after it, its numbers rounded to 3 decimals; None where a record is older than
+    that field, or the world told no state. A model's Reply stands in the ledger under
+    ``EpisodeKey.call``.
     """
 
     step: Count
@@ -88,9 +91,10 @@ class Step:
 class Episode:
     """A drive that is over: ``ended`` is ``crash``, ``goal``, ``time`` or ``error``, of which ``detail`` says more.
 
-    ``state_sha256`` is the digest of the world's state after the last step, for telling equal drives. An episode that
-    ended in an error has the steps until then, and counts in no statistic. ``max_steps`` is the bound that it was
-    driven under: of more decisions it would have been an error; None where a record is older than that field.
+    ``state_sha256`` is the digest of the world's state after the last step, for telling equal
+    drives. An episode that ended in an error has the steps until then, and counts in no statistic.
+    ``max_steps`` is the bound that it was driven under: of more decisions it would have been an
+    error; None where a record is older than that field.
     """
 
     key: EpisodeKey
@@ -189,7 +193,8 @@ def _episode(line: bytes) -> Episode:
 def recorded(run: Path) -> Mapping[str, int]:
     """Return how often each action was decided on real pictures in a run, of a battery or of episodes.
 
-    ``RUN,SPEC`` takes one controller of several. Raises SpecError where the run holds several and none is named.
+    ``RUN,SPEC`` takes one controller of several. Raises SpecError where the run holds several and
+    none is named.
     """
     folder, _, spec = str(run).partition(",")
     path = Path(folder)
@@ -217,8 +222,9 @@ def _of_episodes(path: Path) -> dict[str, Counter[str]]:
 def decided_by(driver: str, marginal: str, episodes: Iterable[Episode]) -> Mapping[str, int]:
     """Return by what the marginal of a driver draws, from the episodes of its run in the order of their record.
 
-    These are the driver's decisions on real pictures, by action, and by reason where there was none, in the episodes
-    that were over when its marginal first drove. An episode that ended in an error counts in nothing.
+    These are the driver's decisions on real pictures, by action, and by reason where there was
+    none, in the episodes that were over when its marginal first drove. An episode that ended in an
+    error counts in nothing.
     """
     before: dict[EpisodeKey, Episode] = {}
     for one in episodes:
@@ -250,9 +256,9 @@ _DETAIL = 160
 class Unfinished(Plain):
     """The episodes of one policy that have no record, and what their calls met last.
 
-    ``begun`` of them have calls in the ledger; None for a policy that asks no model. ``errors`` counts the calls of
-    these whose last attempt failed, by kind of error, ``unknown`` for one that was sent and never came back; ``detail``
-    is what the last of them said.
+    ``begun`` of them have calls in the ledger; None for a policy that asks no model. ``errors``
+    counts the calls of these whose last attempt failed, by kind of error, ``unknown`` for one that
+    was sent and never came back; ``detail`` is what the last of them said.
     """
 
     policy: str
@@ -292,8 +298,8 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
 def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
     """Return the episodes that a run's policies, scenarios, seeds and conditions make together.
 
-    The marginal of one of its drivers, which looks at no picture, drives by real ones alone. A run that was extended
-    may never have been asked for all of them.
+    The marginal of one of its drivers, which looks at no picture, drives by real ones alone. A run
+    that was extended may never have been asked for all of them.
     """
     return tuple(
         EpisodeKey(policy, manifest.simulator, scenario, seed, condition)
@@ -330,8 +336,9 @@ def _told(policy: str, episodes: int, last: Mapping[CallKey, Sent] | None) -> Un
 class Row(Plain):
     """Means over the episodes of one policy under one condition; None where no episode tells the number.
 
-    ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
-    share of steps at which the fail-safe was executed because there was no decision.
+    ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean.
+    ``without_decision`` is the share of steps at which the fail-safe was executed because there was
+    no decision.
     """
 
     policy: str

@@ -1,6 +1,7 @@
 """Episodes are driven again from their record and held to it, step by step; models are answered by the ledger.
 
-Only worlds and policies that ship are driven: a record may come from anywhere, and may name anybody's code.
+Only worlds and policies that ship are driven: a record may come from anywhere, and may name
+anybody's code.
 """
 
 import re
@@ -27,7 +28,8 @@ from eyechart.simulators import SIMULATORS, Simulator, open_simulator
 
 _CLOSE = 1e-9
 _UNDER_WAY = 8
-"""Episodes of a model that are driven at once; nobody is asked, so that a few keep the processes busy."""
+"""Episodes of a model that are driven at once; nobody is asked, so that a few keep the processes
+busy."""
 _COUNTS = re.compile(r"'([^']+)': (\d+)")
 _MOST_COUNT = 18
 """Digits of a number in the counts of a marginal."""
@@ -58,8 +60,9 @@ class Mismatch:
 class Repeats:
     """What driving again came to: mismatches, requests that are others now, and what could not be driven.
 
-    ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at the ends of
-    episodes, as recorded and as driven; ``lost`` are those that ended in an error that did not come again.
+    ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at
+    the ends of episodes, as recorded and as driven; ``lost`` are those that ended in an error that
+    did not come again.
     """
 
     episodes: int = 0
@@ -74,7 +77,8 @@ class Repeats:
 def refused(manifest: EpisodesManifest) -> str:
     """Return in words why no world of this run is opened, empty where it is one that ships.
 
-    Gymnasium's own environments ship with it; an id with a module imports that, and may be anybody's code.
+    Gymnasium's own environments ship with it; an id with a module imports that, and may be
+    anybody's code.
     """
     kind, colon, name = manifest.simulator.partition(_MODULE)
     if not colon:
@@ -110,9 +114,10 @@ def repeat(
 ) -> Repeats:
     """Drive recorded episodes again, and return what differs from their records; nothing is asked or written.
 
-    ``exact`` holds every field to the record, and the rounded state after each step by its digest; else
-    decisions, and truth, reward, speed and distance to 3 decimals. An episode in error is driven for one step more than
-    it holds, so that one that was cut short is found. Raises SpecError for a run that is `refused`.
+    ``exact`` holds every field to the record, and the rounded state after each step by its digest;
+    else decisions, and truth, reward, speed and distance to 3 decimals. An episode in error is
+    driven for one step more than it holds, so that one that was cut short is found. Raises
+    SpecError for a run that is `refused`.
     """
     if why := refused(manifest):
         raise SpecError(why)

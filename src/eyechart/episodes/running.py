@@ -36,12 +36,13 @@ Progress = Callable[[int, int], None]
 class Drivers:
     """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
 
-    Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
-    is the run's, and ``answers`` the space of their replies. ``silent`` are the kinds of failure at which
-    the fail-safe is executed; every other one that may pass leaves the episode unfinished. Models of one of the
-    ``turns`` drive one after another, each closed before the next is asked; without turns all do at once.
-    ``mirror_axis`` is that of the world where models are asked about the reflection of each picture too, which decides
-    nothing; else None.
+    Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where
+    there is one; ``seed`` is the run's, and ``answers`` the space of their replies. ``silent`` are
+    the kinds of failure at which the fail-safe is executed; every other one that may pass leaves
+    the episode unfinished. Models of one of the ``turns`` drive one after another, each closed
+    before the next is asked; without turns all do at once. ``mirror_axis`` is that of the world
+    where models are asked about the reflection of each picture too, which decides nothing; else
+    None.
     """
 
     policies: Mapping[str, Policy]
@@ -60,9 +61,9 @@ class Drivers:
 class Bounds:
     """How much at once, and at most.
 
-    ``processes`` hold the worlds, ``concurrency`` episodes of a model are under way, a call is tried ``attempts``
-    times, and ``limits`` end the run. ``sequential`` lets models drive one after another, each closed before the next
-    is asked; by default those of one machine.
+    ``processes`` hold the worlds, ``concurrency`` episodes of a model are under way, a call is
+    tried ``attempts`` times, and ``limits`` end the run. ``sequential`` lets models drive one after
+    another, each closed before the next is asked; by default those of one machine.
     """
 
     processes: int = 1
@@ -86,8 +87,9 @@ def drive(
 ) -> Outcome:
     """Drive episodes, in seeded random order, and ``keep`` each when it is over.
 
-    ``open_worker`` starts a worker; models need a ``ledger``. A call that it holds finished is not made again. An
-    episode that a limit or a passing error cuts is not kept: driven again, its finished calls are replayed.
+    ``open_worker`` starts a worker; models need a ``ledger``. A call that it holds finished is not
+    made again. An episode that a limit or a passing error cuts is not kept: driven again, its
+    finished calls are replayed.
     """
     todo = sorted(todo)
     random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
@@ -129,7 +131,8 @@ class Recorded:
 
 
 Unlike = Callable[[EpisodeKey, CallKey, str, str], None]
-"""Called with a call whose world shows something else now than was sent: what was, and what is shown, by digest."""
+"""Called with a call whose world shows something else now than was sent: what was, and what is
+shown, by digest."""
 
 
 def drive_again(
@@ -144,8 +147,9 @@ def drive_again(
 ) -> None:
     """Drive episodes again, in order: worlds and policies anew, models answered from their finished ``calls`` alone.
 
-    Nothing is asked and nothing written. Where a world shows another picture than a call was about, ``unlike`` is told
-    and the drive goes on; where there is no reply, the episode ends in an error that says so.
+    Nothing is asked and nothing written. Where a world shows another picture than a call was about,
+    ``unlike`` is told and the drive goes on; where there is no reply, the episode ends in an error
+    that says so.
     """
     coordinator = _Coordinator(drivers, open_worker, keep, calls, unlike=unlike)
     to_the_end(coordinator.run(todo, None, bounds))
@@ -334,7 +338,8 @@ def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
 def _terminated_as_interrupted() -> Iterator[None]:
     """Let SIGTERM end the run as SIGINT does: workers are closed, and what is finished is kept.
 
-    Where the program has a way of its own to end at SIGTERM, as the command line has, it goes that way.
+    Where the program has a way of its own to end at SIGTERM, as the command line has, it goes that
+    way.
     """
     loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
     task, usual = asyncio.current_task(), here and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

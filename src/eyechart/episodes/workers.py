@@ -1,6 +1,7 @@
 """A worker holds worlds in a process of its own; the coordinator asks it, and learns when it has died.
 
-Both ends stand here: what the coordinator asks, and the program that answers until nobody asks any more.
+Both ends stand here: what the coordinator asks, and the program that answers until nobody asks any
+more.
 """
 
 import os
@@ -46,8 +47,8 @@ class Worker(Protocol):
 class LocalWorker:
     """A process of this machine, which ends with this one.
 
-    It is a new interpreter, not a fork: it shares no locks, threads or open files, and runs none of the program that
-    began the run.
+    It is a new interpreter, not a fork: it shares no locks, threads or open files, and runs none of
+    the program that began the run.
     """
 
     def __init__(self, setup: Setup, *, patience_s: float = PATIENCE_S) -> None:

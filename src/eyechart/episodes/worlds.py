@@ -22,7 +22,8 @@ from eyechart.spaces.space import Decision
 
 MAX_STEPS = 1000
 POOL_SEEDS = (1000, 1001, 1002)
-"""The worlds whose pictures ``shuffled`` shows; an episode in one of them is shown those of the others."""
+"""The worlds whose pictures ``shuffled`` shows; an episode in one of them is shown those of the
+others."""
 
 _POOL_STEPS = 60
 _DETAIL = 500
@@ -32,10 +33,11 @@ _DETAIL = 500
 class Setup:
     """The worlds of a run, as a worker must know them to make them.
 
-    ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
-    of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
-    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing. ``reflected`` asks
-    models about the reflection of each picture too; a run that goes on does as it was begun.
+    ``simulators`` is the registry of the process that began the run, ``seed`` the run's,
+    ``max_steps`` the number of decisions after which an episode that has not ended is an error, and
+    ``actions`` the action map of ``gym:``. ``silence`` is one of `SILENCES`: whether the fail-safe
+    is executed where a model says nothing. ``reflected`` asks models about the reflection of each
+    picture too; a run that goes on does as it was begun.
     """
 
     simulator: str

@@ -1,8 +1,9 @@
 """Where control pictures put a vehicle: distances drawn by a seed over all that a world can show, and drawn again.
 
-The lead alone is put anywhere in the range. In the exchange the distance keeps away from the ends, and a factor apart
-from that of the lead alone. Both are spread evenly in the logarithm, and stratified over a bank's frames. A distance
-that cannot be shown of a frame makes room for others of the whole range, so that it is drawn over what is allowed.
+The lead alone is put anywhere in the range. In the exchange the distance keeps away from the ends,
+and a factor apart from that of the lead alone. Both are spread evenly in the logarithm, and
+stratified over a bank's frames. A distance that cannot be shown of a frame makes room for others of
+the whole range, so that it is drawn over what is allowed.
 """
 
 from collections.abc import Iterator, Sequence

@@ -47,8 +47,8 @@ _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP}
 def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
     """Yield an empty folder beside ``out`` in which what takes its place is made; it is gone when the block ends.
 
-    What a process left there that was killed is cleared. Raises ``error`` where another process writes there now, or
-    the name is somebody else's.
+    What a process left there that was killed is cleared. Raises ``error`` where another process
+    writes there now, or the name is somebody else's.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_name(f".{out.name[:50]}.part")
@@ -82,7 +82,8 @@ def _removed_unless_locked(work: Path, *, fresh: bool) -> Iterator[None]:
 def locked(file: Path, taken: EyechartError) -> Iterator[None]:
     """Hold a lock while the block lasts; raises ``taken`` where another process does.
 
-    Raises an error of its kind where the file system has no locks, as some that are mounted over a network.
+    Raises an error of its kind where the file system has no locks, as some that are mounted over a
+    network.
     """
     from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
 
@@ -105,8 +106,8 @@ def locked(file: Path, taken: EyechartError) -> Iterator[None]:
 def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
     """Yield a folder beside ``out`` that takes its place when the block ends well; no part of it is left otherwise.
 
-    ``out`` is not there, or an empty folder, or a link to either. Raises ``error`` as `own_folder` does, and where
-    nothing can take its place.
+    ``out`` is not there, or an empty folder, or a link to either. Raises ``error`` as `own_folder`
+    does, and where nothing can take its place.
     """
     place = _place(out, error)
     with own_folder(place, error) as work:
@@ -139,7 +140,8 @@ def _clear(folder: Path, *, keep: str) -> None:
 def open_bank(root: Path) -> FrameBank:
     """Open a bank from its manifest and metadata; raises BankError naming the file and line at fault.
 
-    Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
+    Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures
+    by ``check``.
     """
     bank = open_unchecked(root)
     if problems := _geometry_problems(bank):
@@ -295,8 +297,9 @@ def open_unchecked(root: Path) -> FrameBank:
 def check(root: Path, files: Collection[str] | None = None) -> list[str]:
     """Recompute a bank's fingerprint and the hash of every picture, draw its distances again; return what differs.
 
-    Each line names what it is of. ``files`` are the pictures to look at, all if none are given. An empty list means
-    that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
+    Each line names what it is of. ``files`` are the pictures to look at, all if none are given. An
+    empty list means that the bank is what its manifest says. Raises BankError if it cannot be
+    opened at all.
     """
     bank = open_unchecked(root)
     manifest, problems = bank.manifest, _geometry_problems(bank)
@@ -329,8 +332,8 @@ def _misplaced(bank: FrameBank) -> list[str]:
 class BankWriter:
     """Writes a bank into a folder beside its place and moves it there when all of it is written.
 
-    Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out`` exists and is
-    not an empty folder, and where what was added cannot be read back as it was given.
+    Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out``
+    exists and is not an empty folder, and where what was added cannot be read back as it was given.
     """
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
@@ -353,8 +356,8 @@ class BankWriter:
     ) -> None:
         """Add a frame with its encoded pictures by camera; the frame's own mappings name the files where they go.
 
-        Raises BankError, naming the frame, where an id or a file is given twice, a picture is missing or leads out of
-        the bank, or the truth could not be read back as it is.
+        Raises BankError, naming the frame, where an id or a file is given twice, a picture is
+        missing or leads out of the bank, or the truth could not be read back as it is.
         """
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")

@@ -21,7 +21,8 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
-"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
+"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a
+forward camera."""
 
 Scalar = str | int | float | bool | None
 MAIN = "main"
@@ -32,7 +33,8 @@ IMPORTED = "import"
 FORMAT = "eyechart-bank/1"
 FILE_SUFFIX = "_file_name"
 DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m", "lead_drawn_m", "exchange_m")
-"""Columns that say where drawn controls put a vehicle; they belong to the pictures, not to the moment."""
+"""Columns that say where drawn controls put a vehicle; they belong to the pictures, not to the
+moment."""
 
 RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 _EXACT = 2**53
@@ -66,14 +68,16 @@ class Gap:
 
 
 LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
-"""The gap to the lead vehicle, near below 18 m as in the paper; that it is centre to centre is ours."""
+"""The gap to the lead vehicle, near below 18 m as in the paper; that it is centre to centre is
+ours."""
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A camera: the axis of its reflection, and the other camera with which it exchanges there ("" for none).
 
-    A picture of a left wrist's camera, flipped, is what the reflected world shows in the right wrist's.
+    A picture of a left wrist's camera, flipped, is what the reflected world shows in the right
+    wrist's.
     """
 
     name: str
@@ -105,13 +109,14 @@ def alone(axis: MirrorAxis) -> tuple[Camera, ...]:
 class Frame:
     """A moment as cameras saw it, with its place in the bank and its ground truth, which no model sees.
 
-    ``pictures`` maps each of its ``cameras`` to a file inside the bank, ``counterfactuals`` a name to the same.
-    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no
-    lead). ``fields`` maps the bank's prompt columns to what a prompt may say of the frame, ``state`` a name to numbers
-    that a controller may see, such as the angles of its joints; neither is ground truth. ``motion`` is what was done
-    from here on in the log, a row a step, and empty where nobody logged it; no controller sees it. ``placed`` are the
-    columns of ``truth`` that say where pictures with one thing changed put a vehicle, and ``strata`` what a claim may
-    be asked by besides the scenario, such as the colour of the lead.
+    ``pictures`` maps each of its ``cameras`` to a file inside the bank, ``counterfactuals`` a name
+    to the same. ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word,
+    or None for "there is none" (no lead). ``fields`` maps the bank's prompt columns to what a
+    prompt may say of the frame, ``state`` a name to numbers that a controller may see, such as the
+    angles of its joints; neither is ground truth. ``motion`` is what was done from here on in the
+    log, a row a step, and empty where nobody logged it; no controller sees it. ``placed`` are the
+    columns of ``truth`` that say where pictures with one thing changed put a vehicle, and
+    ``strata`` what a claim may be asked by besides the scenario, such as the colour of the lead.
     """
 
     id: str
@@ -146,7 +151,8 @@ class Frame:
     def geometry(self) -> str:
         """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/banks.md).
 
-        Where its pictures put a vehicle has no part in it: they may be drawn anew for the same moment.
+        Where its pictures put a vehicle has no part in it: they may be drawn anew for the same
+        moment.
         """
         truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth) if name not in self.placed}
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
@@ -165,7 +171,8 @@ class Frame:
 class Stimulus:
     """All that a condition may change of a query: encoded pictures by camera, what a prompt may say, and the state.
 
-    Nobody can change it: one stimulus is shown to every model of a run, and again where a call is made again.
+    Nobody can change it: one stimulus is shown to every model of a run, and again where a call is
+    made again.
     """
 
     images: Mapping[str, bytes] = field(default_factory=dict)
@@ -262,15 +269,17 @@ class Controls:
 class BankManifest:
     """What a bank says of itself: where its pictures come from, and the digests that fix them.
 
-    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
-    to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns that prompts may say,
-    ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
-    owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
-    ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
-    ``controls`` holds the truth of its control pictures. ``motion`` says what its logged motions are, and what a
-    controller of motions answers with; None where it has none. ``span`` is the range over which `drawn` distances were
-    drawn, in the gap's unit, None where none were. ``strata`` maps a frame id to what a claim may be asked by, and
-    ``added`` to the columns of pictures that came later than its row.
+    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a
+    frame id to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns
+    that prompts may say, ``absent`` the places that the source did not record (scenario, episode,
+    step), and ``independent`` its owner's word that the frames are independent draws. ``cameras``
+    are those of every frame where there are several, ``state`` the columns of numbers that a
+    controller may see; a bank that says none of these is as it always was. ``controls`` holds the
+    truth of its control pictures. ``motion`` says what its logged motions are, and what a
+    controller of motions answers with; None where it has none. ``span`` is the range over which
+    `drawn` distances were drawn, in the gap's unit, None where none were. ``strata`` maps a frame
+    id to what a claim may be asked by, and ``added`` to the columns of pictures that came later
+    than its row.
     """
 
     simulator: str
@@ -331,9 +340,10 @@ class BankManifest:
 class FrameBank:
     """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for.
 
-    ``said`` are the prompt columns that the prompt of a run says of its frames. With ``plain`` all pictures are read as
-    8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's kind tells them apart. ``stores_noise``
-    says that noise is made as a PNG that is not compressed. ``unchecked`` pictures are read as they lie there.
+    ``said`` are the prompt columns that the prompt of a run says of its frames. With ``plain`` all
+    pictures are read as 8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's
+    kind tells them apart. ``stores_noise`` says that noise is made as a PNG that is not compressed.
+    ``unchecked`` pictures are read as they lie there.
     """
 
     root: Path
@@ -367,7 +377,8 @@ class FrameBank:
     def images(self, frame: Frame, counterfactual: str | None = None) -> dict[str, bytes]:
         """Return the encoded pictures of a frame by camera, or those of one of its counterfactuals.
 
-        Raises BankError for a missing counterfactual, a file outside the bank, or one that is too large.
+        Raises BankError for a missing counterfactual, a file outside the bank, or one that is too
+        large.
         """
         files = frame.pictures if counterfactual is None else frame.counterfactuals.get(counterfactual)
         if files is None:

@@ -1,6 +1,7 @@
 """Frames that two banks both have: whether they are the same moments, and how far their numbers lie apart.
 
-Source: paper, section Experimental Setup (the geometry fingerprint: both arms agree on all shared frames).
+Source: paper, section Experimental Setup (the geometry fingerprint: both arms agree on all shared
+frames).
 """
 
 from collections.abc import Mapping
@@ -13,8 +14,9 @@ from eyechart.frames.nouns import BankManifest, Frame, FrameBank
 class Shared:
     """The frames of one name in two banks, in the order of the first.
 
-    ``sizes`` are how many frames each bank has. ``unlike`` says of each shared frame whose geometry differs what does.
-    ``furthest`` maps each number of the ground truth that both have to the largest difference, in its own unit.
+    ``sizes`` are how many frames each bank has. ``unlike`` says of each shared frame whose geometry
+    differs what does. ``furthest`` maps each number of the ground truth that both have to the
+    largest difference, in its own unit.
     """
 
     frames: tuple[str, ...]

@@ -62,7 +62,8 @@ class Kept(Generic[K, T]):
 
 
 _DECODED: Kept[bytes, RGB] = Kept(lambda pixels: pixels.nbytes, 32_000_000, 2_000)
-"""Small pictures that a run shows under many conditions, decoded once; of large ones only the last few are there."""
+"""Small pictures that a run shows under many conditions, decoded once; of large ones only the last
+few are there."""
 
 
 def inside(root: Path, file: str) -> Path:
@@ -127,7 +128,8 @@ def size_of(picture: bytes, name: str) -> tuple[int, int]:
 def decode(picture: bytes, name: str) -> RGB:
     """Decode a picture to RGB, shape (h, w, 3), uint8; its size is checked before a pixel is decoded.
 
-    Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
+    Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25
+    megapixels.
     """
     with opened(picture, name, _FORMATS) as found:
         return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
@@ -164,8 +166,8 @@ _PHONES = {
 def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
     """Open a picture of one of these formats, of which no pixel is decoded yet and which is not too large.
 
-    What is done with it may raise as Pillow does: raises BankError, naming the picture, if it is no such picture, is
-    truncated, or has more than 25 megapixels.
+    What is done with it may raise as Pillow does: raises BankError, naming the picture, if it is no
+    such picture, is truncated, or has more than 25 megapixels.
     """
     with _opened(picture, name, formats) as found:
         width, height = found.size

@@ -1,6 +1,7 @@
 """A picture is plain where every program shows the same of it: one upright still picture of 8-bit red, green and blue.
 
-`require_plain` refuses any other, and `made_plain` makes a plain one of it, by rules that are written down.
+`require_plain` refuses any other, and `made_plain` makes a plain one of it, by rules that are
+written down.
 """
 
 from collections.abc import Iterator
@@ -34,9 +35,10 @@ _WORDS = {
 def require_plain(picture: bytes, name: str) -> str:
     """Return the media type of a plain picture that decodes; raises BankError that says all in which it is none.
 
-    It must be a PNG, JPEG or WebP of one picture, 8 bits a channel, red, green and blue without transparency, not
-    above 25 megapixels, and not turned by a note (EXIF orientation) that some programs follow and others do not. It
-    must hold all pixels that it declares, and nothing behind them.
+    It must be a PNG, JPEG or WebP of one picture, 8 bits a channel, red, green and blue without
+    transparency, not above 25 megapixels, and not turned by a note (EXIF orientation) that some
+    programs follow and others do not. It must hold all pixels that it declares, and nothing behind
+    them.
     """
     with opened(picture, name, PLAIN_FORMATS) as found:
         if odd := [*_oddities(found, picture)]:
@@ -85,9 +87,10 @@ def made_plain(
 ) -> tuple[RGB, list[str]]:
     """Return a picture as plain pixels, shape (h, w, 3), and what was done to it, in words.
 
-    It is turned as its note says; of several pictures the first is taken; 16 bits become 8, 65535 white; what is
-    transparent shows ``background``; a profile of colours is left out. ``longest`` is the most pixels of its longer
-    side. Nothing done gives no words. Raises BankError where it is no picture, or one of more than 16 bits.
+    It is turned as its note says; of several pictures the first is taken; 16 bits become 8, 65535
+    white; what is transparent shows ``background``; a profile of colours is left out. ``longest``
+    is the most pixels of its longer side. Nothing done gives no words. Raises BankError where it is
+    no picture, or one of more than 16 bits.
     """
     with opened(picture, name, FORMATS) as found:
         done = [f"first of {frames}"] if (frames := getattr(found, "n_frames", 1)) > 1 else []

@@ -1,7 +1,7 @@
 """A picture is whole where it holds the pixels that it declares, and nothing behind them.
 
-A decoder fills what is missing with grey or black and says nothing, so that a few bytes can claim a whole road without
-a vehicle. So what a picture declares is held against what it holds.
+A decoder fills what is missing with grey or black and says nothing, so that a few bytes can claim a
+whole road without a vehicle. So what a picture declares is held against what it holds.
 """
 
 import io
@@ -35,7 +35,8 @@ class Damage(NamedTuple):
 def damages(picture: bytes, kind: str, pixels: RGB) -> Iterator[Damage]:
     """Yield what is wrong with the data of a picture that was decoded to these pixels; ``kind`` is Pillow's format.
 
-    Of other formats than PNG, JPEG and WebP nothing is known. libwebp itself refuses a WebP whose data end too early.
+    Of other formats than PNG, JPEG and WebP nothing is known. libwebp itself refuses a WebP whose
+    data end too early.
     """
     if kind == "PNG":
         yield from _of_png(picture)

@@ -1,6 +1,7 @@
 """Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset; and answers made elsewhere.
 
-What makes a bank is for Python here, and speaks of arguments; commands take it from the modules, and speak of options.
+What makes a bank is for Python here, and speaks of arguments; commands take it from the modules,
+and speak of options.
 """
 
 from eyechart.errors import in_arguments, speaks_of_arguments

@@ -59,8 +59,8 @@ class Answered:
 def read_answer_table(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
     """Yield the answers of a CSV, JSON lines or Parquet file, in its order, a bounded part of it in memory at a time.
 
-    A row that is wrong is noted among the ``faults`` and left out. Raises SourceError where the file cannot be read,
-    or lacks the columns ``call`` and ``text``.
+    A row that is wrong is noted among the ``faults`` and left out. Raises SourceError where the
+    file cannot be read, or lacks the columns ``call`` and ``text``.
     """
     table = open_table(path, progress, optional=_KNOWN)
     named = _named(path, table)

@@ -1,6 +1,7 @@
 """Rows and pictures become a bank, or words that say all that is wrong; nothing half-written stays.
 
-A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
+A picture of one's own is copied as it is, after a look at whether every program shows the same of
+it.
 """
 
 from bisect import bisect_left, bisect_right
@@ -67,7 +68,8 @@ SAID = "said"
 KIND = "kind"
 """The setting of an imported bank that says by what the kind of its motions was told."""
 GUESSED = "guessed"
-"""The setting of an imported bank that says which columns were taken by their usual name alone, by place."""
+"""The setting of an imported bank that says which columns were taken by their usual name alone, by
+place."""
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
@@ -76,7 +78,8 @@ Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 
 
 _MOVED = frozenset({*DISTANCES, *(f"{kind}_m" for kind in reading.PICTURED)})
-"""The columns with the distances of pictures in which one thing was moved; they are in the gap's unit."""
+"""The columns with the distances of pictures in which one thing was moved; they are in the gap's
+unit."""
 _NUMBERS = ("gap", "state ", "motion ")
 """What the places begin with whose cells are numbers."""
 UNDESCRIBED = "pictures of a camera"
@@ -87,16 +90,18 @@ UNDESCRIBED = "pictures of a camera"
 class Choices:
     """What the owner of the pictures says of them.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario, mirror; lead_near, lane_own and the other pictures
-    with one thing changed) to a column, an empty name to none; ``rig`` says which
-    are of several cameras and of the state, and else ``mirror`` is the axis of the one, unless a column says it of each
-    frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
-    frames without episodes to be independent draws, ``prompt_columns`` what a prompt may say, and ``strata`` the
-    columns by which a claim may be asked, besides the scenario. Every ``every``-th frame of an episode is taken.
-    ``convert`` says how pictures are made plain; without it those that are not are refused. With ``keep_repeats`` a
-    recording that is there twice is imported twice. ``numerals`` says how numbers are written and which mean "nothing
-    ahead"; ``strip`` is what the paths of another machine begin with.
-    ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
+    ``columns`` maps a place (file, gap, episode, step, scenario, mirror; lead_near, lane_own and
+    the other pictures with one thing changed) to a column, an empty name to none; ``rig`` says
+    which are of several cameras and of the state, and else ``mirror`` is the axis of the one,
+    unless a column says it of each frame. ``threshold`` and ``unit`` belong to the gap; a column as
+    ``gap_m`` tells its unit. ``independent`` declares frames without episodes to be independent
+    draws, ``prompt_columns`` what a prompt may say, and ``strata`` the columns by which a claim may
+    be asked, besides the scenario. Every ``every``-th frame of an episode is taken. ``convert``
+    says how pictures are made plain; without it those that are not are refused. With
+    ``keep_repeats`` a recording that is there twice is imported twice. ``numerals`` says how
+    numbers are written and which mean "nothing ahead"; ``strip`` is what the paths of another
+    machine begin with. ``wrong`` says what of this was given in ways that cannot be: faults, as
+    those of the table.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -126,8 +131,8 @@ class Choices:
 class Source:
     """Where pictures come from: the folder, what yields each frame with its own, in any order, and what to record.
 
-    ``settings`` are known before; meanwhile ``converted`` counts what is done to make pictures plain, and ``said``
-    takes a line for what is left out.
+    ``settings`` are known before; meanwhile ``converted`` counts what is done to make pictures
+    plain, and ``said`` takes a line for what is left out.
     """
 
     folder: Path
@@ -172,8 +177,8 @@ def import_table(
 ) -> FrameBank:
     """Make a bank at ``out`` of the pictures in ``folder`` that a table (CSV, JSON lines, Parquet) lists.
 
-    ``reads`` counts the table as it is read, ``progress`` the frames written. Raises SourceError that names all that is
-    wrong, by row, and leaves nothing at ``out``.
+    ``reads`` counts the table as it is read, ``progress`` the frames written. Raises SourceError
+    that names all that is wrong, by row, and leaves nothing at ``out``.
     """
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder, and the pictures are looked for there")
@@ -279,7 +284,8 @@ _UNLIKE = (
     ("exchange_beside", "exchange_apart"),
     ("lane_own", "lane_beside"),
 )
-"""Pictures of one moment between which something was moved; one that stays near may be any other."""
+"""Pictures of one moment between which something was moved; one that stays near may be any
+other."""
 
 
 def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None:
@@ -441,8 +447,8 @@ def _unit(choices: Choices, places: Mapping[str, str]) -> str:
 class Cells:
     """What the rows say, column by column, each as long as the rows where nothing in it is wrong.
 
-    ``pictures`` maps a camera to its files, ``changed`` a kind of pictures with one thing changed to the same, where an
-    empty name is a picture that was not taken.
+    ``pictures`` maps a camera to its files, ``changed`` a kind of pictures with one thing changed
+    to the same, where an empty name is a picture that was not taken.
     """
 
     pictures: Mapping[str, list[str]]
@@ -624,7 +630,8 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
 def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], list[int]]:
     """Return every frame's scenario, episode and step; those that the source does not record are made up here.
 
-    Without episodes all frames are one, which no test can take for many; declared independent, each is its own.
+    Without episodes all frames are one, which no test can take for many; declared independent, each
+    is its own.
     """
 
     def read(place: str, reader: Callable[[Cell, str], T]) -> list[T]:
@@ -655,8 +662,9 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
 def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
     """Note as a fault where an episode goes through several scenarios: its parts would count as so many drives.
 
-    Where a step of one name stands in two scenarios, or other episodes lie between its parts, as where frames are
-    counted through, its names recur, and are other drives; without steps nobody knows.
+    Where a step of one name stands in two scenarios, or other episodes lie between its parts, as
+    where frames are counted through, its names recur, and are other drives; without steps nobody
+    knows.
     """
     where: dict[tuple[str, int], str] = {}
     rows = [*zip(episodes, steps, scenarios, strict=False)]
@@ -758,7 +766,8 @@ def write(
 def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:
     """Note the episodes that are others again, and leave them out, but where they are to be kept.
 
-    Raises SourceError where one would be left out whose gap is another: nobody knows which of both is right.
+    Raises SourceError where one would be left out whose gap is another: nobody knows which of both
+    is right.
     """
     found = repeats(added, writer.read, writer.digest)
     column = "" if gap is None else gap.column

@@ -21,7 +21,8 @@ MOST_CELL = 100_000
 
 _NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?([eE][+-]?\d+)?|[+-]?\.\d+([eE][+-]?\d+)?")
 _ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
-"""Zeros at the head of a number, as counters are padded; a column that nobody named as a number keeps them as words."""
+"""Zeros at the head of a number, as counters are padded; a column that nobody named as a number
+keeps them as words."""
 _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
@@ -63,7 +64,8 @@ def plain_name(column: str) -> str:
 def read_number(cell: Cell, what: str, *, marks: bool = True) -> float | None:
     """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
 
-    Zeros at its head are no part of a number. With ``marks`` the message says how a mark is declared.
+    Zeros at its head are no part of a number. With ``marks`` the message says how a mark is
+    declared.
     """
     advice = _marked(cell) if marks else ""
     if cell is None:

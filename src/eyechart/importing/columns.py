@@ -45,7 +45,8 @@ USUAL: dict[str, tuple[str, ...]] = {
     "step": ("frame_index", "frame_number", "tick", "timestep", "time_step", "frame_no", "frame_idx", "step_index"),
     "scenario": ("scenario_name", "place", "environment", "location", "scene"),
 }
-"""Columns that are usually called so, taken in this order where the table has none of the place's own.
+"""Columns that are usually called so, taken in this order where the table has none of the place's
+own.
 
 None is here that is as often something else: a column ``frame`` may be a number, a name or a file.
 """
@@ -112,10 +113,10 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_rig(path: Path, *, of_table: bool = True) -> Rig:
     """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
 
-    ``[camera.changed]`` names the columns of its pictures with one thing changed. ``[motion]`` says what was logged
-    (`Logged`), each number a ``[[motion.number]]``, and ``[reflection]`` what the reflected world has (`Reflection`).
-    One that is not ``of_table`` has cameras and ``[reflection]`` alone. Raises SpecError naming the file and what is
-    wrong in it.
+    ``[camera.changed]`` names the columns of its pictures with one thing changed. ``[motion]`` says
+    what was logged (`Logged`), each number a ``[[motion.number]]``, and ``[reflection]`` what the
+    reflected world has (`Reflection`). One that is not ``of_table`` has cameras and
+    ``[reflection]`` alone. Raises SpecError naming the file and what is wrong in it.
     """
     with raising(SpecError, f"{path} is no rig of cameras", of=(msgspec.ValidationError, BankError, SpecError)):
         rig = msgspec.convert(read_toml(path), Rig)
@@ -169,9 +170,9 @@ def places(
 ) -> dict[str, str]:
     """Return the column of each place that has one, and those that a rig takes; an empty name leaves a place without.
 
-    A column that is only usually called so is not taken for a place of ``own``, nor where it is one of ``kept``. An
-    unknown place, a column that the table has not (with the nearest that it has), and one that is two places is a
-    fault.
+    A column that is only usually called so is not taken for a place of ``own``, nor where it is one
+    of ``kept``. An unknown place, a column that the table has not (with the nearest that it has),
+    and one that is two places is a fault.
     """
     roles = {place: names for place, names in ROLES.items() if rig is None or place not in {*PICTURED, "mirror"}}
     of_rig = {} if rig is None else rig.places()

@@ -32,7 +32,8 @@ _PRICES = {
 }
 """What a place that was guessed means for the verdict."""
 _LEAST_WAYS = 200
-"""Ways to exchange episodes below which the test of distance cannot reach its level of .01 on two sides."""
+"""Ways to exchange episodes below which the test of distance cannot reach its level of .01 on two
+sides."""
 _MANY = 12
 
 

@@ -1,6 +1,7 @@
 """Answers in a log of Inspect AI, ``.eval`` or ``.json``, are read without Inspect, a sample in memory at a time.
 
-A log in ``.eval`` is a ZIP file with a JSON file a sample; their compression is Zstandard, which pyarrow unpacks.
+A log in ``.eval`` is a ZIP file with a JSON file a sample; their compression is Zstandard, which
+pyarrow unpacks.
 """
 
 import json

@@ -1,9 +1,10 @@
 """The files of a LeRobotDataset v3, none of them outside of it, and what its ``meta`` folder says, in bounded memory.
 
-Layout (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0): ``meta/info.json`` has the
-features, the frames a second and the path templates; ``meta/episodes/chunk-*/file-*.parquet`` says for each episode in
-which data file and, for each camera, in which video file and from which second on it lies; ``data/chunk-*/
-file-*.parquet`` has a row a frame, and the pictures of cameras that have no video; ``meta/tasks.parquet`` the words of
+Layout (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0):
+``meta/info.json`` has the features, the frames a second and the path templates;
+``meta/episodes/chunk-*/file-*.parquet`` says for each episode in which data file and, for each
+camera, in which video file and from which second on it lies; ``data/chunk-*/ file-*.parquet`` has a
+row a frame, and the pictures of cameras that have no video; ``meta/tasks.parquet`` the words of
 each task.
 """
 
@@ -55,7 +56,8 @@ class Feature(msgspec.Struct, frozen=True):
     def is_depth(self) -> bool:
         """Return whether its pictures are marked as depths, in one of the three places that LeRobot itself reads.
 
-        That is ``is_depth_map`` or the older ``video.is_depth_map`` of ``info``, or the latter of ``video_info``.
+        That is ``is_depth_map`` or the older ``video.is_depth_map`` of ``info``, or the latter of
+        ``video_info``.
         """
         marks = (
             (self.info, "is_depth_map"),
@@ -111,8 +113,9 @@ class Layout:
     def file(self, inner: str) -> Path | None:
         """Return the path of a file, None where it is not there.
 
-        Raises SourceError where it leads outside the data set, or is no plain file: a pipe would be waited for.
-        A link may lead to any place inside the data set, and of a snapshot in the Hub's cache to its own ``blobs``.
+        Raises SourceError where it leads outside the data set, or is no plain file: a pipe would be
+        waited for. A link may lead to any place inside the data set, and of a snapshot in the Hub's
+        cache to its own ``blobs``.
         """
         path = self.root / inner
         try:
@@ -164,8 +167,8 @@ class Layout:
     def episodes(self, cameras: Sequence[str], template: str | None) -> Episodes:
         """Return what meta/episodes says of episodes, and where the ``cameras``' videos lie, by a path ``template``.
 
-        A camera of which it says nothing has no clips. Raises SourceError where a cell is wrong, or an episode stands
-        there twice with two places.
+        A camera of which it says nothing has no clips. Raises SourceError where a cell is wrong, or
+        an episode stands there twice with two places.
         """
         where, lengths, clips = (
             self.root / "meta/episodes",
@@ -234,7 +237,8 @@ def vectors_of(features: Mapping[str, Feature]) -> Iterator[tuple[str, tuple[str
 def video_of(template: str | None, camera: str, chunk: int, file: int) -> str:
     """Return the path of a video by info.json's template; raises ValueError where that is none.
 
-    Only its three names are replaced, each with up to nine digits: a template of another's is no format of Python.
+    Only its three names are replaced, each with up to nine digits: a template of another's is no
+    format of Python.
     """
     if not template:
         raise ValueError("it is missing, and the episodes have videos")

@@ -76,11 +76,12 @@ def import_lerobot(
 ) -> FrameBank:
     """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
 
-    With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
-    motions these are is told by the data where ``ahead`` does not say it. Without, it is of one camera. The columns are
-    those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
-    of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
+    With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the
+    task as what a policy is told, and the actions of so many steps from each frame on; a rig says
+    what is reflected. What kind of motions these are is told by the data where ``ahead`` does not
+    say it. Without, it is of one camera. The columns are those of its data files; components of
+    vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words of the task as
+    ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
     wrong = Faults()
     wrong.take(choices.wrong)
@@ -130,8 +131,8 @@ def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
 def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
     """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown.
 
-    Of several cameras ``every`` one is taken where none is named, but those of depths and those without any file, which
-    are said.
+    Of several cameras ``every`` one is taken where none is named, but those of depths and those
+    without any file, which are said.
     """
     layout, said = Layout(folder), list[str]()
     info = layout.info()
@@ -265,8 +266,8 @@ def _left_of_state(data: Dataset, rig: Rig) -> list[str]:
 def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
     """Return a rig with the kind of motion that the data tell, and why it was taken.
 
-    A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
-    Raises SourceError where neither the data nor the names say it.
+    A place is relative to the number of the state that it is paired with. Where somebody gave a
+    kind, that is taken. Raises SourceError where neither the data nor the names say it.
     """
     motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
     assert motion is not None
@@ -294,8 +295,8 @@ _BY_NAMES = "the names say"
 def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, str]:
     """Return the kind of the motions and what says it: its owner, the data, or that they have the state's names.
 
-    Names say it only of numbers that are no farther from those of the state than their spread: one name may have two
-    units.
+    Names say it only of numbers that are no farther from those of the state than their spread: one
+    name may have two units.
     """
     if ahead.kind is not None:
         return ahead.kind, "--kind says"

@@ -20,14 +20,17 @@ MOST_NUMBERS = 50_000_000
 LEAST_TOLD = 10
 """Rows with a motion and a state below which the data do not tell what a motion is."""
 PLACES_BELOW, CHANGES_ABOVE = 0.5, 1.0
-"""Numbers that stay this near to the state, in units of their spread, are places; farther away they are none of it."""
+"""Numbers that stay this near to the state, in units of their spread, are places; farther away they
+are none of it."""
 MOST_TOLD = 100_000
 """Rows by which it is told; the log goes on."""
 LEAST_WALKED = 30
-"""Steps with a state before and behind below which the data do not tell whether numbers are its changes."""
+"""Steps with a state before and behind below which the data do not tell whether numbers are its
+changes."""
 FOLLOWS, ALIKE, LEAST_SHARE = 0.6, 0.9, 0.3
-"""Correlations from which on numbers go along with the state's changes, and with the state itself within an episode;
-and the share of numbers that have to do the one for the log to be one of changes."""
+"""Correlations from which on numbers go along with the state's changes, and with the state itself
+within an episode; and the share of numbers that have to do the one for the log to be one of
+changes."""
 WINDOWS = (1, 4)
 """Steps over which changes are compared: an arm lags behind what it is told."""
 _STILL = 1e-9
@@ -39,7 +42,8 @@ Rows = tuple[tuple[float, ...], ...]
 class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One number of a motion's step: its column, and what `eyechart.spaces.motion.Dimension` says of it.
 
-    ``state`` is the column of the number of the state that it is measured relative to, where it is a place.
+    ``state`` is the column of the number of the state that it is measured relative to, where it is
+    a place.
     """
 
     column: str
@@ -61,7 +65,8 @@ class Reflected(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the reflected world has of a state and a motion: what is not in ``numbers`` stays as it is there.
 
-    ``words`` are what an instruction exchanges, such as left and right. Names are those of columns, or of numbers.
+    ``words`` are what an instruction exchanges, such as left and right. Names are those of columns,
+    or of numbers.
     """
 
     numbers: dict[str, Reflected] = {}
@@ -70,8 +75,9 @@ class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def by_column(self, *parts: Mapping[str, str]) -> "Reflection":
         """Return the same by columns; each of the ``parts`` (the motion, the state) maps names to its columns.
 
-        A name that several have is of each. Of two numbers that exchange places it is enough to name one. Raises
-        SpecError where a name is of no part, or what it mirrors is not of the same.
+        A name that several have is of each. Of two numbers that exchange places it is enough to
+        name one. Raises SpecError where a name is of no part, or what it mirrors is not of the
+        same.
         """
         found: dict[str, Reflected] = {}
         for name, one in self.numbers.items():
@@ -102,7 +108,8 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def space(self, state: Mapping[str, Sequence[str]], reflection: Reflection | None = None) -> MotionSpace:
         """Return the motions of a bank; ``state`` maps each state to the columns of its numbers.
 
-        Raises SpecError where a number belongs to a column that no state has, or the reflection is none.
+        Raises SpecError where a number belongs to a column that no state has, or the reflection is
+        none.
         """
         columns = [column for many in state.values() for column in many]
         for one in self.number:
@@ -163,10 +170,11 @@ class Walk:
 class Told:
     """What the data say of logged numbers.
 
-    ``ratio`` is how far they are from the numbers of the state that they are paired with, in units of their own spread
-    (root mean square; the median of the ``count`` numbers whose partner varies), None where nothing can be paired.
-    ``pairs`` has the place of each one's number in the state, None where it has none. ``follows`` and ``alike`` are the
-    shares of the numbers that go along with the changes of the state, and with the state itself, over ``walked`` steps.
+    ``ratio`` is how far they are from the numbers of the state that they are paired with, in units
+    of their own spread (root mean square; the median of the ``count`` numbers whose partner
+    varies), None where nothing can be paired. ``pairs`` has the place of each one's number in the
+    state, None where it has none. ``follows`` and ``alike`` are the shares of the numbers that go
+    along with the changes of the state, and with the state itself, over ``walked`` steps.
     """
 
     ratio: float | None
@@ -180,7 +188,8 @@ class Told:
     def kind(self) -> Kind | None:
         """Return what they are, places or changes; None where the data do not tell.
 
-        Changes have evidence of their own: that they are no places says nothing of what else they are.
+        Changes have evidence of their own: that they are no places says nothing of what else they
+        are.
         """
         if self.ratio is not None and self.ratio < PLACES_BELOW:
             return "absolute"
@@ -214,9 +223,9 @@ class Told:
 def tell(walks: Iterable[Walk], named: Sequence[int | None]) -> Told:
     """Return what was done in the rows of a log, by the states from which it was done.
 
-    ``named`` has the place in the state that each number names. The others are paired by their place, where there are
-    as many; where they do not follow that, or there are not, with the number of the state that each follows most
-    closely.
+    ``named`` has the place in the state that each number names. The others are paired by their
+    place, where there are as many; where they do not follow that, or there are not, with the number
+    of the state that each follows most closely.
     """
     every: list[Walk] = []
     for one in walks:
@@ -252,7 +261,8 @@ def _apart(one: Floats, states: Floats) -> Floats:
 def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Mapping[int, int]) -> Told:
     """Return what numbers are that are paired as they are named, or else as the ``others``.
 
-    Of these, one that is as far away as its spread follows no number of the state, and is paired with none.
+    Of these, one that is as far away as its spread follows no number of the state, and is paired
+    with none.
     """
     pairs = {number: others[number] if (own := named[number]) is None else own for number in apart}
     near = {number: place for number, place in pairs.items() if apart[number][place] < CHANGES_ABOVE}
@@ -264,8 +274,8 @@ def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Ma
 def _followed(walks: Sequence[Walk]) -> dict[str, Any]:
     """Return which share of the numbers goes along with the changes of the state, and which with the state itself.
 
-    Changes are compared as they are, summed over each of the `WINDOWS`; places within their episode: in one that goes
-    one way, the place goes along with the changes while its mean is kept.
+    Changes are compared as they are, summed over each of the `WINDOWS`; places within their
+    episode: in one that goes one way, the place goes along with the changes while its mean is kept.
     """
     long = [one for one in walks if len(one.done) > max(WINDOWS) and one.states.shape[1]]
     walked = sum(len(one.done) - 1 for one in long)
@@ -313,7 +323,8 @@ class Log:
     def add(self, row: Row, number: int, places: Mapping[str, str], *, kept: bool) -> None:
         """Take note of a row, which becomes a frame where it is ``kept``; a cell that is no number is a fault.
 
-        ``places`` has the columns of scenario, episode and step; names of episodes may recur in another scenario.
+        ``places`` has the columns of scenario, episode and step; names of episodes may recur in
+        another scenario.
         """
         episode = tuple(row.get(places.get(place, "")) for place in ("scenario", "episode"))
         step = row.get(places.get("step", ""))

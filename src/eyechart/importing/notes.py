@@ -25,8 +25,8 @@ Floats = npt.NDArray[np.float64]
 def notes(bank: FrameBank) -> list[str]:
     """Return what looks wrong in the log of a bank that says what a motion is, a line each; nothing of another bank.
 
-    Numbers far from all others, dimensions of a motion that stay or hardly vary, and cameras that show one and the same
-    picture all through an episode.
+    Numbers far from all others, dimensions of a motion that stay or hardly vary, and cameras that
+    show one and the same picture all through an episode.
     """
     space = bank.manifest.motion
     if space is None:

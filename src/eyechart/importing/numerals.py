@@ -17,7 +17,8 @@ STYLES: dict[str, tuple[str, str]] = {
     "1'234.5": ("'", "."),
     "1,234.5": (",", "."),
 }
-"""How ``--numbers`` writes its example → the sign between thousands and that before the fraction."""
+"""How ``--numbers`` writes its example → the sign between thousands and that before the
+fraction."""
 
 UNITS: dict[str, tuple[str, ...]] = {
     "mm": ("millimeter", "millimeters", "millimetre", "millimetres"),
@@ -48,7 +49,8 @@ _WITHIN = frozenset(
     {"mm", "cm", "km", "ft", "feet"}
     | {f"{many}{unit}" for many in ("", "milli", "centi", "deci", "kilo") for unit in ("meters", "metres")}
 )
-"""What is a unit also within a name; other words stand there for something else, as in ``gap_second_car_in_lane``."""
+"""What is a unit also within a name; other words stand there for something else, as in
+``gap_second_car_in_lane``."""
 _LENGTHS = {
     "mm": 0.001,
     "cm": 0.01,
@@ -68,7 +70,8 @@ _LARGE = 1e6
 _ENDS = frozenset({*(2.0**bits - one for bits in (8, 15, 16, 31, 32, 63, 64) for one in (0, 1))})
 _FAR = 2.0
 _OFTEN, _FEW_DIGITS, _OTHERS = 3, 2, 5
-"""A round number that stands so often, far above at least so many others, is taken for a mark: 100, 500, 1000."""
+"""A round number that stands so often, far above at least so many others, is taken for a mark: 100,
+500, 1000."""
 
 
 def unit_named(words: str) -> str | None:
@@ -95,9 +98,10 @@ def unit_of(column: str) -> str | None:
 class Numerals:
     """What is declared of a table's numbers.
 
-    ``style`` is one of `STYLES`, "" for a point before the fraction and nothing between thousands. ``no_lead`` are the
-    numbers and words that mean "nothing ahead" in the column of the gap; None declares nothing, and then a number that
-    looks like a mark is refused; an empty sequence declares that every number is a distance.
+    ``style`` is one of `STYLES`, "" for a point before the fraction and nothing between thousands.
+    ``no_lead`` are the numbers and words that mean "nothing ahead" in the column of the gap; None
+    declares nothing, and then a number that looks like a mark is refused; an empty sequence
+    declares that every number is a distance.
     """
 
     style: str = ""
@@ -111,7 +115,8 @@ class Numerals:
     def row(self, row: Row, words: Iterable[str], where: str) -> Row:
         """Return a row whose texts are numbers as Python writes them, but for the columns of ``words``.
 
-        Raises SourceError, which begins with ``where``, for a number that is written in another way than declared.
+        Raises SourceError, which begins with ``where``, for a number that is written in another way
+        than declared.
         """
         if not self.style:
             return row
@@ -220,9 +225,9 @@ def odd_gaps(
 ) -> list[str]:
     """Return what is wrong with the gap's numbers: below zero or, where they are looked for, ``marks`` not declared.
 
-    ``named`` says what a message calls each row. No gap is below zero. A number of nines, a type's limit or a round one
-    that stands often, far above all others, and a zero that stands several times far below all others, are taken for
-    marks.
+    ``named`` says what a message calls each row. No gap is below zero. A number of nines, a type's
+    limit or a round one that stands often, far above all others, and a zero that stands several
+    times far below all others, are taken for marks.
     """
     where: dict[float, list[str]] = {}
     for number, name in zip(numbers, named, strict=True):

@@ -1,9 +1,9 @@
 """What the pages of a Parquet file unpack to, told by their own headers before any of them is unpacked.
 
-A footer may say anything of the pages behind it, and a reader believes each page's header. So the headers are read
-here, all of them, as the format's definition has them (github.com/apache/parquet-format, ``parquet.thrift``, in
-Thrift's compact protocol), and a file is refused that says a thing twice or in another type, because readers differ
-in which they take.
+A footer may say anything of the pages behind it, and a reader believes each page's header. So the
+headers are read here, all of them, as the format's definition has them
+(github.com/apache/parquet-format, ``parquet.thrift``, in Thrift's compact protocol), and a file is
+refused that says a thing twice or in another type, because readers differ in which they take.
 """
 
 from bisect import bisect_left
@@ -19,7 +19,8 @@ from eyechart.errors import SourceError, plain_file, raising
 BATCH_ROWS = 1024
 """Rows that are read at a time."""
 MOST_UNPACKED = 192_000_000
-"""Bytes of the pages that are held at a time, of all columns; words count thrice, as a reader copies them."""
+"""Bytes of the pages that are held at a time, of all columns; words count thrice, as a reader
+copies them."""
 MOST_LISTED = 16_000_000
 """Numbers in the vectors of one row group: a file may put all of them into one row."""
 MOST_FOOTER = 8_000_000
@@ -40,8 +41,9 @@ _DATA, _DICTIONARY, _DATA_2 = 0, 2, 3
 _WORDS, _FIXED = 6, 7
 _REPEATED = 2
 _ENCODINGS = {0, 2, 3, 5, 8, 9}
-"""PLAIN, PLAIN_DICTIONARY, RLE, DELTA_BINARY_PACKED, RLE_DICTIONARY and BYTE_STREAM_SPLIT, whose values are no more
-than their page. Of strings in DELTA encodings only reading tells how many bytes they make."""
+"""PLAIN, PLAIN_DICTIONARY, RLE, DELTA_BINARY_PACKED, RLE_DICTIONARY and BYTE_STREAM_SPLIT, whose
+values are no more than their page. Of strings in DELTA encodings only reading tells how many bytes
+they make."""
 
 Fields = Mapping[int, tuple[int, Any]]
 """A Thrift struct: the type and the value of each field by its number."""
@@ -151,7 +153,8 @@ class _Leaf:
 def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROWS) -> None:
     """Raise SourceError where reading the columns of these names could take more memory than is allowed.
 
-    So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError goes through.
+    So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError
+    goes through.
     """
     with (
         raising(SourceError, f"{path} cannot be read as Parquet", of=_MalformedError),

@@ -1,8 +1,8 @@
 """A Parquet file is read in small batches, after its pages' headers were asked what they unpack to.
 
-A few kilobytes of Parquet can stand for gigabytes: repeated values, compressed pages, prefixes shared by all
-strings. So a file is opened only within the bounds of `eyechart.importing.pages`, and words stay in their dictionary
-until their length was checked.
+A few kilobytes of Parquet can stand for gigabytes: repeated values, compressed pages, prefixes
+shared by all strings. So a file is opened only within the bounds of `eyechart.importing.pages`, and
+words stay in their dictionary until their length was checked.
 """
 
 from collections import deque
@@ -108,7 +108,8 @@ def open_parquet(
 ) -> ParquetTable:
     """Open a Parquet file; nested and binary columns are left out, except the ``vectors`` named.
 
-    Raises SourceError where pyarrow is missing, the file is damaged, or its columns would unpack to too much.
+    Raises SourceError where pyarrow is missing, the file is damaged, or its columns would unpack to
+    too much.
     """
     pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
     try:
@@ -141,8 +142,8 @@ def has_column(path: Path, column: str, *, extra: str) -> bool:
 def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:
     """Yield the bytes in a column of these rows, which rise from 1 through all files; a few are in memory at a time.
 
-    ``column`` may be a part of a struct, with a dot. Raises SourceError where it is not there, or would unpack to too
-    much.
+    ``column`` may be a part of a struct, with a dot. Raises SourceError where it is not there, or
+    would unpack to too much.
     """
     pa, pq = require("pyarrow", "pyarrow", "lerobot"), require("pyarrow.parquet", "pyarrow", "lerobot")
     wanted, before = deque(rows), 0

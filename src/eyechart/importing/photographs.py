@@ -15,8 +15,9 @@ _MOST_NAME = 1_000
 class Convert:
     """How pictures are made plain (`eyechart.frames.made_plain`): as 8-bit PNG, upright, in red, green and blue.
 
-    What is transparent shows ``background``, a colour's name or #rrggbb; pictures whose longer side has more than
-    ``longest`` pixels are made smaller. A picture that is plain, and not too large, stays as it is.
+    What is transparent shows ``background``, a colour's name or #rrggbb; pictures whose longer side
+    has more than ``longest`` pixels are made smaller. A picture that is plain, and not too large,
+    stays as it is.
     """
 
     background: str = "white"
@@ -48,8 +49,8 @@ class Photographs:
     def locate(self, name: str, what: str) -> str:
         """Return a picture's path inside the folder, with '/' between its parts; ``what`` names row and column.
 
-        A path may also be given from the table's own place, where it leads into the folder. Raises SourceError where
-        it leads outside.
+        A path may also be given from the table's own place, where it leads into the folder. Raises
+        SourceError where it leads outside.
         """
         path = name.strip()
         if len(path) > _MOST_NAME:
@@ -103,7 +104,8 @@ class Photographs:
     def read(self, file: str, what: str) -> tuple[bytes, str]:
         """Return a picture's bytes and its name in a bank.
 
-        Raises SourceError, naming row and file, where it is not plain and nobody asked to make it so.
+        Raises SourceError, naming row and file, where it is not plain and nobody asked to make it
+        so.
         """
         with raising(SourceError, what, of=BankError):
             picture = self._bytes_of(file)

@@ -136,7 +136,8 @@ def _encoded(picture: Any, path: Path) -> bytes:  # noqa: ANN401 - of PyAV
 def _require_end(container: Any, stream: Any, path: Path, end_s: float) -> None:  # noqa: ANN401 - of PyAV
     """Raise SourceError where a video shows nothing at or behind ``end_s``; leave it at its beginning.
 
-    The end that it declares is one picture behind its last; where that does not settle it, the last ones are decoded.
+    The end that it declares is one picture behind its last; where that does not settle it, the last
+    ones are decoded.
     """
     start, length = stream.start_time or 0, stream.duration
     if length is not None and (start + length) * stream.time_base > end_s + _SURE / float(stream.average_rate or 1):

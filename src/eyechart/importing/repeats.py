@@ -1,6 +1,7 @@
 """Which episodes of a log are one recording under two names, as a merged data set has them.
 
-Counted twice, an episode is two in every test, and the partner of a moment at a similar state is the moment itself.
+Counted twice, an episode is two in every test, and the partner of a moment at a similar state is
+the moment itself.
 """
 
 import hashlib
@@ -16,16 +17,20 @@ from eyechart.frames import RGB, Frame, decode
 LEAST_SHARED = 3
 """Episodes that share fewer unlike moments are no candidates: a robot that stands still has one."""
 SHARED = 0.95
-"""The share of the shorter one's unlike moments that both have: two that begin alike and go apart are no repeat."""
+"""The share of the shorter one's unlike moments that both have: two that begin alike and go apart
+are no repeat."""
 LOOKED_AT = 3
 """So many shared moments are compared by their pictures."""
 MEAN, PART = 3.0, 25.0
-"""Levels by which pictures of one moment differ at most, such as by another encoding: on average, and in any part.
+"""Levels by which pictures of one moment differ at most, such as by another encoding: on average,
+and in any part.
 
-A small object that stands elsewhere changes the average by no more than JPEG or H.264 do, and its own part by more.
+A small object that stands elsewhere changes the average by no more than JPEG or H.264 do, and its
+own part by more.
 """
 LEAST_SIDE, PARTS = 4, 32
-"""A part is a square of so many pixels at least, and about so many of them stand on a picture's shorter side."""
+"""A part is a square of so many pixels at least, and about so many of them stand on a picture's
+shorter side."""
 MOST_HOLDERS = 8
 """A moment is looked up in so many episodes at most, so that the time goes with the frames."""
 MOST_TRIED = 3
@@ -57,8 +62,9 @@ def repeats(
 ) -> list[Repeat]:
     """Return the episodes that are a longer one, or one before, again: the same states, or motions, and pictures.
 
-    ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and other pictures neither
-    is a repeat. Moments without any number are the same where the ``digest`` of all their pictures is.
+    ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and
+    other pictures neither is a repeat. Moments without any number are the same where the ``digest``
+    of all their pictures is.
     """
     digest = digest or (lambda file: hashlib.sha256(read(file)).hexdigest())
     episodes: dict[str, list[Frame]] = defaultdict(list)
@@ -101,7 +107,8 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
 def _key(frame: Frame, digest: Callable[[str], str]) -> bytes:
     """Return what a moment's state is, without any its motion, in single precision, and without that its pictures.
 
-    The motion ahead ends with the episode, so that the last moments of an excerpt have another one, or none.
+    The motion ahead ends with the episode, so that the last moments of an excerpt have another one,
+    or none.
     """
     numbers = [*chain.from_iterable(frame.state.values())] or [*chain.from_iterable(frame.motion)]
     held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign

@@ -28,10 +28,10 @@ _REPORT_EVERY = 5_000
 class Table:
     """A table's columns, and its rows in order; an empty cell is None.
 
-    ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is the number of
-    rows, None where only reading tells. A row that is broken is noted in ``faults`` and comes without any column, so
-    that whoever reads on finds all of them; he must then look there. ``unread`` are columns whose values are no plain
-    ones, with their types.
+    ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is
+    the number of rows, None where only reading tells. A row that is broken is noted in ``faults``
+    and comes without any column, so that whoever reads on finds all of them; he must then look
+    there. ``unread`` are columns whose values are no plain ones, with their types.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Table:
 def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
     """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
 
-    A row of JSON lines has the columns of the first, and may have ``optional`` ones, in whatever letters.
-    Raises SourceError, also while its rows are read, that names the table, the row and what is wrong; what is wrong in
-    one row alone is noted in its ``faults``.
+    A row of JSON lines has the columns of the first, and may have ``optional`` ones, in whatever
+    letters. Raises SourceError, also while its rows are read, that names the table, the row and
+    what is wrong; what is wrong in one row alone is noted in its ``faults``.
     """
     if path.suffix.lower() not in OPENERS:
         raise SourceError(f"{path} is no table that can be read; known endings are {', '.join(OPENERS)}")

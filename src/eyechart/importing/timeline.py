@@ -16,11 +16,13 @@ from eyechart.records import LARGEST
 NEAR = 0.25
 """A picture is a row's where it is no farther from its second than this share of a frame."""
 _HALF = 0.5
-"""Stretches of one video whose pictures are nearer than this share of a frame have one of them in common."""
+"""Stretches of one video whose pictures are nearer than this share of a frame have one of them in
+common."""
 _PACES = 100_000
 """Rows of which the rate is taken."""
 _PACE = 0.1
-"""Seconds between rows that differ by more than this share from those between frames are of another rate."""
+"""Seconds between rows that differ by more than this share from those between frames are of another
+rate."""
 _SHOWN = 3
 PLACES = {"episode": "episode_index", "step": "frame_index"}
 TIME = "timestamp"
@@ -49,9 +51,10 @@ class _Left:
 class Timeline:
     """Takes note of when each row was, leaves out rows that cannot be read, and refuses those that contradict others.
 
-    ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have to be whole.
-    ``left`` has the rows that are left out by column, ``emptied`` the other cells that no bank can hold, ``times`` the
-    second of each row in its episode, NaN where it is left out, ``lacking`` the episodes that have no row.
+    ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have
+    to be whole. ``left`` has the rows that are left out by column, ``emptied`` the other cells that
+    no bank can hold, ``times`` the second of each row in its episode, NaN where it is left out,
+    ``lacking`` the episodes that have no row.
     """
 
     name: str
@@ -68,7 +71,8 @@ class Timeline:
     def add(self, row: Row) -> Row:
         """Return the next row with its cells that a bank can hold; empty where the row is left out.
 
-        Raises SourceError where an episode's steps or seconds do not rise: it stands there twice, or in no order.
+        Raises SourceError where an episode's steps or seconds do not rise: it stands there twice,
+        or in no order.
         """
         self.times.append(math.nan)
         episode, step = (whole(row.get(name)) for name in PLACES.values())

@@ -18,10 +18,11 @@ from eyechart.spaces.discrete import Discrete
 class StepResult:
     """What one decision's worth of driving brought about.
 
-    ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
-    simulator counts progress; a speed or a distance that it does not tell is None. ``ended`` says in one word why the
-    drive is over (``crash``, ``goal``, ``time``), None while it goes on. ``facts`` is what else the simulator says of
-    the move, such as its solver's failures.
+    ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the
+    drive began, as the simulator counts progress; a speed or a distance that it does not tell is
+    None. ``ended`` says in one word why the drive is over (``crash``, ``goal``, ``time``), None
+    while it goes on. ``facts`` is what else the simulator says of the move, such as its solver's
+    failures.
     """
 
     reward: float
@@ -47,7 +48,8 @@ class Drive(Protocol):
     def state(self, decimals: int | None = None) -> bytes:
         """Return the world's state as bytes, equal for equal worlds on one machine, for a digest.
 
-        With ``decimals`` its numbers are rounded, so that worlds that differ by an error of rounding are equal.
+        With ``decimals`` its numbers are rounded, so that worlds that differ by an error of
+        rounding are equal.
         """
 
     def close(self) -> None:
@@ -58,9 +60,10 @@ class Drive(Protocol):
 class Sketch:
     """What a controller below the decisions made of the last one, as lines over the picture before it.
 
-    ``plan`` is the predicted path, a point a stage, ``target`` what the decision asked it to follow, and ``driven`` the
-    way that it then went. Each has shape (n, 2), column and row in pixels of the picture, NaN where a place is not
-    before the camera. ``words`` say what the decision meant.
+    ``plan`` is the predicted path, a point a stage, ``target`` what the decision asked it to
+    follow, and ``driven`` the way that it then went. Each has shape (n, 2), column and row in
+    pixels of the picture, NaN where a place is not before the camera. ``words`` say what the
+    decision meant.
     """
 
     plan: npt.NDArray[np.float64]
@@ -102,12 +105,14 @@ def execute(drive: Drive, action: str, *, decided: bool) -> StepResult:
 class Declaration:
     """What a simulator can, before any world of it is opened.
 
-    ``picture`` is the kind of picture in words, ``mirror_axis`` the axis across which its pictures exchange left and
-    right, ``action_space`` what its drives understand. ``camera`` names the simulator whose camera it has: by that name
-    its calibrated view and its distances are found. ``scenarios`` of drives and ``presets`` of banks map a name to one
-    sentence each; without scenarios it only makes banks, and without presets ``no_banks`` says where they come from.
-    Where every drive has a goal, ``has_goal``. Where several actions are one command of the world, ``commands`` maps
-    action to command. ``halts_with`` is the fail-safe where that is not the mildest brake.
+    ``picture`` is the kind of picture in words, ``mirror_axis`` the axis across which its pictures
+    exchange left and right, ``action_space`` what its drives understand. ``camera`` names the
+    simulator whose camera it has: by that name its calibrated view and its distances are found.
+    ``scenarios`` of drives and ``presets`` of banks map a name to one sentence each; without
+    scenarios it only makes banks, and without presets ``no_banks`` says where they come from. Where
+    every drive has a goal, ``has_goal``. Where several actions are one command of the world,
+    ``commands`` maps action to command. ``halts_with`` is the fail-safe where that is not the
+    mildest brake.
     """
 
     name: str
@@ -126,7 +131,8 @@ class Declaration:
     def fail_safe(self) -> str:
         """Return what is executed where there is no decision.
 
-        Source: paper, section Corpus and parsing: SLOW. STOP under the model-predictive controller is ours.
+        Source: paper, section Corpus and parsing: SLOW. STOP under the model-predictive controller
+        is ours.
         """
         space = self.action_space
         return self.halts_with or (space.brake[-1] if space.brake else space.actions[0])
@@ -162,7 +168,8 @@ class BankSimulator(Protocol):
     ) -> FrameBank:
         """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many).
 
-        By ``controls_seed`` the distances of its control pictures are drawn; ``staging`` is the version of its moments.
+        By ``controls_seed`` the distances of its control pictures are drawn; ``staging`` is the
+        version of its moments.
         """
 
 
@@ -185,14 +192,15 @@ KINDS: dict[str, tuple[str, str, str]] = {
         "eyechart.simulators.gym:open_environment",
     ),
 }
-"""What the kind in ``KIND:NAME`` means: how it is written, what it is, and ``module:function``, which is called with
-the name and the action map's file."""
+"""What the kind in ``KIND:NAME`` means: how it is written, what it is, and ``module:function``,
+which is called with the name and the action map's file."""
 
 
 def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | BankSimulator:
     """Open the simulator of this name, or of a kind: ``gym:ENV_ID``, whose action map is the TOML file ``actions``.
 
-    Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not wanted.
+    Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not
+    wanted.
     """
     kind, colon, rest = name.partition(":")
     if colon and kind in KINDS:

@@ -1,7 +1,7 @@
 """A bank of an older eyechart gets the pictures that it lacks: its moments are staged again, and held against it.
 
-What it holds stays as it is. The pictures lie in it before its manifest names them, and that is replaced in one step,
-so that a bank in which this was cut off is the one that it was.
+What it holds stays as it is. The pictures lie in it before its manifest names them, and that is
+replaced in one step, so that a bank in which this was cut off is the one that it was.
 """
 
 import hashlib
@@ -51,8 +51,9 @@ class _Added:
 def add_missing(root: Path, out: Path | None = None, progress: Progress | None = None) -> tuple[FrameBank, int]:
     """Draw the control pictures that the bank at ``root`` lacks, into a copy at ``out``, or into itself without.
 
-    Returns the bank, and how many pictures came to it. Raises SpecError where no simulator made the bank; BankError
-    where it is damaged, its moments are drawn otherwise today, or ``out`` is taken. Then the bank is as it was.
+    Returns the bank, and how many pictures came to it. Raises SpecError where no simulator made the
+    bank; BankError where it is damaged, its moments are drawn otherwise today, or ``out`` is taken.
+    Then the bank is as it was.
     """
     bank = open_bank(root)
     why = f"nothing can be added to {root}: "

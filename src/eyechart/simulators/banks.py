@@ -61,10 +61,11 @@ def _none(_: Draws, __: np.random.Generator) -> Drawn:
 class Moment:
     """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
 
-    ``ranged`` draws the moment's control pictures, at distances of the whole range, with a generator of its own. It is
-    called before the next moment is asked for: until then the world stands as it was. ``distances`` says where the
-    counterfactuals put the lead. Where a preset has several cameras, a picture is one of each, by name. ``fields``,
-    ``state``, ``motion`` and ``strata`` are those of the frame.
+    ``ranged`` draws the moment's control pictures, at distances of the whole range, with a
+    generator of its own. It is called before the next moment is asked for: until then the world
+    stands as it was. ``distances`` says where the counterfactuals put the lead. Where a preset has
+    several cameras, a picture is one of each, by name. ``fields``, ``state``, ``motion`` and
+    ``strata`` are those of the frame.
     """
 
     truth: Mapping[str, Scalar]
@@ -105,11 +106,12 @@ def versions_of(names: Sequence[str]) -> dict[str, str]:
 class Preset:
     """What a preset's banks hold.
 
-    ``scenarios`` map each name to what a manifest records of it, ``moments(scenario, seed, steps)`` are those of an
-    episode, and ``settings`` what else is recorded. ``gap`` is None where there is no vehicle ahead. ``cameras``,
-    ``prompt_columns``, ``state`` and ``motion`` are those of the manifest; without ``cameras`` there is one alone.
-    ``span`` is from the lowest distance of the lead that the world can show to far, None where no pictures are drawn
-    over it. ``staged`` are the moments of later versions of the staging, as far as they are others.
+    ``scenarios`` map each name to what a manifest records of it, ``moments(scenario, seed, steps)``
+    are those of an episode, and ``settings`` what else is recorded. ``gap`` is None where there is
+    no vehicle ahead. ``cameras``, ``prompt_columns``, ``state`` and ``motion`` are those of the
+    manifest; without ``cameras`` there is one alone. ``span`` is from the lowest distance of the
+    lead that the world can show to far, None where no pictures are drawn over it. ``staged`` are
+    the moments of later versions of the staging, as far as they are others.
     """
 
     scenarios: Mapping[str, object]
@@ -133,11 +135,12 @@ DOZEN = 12
 """An episode is staged by so many moments at a time."""
 
 DOZENS = 2
-"""The version of the staging that a manifest tells. In the first, without a number, moments of an episode of more than
-`DOZEN` steps were other ones than those of a shorter one."""
+"""The version of the staging that a manifest tells. In the first, without a number, moments of an
+episode of more than `DOZEN` steps were other ones than those of a shorter one."""
 
 BOXED = 3
-"""The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as can be shown."""
+"""The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as
+can be shown."""
 
 STAGING = BOXED
 """The version that is made where nobody asks for another."""
@@ -146,8 +149,9 @@ STAGING = BOXED
 def by_dozens(stage: Callable[[str, int, int], Iterator[Moment]]) -> Callable[[str, int, int], Iterator[Moment]]:
     """Return the moments of ``stage(scenario, seed, steps)``, where more than `DOZEN` begin with those of `DOZEN`.
 
-    Each further dozen is staged whole by a seed of its own and cut to what is asked for, so that no moment depends on
-    how many follow it. An episode below a dozen is one plan: cut, it would not hold every kind of moment.
+    Each further dozen is staged whole by a seed of its own and cut to what is asked for, so that no
+    moment depends on how many follow it. An episode below a dozen is one plan: cut, it would not
+    hold every kind of moment.
     """
 
     def moments(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
@@ -184,10 +188,10 @@ class BankMaker(ABC):
     ) -> FrameBank:
         """Write a bank of the preset's scenarios × ``seeds`` × ``steps`` frames into ``out``.
 
-        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the bank. ``staging`` is
-        the version of its moments. ``progress`` gets the number of frames written and their total. Raises SpecError for
-        an unknown preset, seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is
-        taken.
+        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the
+        bank. ``staging`` is the version of its moments. ``progress`` gets the number of frames
+        written and their total. Raises SpecError for an unknown preset, seeds that are negative,
+        doubled or missing, and too few steps; BankError where ``out`` is taken.
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:
@@ -289,8 +293,8 @@ def _frame(
 def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, int], None] | None = None) -> FrameBank:
     """Write the bank at ``root`` once more into ``out``, with the distances of its controls drawn by another seed.
 
-    Raises SpecError where no simulator made the bank, or it draws no controls; BankError where it draws other pictures
-    today. Then nothing stays at ``out``.
+    Raises SpecError where no simulator made the bank, or it draws no controls; BankError where it
+    draws other pictures today. Then nothing stays at ``out``.
     """
     bank = open_bank(root)
     made, why = bank.manifest, f"the controls of {root} cannot be drawn anew: "

@@ -1,10 +1,12 @@
 """A forward camera of our own: each column of the picture is a ray over a flat road, past shaded cylinders, into haze.
 
-A mirrored world renders to the flipped picture, bit for bit. Three things make it so: the columns' directions are
-exactly antisymmetric, light falls along the road only, and every number of a column is made by operations that IEEE 754
-rounds alike for a number and its negative (no sine of a column, no sum over columns).
+A mirrored world renders to the flipped picture, bit for bit. Three things make it so: the columns'
+directions are exactly antisymmetric, light falls along the road only, and every number of a column
+is made by operations that IEEE 754 rounds alike for a number and its negative (no sine of a column,
+no sum over columns).
 
-Metres and radians, as in ROS: x along the road, y to the left, z up, yaw counter-clockwise. The road's middle is y = 0.
+Metres and radians, as in ROS: x along the road, y to the left, z up, yaw counter-clockwise. The
+road's middle is y = 0.
 """
 
 import math

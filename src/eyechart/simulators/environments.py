@@ -1,7 +1,7 @@
 """The worlds as Gymnasium environments, for those who bring their own runner: ``eyechart/Rover-v0`` and its like.
 
-Gymnasium finds them with ``gymnasium.make("eyechart.simulators.environments:eyechart/Rover-v0")``, which imports this
-module, or by its bare id after ``import eyechart.simulators.environments``.
+Gymnasium finds them with ``gymnasium.make("eyechart.simulators.environments:eyechart/Rover-v0")``,
+which imports this module, or by its bare id after ``import eyechart.simulators.environments``.
 """
 
 from collections.abc import Mapping
@@ -26,12 +26,13 @@ _FPS = 1
 class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
     """A simulator's drives: the observation is the camera's picture, (h, w, 3) uint8, an action a number.
 
-    Actions are numbered as in the simulator's action space: STOP, SLOW, STRAIGHT, LEFT, RIGHT. ``info`` holds the
-    ground truth of the moment, the world's ``scenario`` and ``seed``, and after a step ``distance_m`` and ``ended``. A
-    crash and the goal terminate an episode; the end of its time truncates it.
+    Actions are numbered as in the simulator's action space: STOP, SLOW, STRAIGHT, LEFT, RIGHT.
+    ``info`` holds the ground truth of the moment, the world's ``scenario`` and ``seed``, and after
+    a step ``distance_m`` and ``ended``. A crash and the goal terminate an episode; the end of its
+    time truncates it.
 
-    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens
-    the very world of these names, as ``eyechart run closed-loop`` drives it.
+    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …,
+    "seed": …})`` opens the very world of these names, as ``eyechart run closed-loop`` drives it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": _FPS}  # noqa: RUF012 - Gymnasium's own convention

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_TREND = 0.2
-"""The largest Spearman correlation of step and gap in an episode, in magnitude: the gap must have no order in time."""
+"""The largest Spearman correlation of step and gap in an episode, in magnitude: the gap must have
+no order in time."""
 
 LEAST_STEPS = 4
 """Fewer moments cannot hold a near gap, LEFT, RIGHT and a far gap, nor an order without a trend."""
@@ -33,8 +34,9 @@ _LEAST_MOVE_M = 0.6
 class Bands:
     """Where the gaps of a balanced episode lie: the least and the width of each band, in metres.
 
-    ``near`` demands a stop, ``close`` and ``middle`` the one clear side, ``far`` none of these; ``beyond`` is out of
-    the picture. Room is left between the bands and around the picture's edge, so that no gap is a matter of pixels.
+    ``near`` demands a stop, ``close`` and ``middle`` the one clear side, ``far`` none of these;
+    ``beyond`` is out of the picture. Room is left between the bands and around the picture's edge,
+    so that no gap is a matter of pixels.
     """
 
     near: tuple[float, float]

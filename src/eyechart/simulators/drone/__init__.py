@@ -19,8 +19,8 @@ def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track
 class Drone(RoadBanks):
     """A quadrotor on a road of 100 m among five families of pillars, seen by a camera of our own; needs no extra.
 
-    Its limits are the Crazyflie's (``world.py`` names them with their source). The paper's quadrotor (section
-    Experimental Setup) flies in gym-pybullet-drones, as ``drone-pybullet`` does.
+    Its limits are the Crazyflie's (``world.py`` names them with their source). The paper's
+    quadrotor (section Experimental Setup) flies in gym-pybullet-drones, as ``drone-pybullet`` does.
     """
 
     declared = Declaration(
@@ -48,7 +48,8 @@ class Drone(RoadBanks):
 class PybulletDrone:
     """gym-pybullet-drones' Crazyflie in the drone's scenarios; it can be driven, and makes no banks.
 
-    Source: J. Panerati et al., "Learning to fly: a gym environment with PyBullet physics", IROS 2021.
+    Source: J. Panerati et al., "Learning to fly: a gym environment with PyBullet physics", IROS
+    2021.
     """
 
     declared = replace(
@@ -63,7 +64,8 @@ class PybulletDrone:
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> PybulletDrive:
         """Open a world at its beginning, or its mirror image.
 
-        Raises SpecError for an unknown scenario or seed, and where gym-pybullet-drones is not installed.
+        Raises SpecError for an unknown scenario or seed, and where gym-pybullet-drones is not
+        installed.
         """
         return PybulletDrive(scenario, seed, mirrored=mirrored)
 

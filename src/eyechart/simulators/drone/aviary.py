@@ -1,10 +1,11 @@
 """gym-pybullet-drones' Crazyflie in the layouts of our own world, by our own commands: its physics and its contacts.
 
-The camera is our own. What is set for the drone here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's
-checkerboard is replaced by a plain road, which a mirror leaves as it is; contacts are asked for after every step,
-because no flag tells of them; and the picture is taken by a camera call of our own, level and straight ahead, because
-the stock camera distorts and sees its own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on
-one side wherever the light stands, so that a flipped picture could not have been drawn.
+The camera is our own. What is set for the drone here, and why: ``SPEED_LIMIT`` is 0.25 m/s
+otherwise; the floor's checkerboard is replaced by a plain road, which a mirror leaves as it is;
+contacts are asked for after every step, because no flag tells of them; and the picture is taken by
+a camera call of our own, level and straight ahead, because the stock camera distorts and sees its
+own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on one side wherever
+the light stands, so that a flipped picture could not have been drawn.
 """
 
 import contextlib
@@ -186,9 +187,9 @@ def _muted() -> Iterator[None]:
 class PybulletDrive(RoadDrive[DroneWorld]):
     """One of the drone's worlds in gym-pybullet-drones.
 
-    The commands are those of our own drone, and the Crazyflie's controller and physics follow them as they can. Any
-    contact is a crash. Raises SpecError for an unknown scenario, a seed out of range, and where gym-pybullet-drones is
-    not installed.
+    The commands are those of our own drone, and the Crazyflie's controller and physics follow them
+    as they can. Any contact is a crash. Raises SpecError for an unknown scenario, a seed out of
+    range, and where gym-pybullet-drones is not installed.
     """
 
     def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:

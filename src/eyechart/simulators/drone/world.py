@@ -2,13 +2,15 @@
 
 A mirrored world flown with mirrored actions ends in the mirrored state, bit for bit.
 
-An intent becomes velocity commands that its published limits allow, the Crazyflie 2.1's. Its firmware's velocity loop
-tilts by 25 degrees for each m/s of error, up to 20 degrees, and its position loop asks for 2 m/s a metre (Bitcraze,
-crazyflie-firmware, ``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``,
-``PID_POS_X_KP``). At these small angles a tilt is an acceleration, g times its tangent, so velocity answers as a
-first-order lag of 0.23 s whose acceleration is at most 3.6 m/s². Its greatest speed is 30 km/h (gym-pybullet-drones,
-``assets/cf2x.urdf``: ``max_speed_kmh``); cruise stays below half of it. The firmware's position loop asks for no more
-than 1 m/s unless told otherwise (``PID_POS_VEL_X_MAX``); these are velocities asked for, which that does not bound.
+An intent becomes velocity commands that its published limits allow, the Crazyflie 2.1's. Its
+firmware's velocity loop tilts by 25 degrees for each m/s of error, up to 20 degrees, and its
+position loop asks for 2 m/s a metre (Bitcraze, crazyflie-firmware,
+``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``,
+``PID_POS_X_KP``). At these small angles a tilt is an acceleration, g times its tangent, so velocity
+answers as a first-order lag of 0.23 s whose acceleration is at most 3.6 m/s². Its greatest speed is
+30 km/h (gym-pybullet-drones, ``assets/cf2x.urdf``: ``max_speed_kmh``); cruise stays below half of
+it. The firmware's position loop asks for no more than 1 m/s unless told otherwise
+(``PID_POS_VEL_X_MAX``); these are velocities asked for, which that does not bound.
 """
 
 import math
@@ -27,7 +29,8 @@ MOST_ASIDE_MPS = 2.0
 """How fast a change of tracks may be."""
 
 BODY_RADIUS_M = 0.07
-"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a blade of 23 mm."""
+"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a
+blade of 23 mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +76,12 @@ class Velocity:
 
 
 HZ = 48
-"""Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre wide."""
+"""Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre
+wide."""
 
 RAISED = 3.0
-"""Obstacles are pillars of 2.4 to 3.3 m for a drone, three times as high as for a rover: it cannot fly over them."""
+"""Obstacles are pillars of 2.4 to 3.3 m for a drone, three times as high as for a rover: it cannot
+fly over them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,10 +32,10 @@ _PICTURE = "what the environment renders"
 class ActionMap:
     """How an action space meets an environment.
 
-    ``numbers`` maps each action to the environment's number for it, ``info`` a column of ground truth to a key of the
-    environment's info (``rewards.collision`` for a key within a key), and ``scenarios`` a name to what
-    ``gymnasium.make`` is given besides. A decision lasts ``repeat`` steps of the environment, and a drive at most
-    ``most_steps`` decisions.
+    ``numbers`` maps each action to the environment's number for it, ``info`` a column of ground
+    truth to a key of the environment's info (``rewards.collision`` for a key within a key), and
+    ``scenarios`` a name to what ``gymnasium.make`` is given besides. A decision lasts ``repeat``
+    steps of the environment, and a drive at most ``most_steps`` decisions.
     """
 
     space: Discrete

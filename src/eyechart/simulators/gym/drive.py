@@ -27,7 +27,8 @@ _MOST_SEED = 2**32 - 1
 def make(env_id: str, settings: Mapping[str, object]) -> Env:
     """Make an environment that renders RGB; raises SpecError, naming it, where it cannot be made or has no such mode.
 
-    ``env_id`` may begin with the module that registers it (``highway_env:highway-v0``), as ``gymnasium.make`` has it.
+    ``env_id`` may begin with the module that registers it (``highway_env:highway-v0``), as
+    ``gymnasium.make`` has it.
     """
     try:
         with warnings.catch_warnings():
@@ -49,7 +50,8 @@ def make(env_id: str, settings: Mapping[str, object]) -> Env:
 
 
 _PLAIN = ("gymnasium.envs.classic_control", "gymnasium.envs.toy_text")
-"""Gymnasium's own environments that are arithmetic alone: they read no file and import nothing by a name."""
+"""Gymnasium's own environments that are arithmetic alone: they read no file and import nothing by a
+name."""
 
 
 def is_plain(env_id: str) -> bool:
@@ -71,11 +73,11 @@ def action_count(env: Env, env_id: str) -> tuple[int, int]:
 class GymnasiumDrive:
     """A drive in a Gymnasium environment.
 
-    It is over when the environment terminates (``crash`` or ``goal``, as its info or the map says), when its info says
-    that it crashed, or after the time limit of the environment or the map (``time``). What the map names no key for is
-    None in the truth, and so are speed and distance then. A distance counts from what was told before the first step,
-    and from 0 where nothing was. Raises DriveError where the environment raises, and where it renders a picture of one
-    colour.
+    It is over when the environment terminates (``crash`` or ``goal``, as its info or the map says),
+    when its info says that it crashed, or after the time limit of the environment or the map
+    (``time``). What the map names no key for is None in the truth, and so are speed and distance
+    then. A distance counts from what was told before the first step, and from 0 where nothing was.
+    Raises DriveError where the environment raises, and where it renders a picture of one colour.
     """
 
     def __init__(self, env_id: str, action_map: ActionMap, settings: Mapping[str, object], seed: int) -> None:

@@ -8,8 +8,9 @@ from eyechart.spaces.discrete import DRIVING
 class Highway(BankMaker):
     """The ground vehicle of the paper (section Experimental Setup): light and dense traffic, merge, blocked lane.
 
-    Its commands are highway-env's meta-actions, whose speeds are 20, 25 and 30 m/s: there is no stop, so STOP and SLOW
-    drive alike. IDLE in the place of FASTER would drive STRAIGHT at 24 m/s, which the paper's table (28.1) excludes.
+    Its commands are highway-env's meta-actions, whose speeds are 20, 25 and 30 m/s: there is no
+    stop, so STOP and SLOW drive alike. IDLE in the place of FASTER would drive STRAIGHT at 24 m/s,
+    which the paper's table (28.1) excludes.
     """
 
     declared = Declaration(

@@ -1,8 +1,9 @@
 """A moment of highway-env with one thing changed: its counterfactual pictures, and the controls of those.
 
-``exchange_own`` and ``exchange_beside`` exchange who is near: the lead and a vehicle of a neighbouring lane, at equal
-straight-line distance, which is of the whole range; in ``exchange_apart`` both are far. Left in its place the lead
-would hide the other one from a rule that takes the nearest of all.
+``exchange_own`` and ``exchange_beside`` exchange who is near: the lead and a vehicle of a
+neighbouring lane, at equal straight-line distance, which is of the whole range; in
+``exchange_apart`` both are far. Left in its place the lead would hide the other one from a rule
+that takes the nearest of all.
 """
 
 import math
@@ -37,8 +38,8 @@ _PLACES = 6
 def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
     """Return a world's moment with every counterfactual that can be drawn honestly; none after a crash.
 
-    The lead is moved only along a lane that is free from where it was to where it goes; near is as near as can be shown
-    where the ``lowest`` distance is wanted.
+    The lead is moved only along a lane that is free from where it was to where it goes; near is as
+    near as can be shown where the ``lowest`` distance is wanted.
     """
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world.vehicle, lead)

@@ -1,15 +1,17 @@
 """Drives of highway-env: those of a bank nearest to the paper's, and the ladder's, in which policies are ranked.
 
-The paper does not say how its bank was driven. Of what was tried, a driver who idles, and drives on after a crash,
-comes nearest: with 3 seeds and 12 steps 76 of 144 frames are nearer than 18 m, where the paper prints 81, and 61 at
-5.0 m, which is contact and the median at which it prints 57 answers of STOP. With 24 steps 219 of 288 are near, 198 of
-them after a crash; the accuracies that the paper prints of a model on 272 of its frames make that about 220, which is
-our sum. A moment is one picture with its truth and the pictures of the same world with one thing changed.
+The paper does not say how its bank was driven. Of what was tried, a driver who idles, and drives on
+after a crash, comes nearest: with 3 seeds and 12 steps 76 of 144 frames are nearer than 18 m, where
+the paper prints 81, and 61 at 5.0 m, which is contact and the median at which it prints 57 answers
+of STOP. With 24 steps 219 of 288 are near, 198 of them after a crash; the accuracies that the paper
+prints of a model on 272 of its frames make that about 220, which is our sum. A moment is one
+picture with its truth and the pictures of the same world with one thing changed.
 
-The ladder's are 30 seconds, a decision a second. The paper (Table t:baselines) prints no settings. Of those tried,
-these come nearest to its rows: distance counts from the end of the first second, dense traffic is tight enough that the
-slowest policy crashes once in a while, and "blocked" is a close start in traffic, because behind a vehicle that stands
-still SLOW crashes 7 times of 8 and could not head the table.
+The ladder's are 30 seconds, a decision a second. The paper (Table t:baselines) prints no settings.
+Of those tried, these come nearest to its rows: distance counts from the end of the first second,
+dense traffic is tight enough that the slowest policy crashes once in a while, and "blocked" is a
+close start in traffic, because behind a vehicle that stands still SLOW crashes 7 times of 8 and
+could not head the table.
 """
 
 from collections.abc import Iterator, Mapping
@@ -95,8 +97,9 @@ LADDER: Mapping[str, Setting] = {
 class LadderDrive:
     """One of the ladder's scenarios under way.
 
-    Its states are those of the stock environment bit for bit: highway-env's own ``step`` runs, with its faster parts
-    in place and without the observation, which nobody reads. Source: paper, Table t:baselines.
+    Its states are those of the stock environment bit for bit: highway-env's own ``step`` runs, with
+    its faster parts in place and without the observation, which nobody reads. Source: paper, Table
+    t:baselines.
     """
 
     def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:

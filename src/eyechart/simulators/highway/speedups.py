@@ -1,9 +1,10 @@
 """highway-env made faster without a bit of difference: what it computes again and again is computed once.
 
-The stock functions come back when the context ends, also by an exception. What is replaced gives equal bits
-because nothing is reordered: along a lane that points exactly east, the products with 1 and 0 are left out; the
-neighbours on a lane are collected once for all vehicles that decide at the same instant; and pairs of vehicles
-that are certainly apart are never looked at. All else, curved lanes too, goes the stock way.
+The stock functions come back when the context ends, also by an exception. What is replaced gives
+equal bits because nothing is reordered: along a lane that points exactly east, the products with 1
+and 0 are left out; the neighbours on a lane are collected once for all vehicles that decide at the
+same instant; and pairs of vehicles that are certainly apart are never looked at. All else, curved
+lanes too, goes the stock way.
 """
 
 import threading

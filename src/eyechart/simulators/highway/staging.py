@@ -1,9 +1,9 @@
 """Staged moments: natural traffic in which the lead and the sides of the ego are placed by a balanced plan.
 
-A drive closes its gaps as time goes by and rarely asks for a side (8 of 144 frames), so it cannot tell a
-controller that follows the gap from one that follows the clock. Here only the lead, the sides and the own lane
-are placed; all else is where highway-env's own traffic took it: its vehicles drive by its own models, and one of them
-lends its place to the ego.
+A drive closes its gaps as time goes by and rarely asks for a side (8 of 144 frames), so it cannot
+tell a controller that follows the gap from one that follows the clock. Here only the lead, the
+sides and the own lane are placed; all else is where highway-env's own traffic took it: its vehicles
+drive by its own models, and one of them lends its place to the ego.
 """
 
 from collections.abc import Iterator, Mapping
@@ -112,8 +112,9 @@ STAGES: Mapping[str, Setting] = {
     "merge": Setting("merge-v0", {}),
     "blocked": Setting("highway-v0", {"lanes_count": 5, "vehicles_count": 14, "vehicles_density": 0.5}),
 }
-"""The scenarios of preset ``balanced``. Each can be told from the picture: by two lanes and a ramp, by three, four
-or five lanes; and the lead of ``blocked`` stands still, which highway-env paints yellow."""
+"""The scenarios of preset ``balanced``. Each can be told from the picture: by two lanes and a ramp,
+by three, four or five lanes; and the lead of ``blocked`` stands still, which highway-env paints
+yellow."""
 
 _LANES = {
     "light": Lanes(count=4, ego=(1, 2)),
@@ -121,7 +122,8 @@ _LANES = {
     "merge": Lanes(count=2, ego=(0, 1)),
     "blocked": Lanes(count=5, ego=(1, 2, 3)),
 }
-"""From the outer lanes of four and of five the picture does not reach far enough to tell them apart."""
+"""From the outer lanes of four and of five the picture does not reach far enough to tell them
+apart."""
 
 GAPS = Bands(near=(6.5, 5.0), close=(12.6, 4.8), middle=(18.6, 20.8), far=(42.0, 28.0), beyond=(82.0, 18.0))
 """About 12, 18 and 40 m, and the picture's edge at 76 m."""

@@ -1,6 +1,7 @@
 """What is taken of highway-env, imported without pandas and Matplotlib, which take most of its time to import.
 
-Only its tables of observations and its plots need them: these two are imported when one of those is asked for.
+Only its tables of observations and its plots need them: these two are imported when one of those is
+asked for.
 """
 
 import sys

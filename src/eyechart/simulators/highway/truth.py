@@ -47,7 +47,8 @@ def read_scene(world: World) -> Scene:
 def _is_clear(world: World, *, side: int) -> bool:
     """Return whether the lane on that side exists and is empty from 12 m behind to 40 m ahead.
 
-    A lane exists where highway-env draws a dashed line to it, so merge-v0's joining lane counts while it lasts.
+    A lane exists where highway-env draws a dashed line to it, so merge-v0's joining lane counts
+    while it lasts.
     """
     ego = world.vehicle
     start, end, own = ego.lane_index
@@ -65,8 +66,9 @@ def _is_clear(world: World, *, side: int) -> bool:
 def read_truth(world: World) -> dict[str, Scalar]:
     """Return the ground truth of a world as it stands; None means that there is none.
 
-    ``lead_gap_m`` is centre to centre and exact also beyond the picture's edge, where ``lead_visible`` is False.
-    ``demand`` is what the safety policy asks for. ``ego_lane`` counts from the left, of ``lanes``.
+    ``lead_gap_m`` is centre to centre and exact also beyond the picture's edge, where
+    ``lead_visible`` is False. ``demand`` is what the safety policy asks for. ``ego_lane`` counts
+    from the left, of ``lanes``.
     """
     ego, lead, scene = world.vehicle, find_lead(world), read_scene(world)
     gap_m = None if lead is None else gap_to(ego, lead)

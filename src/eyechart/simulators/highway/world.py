@@ -1,7 +1,8 @@
 """A world is a highway-env environment whose road can be stepped, drawn from above, and changed for one picture.
 
-The pictures are highway-env's own, drawn by its own functions without its viewer: the viewer opens a display,
-draws nothing at all under ``SDL_VIDEODRIVER=dummy``, and draws fourteen more frames in every later step.
+The pictures are highway-env's own, drawn by its own functions without its viewer: the viewer opens
+a display, draws nothing at all under ``SDL_VIDEODRIVER=dummy``, and draws fourteen more frames in
+every later step.
 """
 
 from collections.abc import Iterator, Mapping

@@ -16,7 +16,8 @@ W = TypeVar("W", bound=AnyWorld)
 class RoadDrive(Generic[W]):
     """A world under way.
 
-    The reward of a decision is the way made along the road over the way at ``top_mps``, and -10 for a crash.
+    The reward of a decision is the way made along the road over the way at ``top_mps``, and -10 for
+    a crash.
     """
 
     def __init__(self, world: W, decide: Callable[[W, str], W], *, actions: Collection[str], top_mps: float) -> None:

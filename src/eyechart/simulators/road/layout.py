@@ -1,8 +1,8 @@
 """Five families of obstacles on a road of 100 m, each seeded; in some worlds a wall of three discs closes the road.
 
-The road has three tracks, 2 m apart. At each station a layout leaves at least one track open, the next open track is
-the same or the one beside it, and stations are far enough apart to change over: but for the walls, every world has a
-way through.
+The road has three tracks, 2 m apart. At each station a layout leaves at least one track open, the
+next open track is the same or the one beside it, and stations are far enough apart to change over:
+but for the walls, every world has a way through.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,7 @@
 """Staged moments of the balanced banks: a vehicle on one of three tracks, with the lead and the sides placed by a plan.
 
-Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap closes with time.
+Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap
+closes with time.
 """
 
 import math
@@ -25,10 +26,12 @@ GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11
 
 NEAR_M = (2.6, 4.4)
 FAR_M = (18.0, 27.0)
-"""Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
+"""Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near
+side."""
 
 EXCHANGED_FAR_M = (22.5, FAR_M[1])
-"""Where the exchange at a distance of the whole range puts what is far: farther than any such distance."""
+"""Where the exchange at a distance of the whole range puts what is far: farther than any such
+distance."""
 
 _LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
 _OFF_TRACK_M = 0.2
@@ -42,7 +45,8 @@ _LEAST_SEEN = 0.5
 _LEAST_SPEED_MPS = 1.0
 _TRIES = 200
 _PLACES = 30
-"""So many pairs of far places are tried of one distance of the exchange; of a fifth of them the lead does not lean."""
+"""So many pairs of far places are tried of one distance of the exchange; of a fifth of them the
+lead does not lean."""
 _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
 """How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
 
@@ -51,8 +55,9 @@ _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
 class Vehicle:
     """What staging has to know of a vehicle.
 
-    ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be turned by ``most_yaw``
-    rad to either side, and be as fast as ``most_mps``. ``view`` names its view, and with it the seeds of its moments.
+    ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be
+    turned by ``most_yaw`` rad to either side, and be as fast as ``most_mps``. ``view`` names its
+    view, and with it the seeds of its moments.
     """
 
     view: str
@@ -96,9 +101,10 @@ def record(world: AnyWorld, rng: np.random.Generator, *, lowest: bool = False) -
 def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Drawn:
     """Return the control pictures: without the lead, and at gaps of the whole range; none without a lead.
 
-    In ``exchange_own`` the lead stands at a gap and an obstacle of a track beside far; in ``exchange_beside`` the lead
-    stands far and that obstacle at the distance, from the vehicle's middle to its own, at which the lead stood. It has
-    the lead's size and paint in both, and at least half of it is seen in either; in ``exchange_apart`` both are far.
+    In ``exchange_own`` the lead stands at a gap and an obstacle of a track beside far; in
+    ``exchange_beside`` the lead stands far and that obstacle at the distance, from the vehicle's
+    middle to its own, at which the lead stood. It has the lead's size and paint in both, and at
+    least half of it is seen in either; in ``exchange_apart`` both are far.
     """
     lead = find_lead(world)
     if lead is None:
@@ -299,8 +305,8 @@ class RoadBanks(BankMaker):
     def open_preset(self, name: str) -> Preset:
         """Return the one preset that there is.
 
-        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m
-        are four seconds and more for a slow vehicle.
+        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side:
+        the highway's 18 m are four seconds and more for a slow vehicle.
         """
         del name
         distances = FORWARD[self.vehicle.view].distances

@@ -66,8 +66,8 @@ def _closing(world: AnyWorld, track: int) -> list[Obstacle]:
 def unseen_sides(world: AnyWorld) -> frozenset[str]:
     """Return the sides, left and right, that are closed by nothing that the forward camera shows.
 
-    What stands beside the vehicle closes a side from ``behind_m`` behind it on, and a forward camera sees it only from
-    some way ahead.
+    What stands beside the vehicle closes a side from ``behind_m`` behind it on, and a forward
+    camera sees it only from some way ahead.
     """
     sides = {"left": world.track + 1, "right": world.track - 1}
     return frozenset(
@@ -82,7 +82,8 @@ def unseen_sides(world: AnyWorld) -> frozenset[str]:
 def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
     """Return whether the camera shows any of what an obstacle has standing in a track's corridor.
 
-    That is a point of its foot that faces the camera, lies in the corridor, and in the wedge of ground in the picture.
+    That is a point of its foot that faces the camera, lies in the corridor, and in the wedge of
+    ground in the picture.
     """
     view, state = world.view, world.state
     x, y = one.x + one.radius * _ROUND[0], one.y + one.radius * _ROUND[1]
@@ -107,9 +108,9 @@ def free_tracks(world: AnyWorld) -> tuple[float, ...]:
 def read_truth(world: AnyWorld) -> dict[str, Scalar]:
     """Return the ground truth of a world as it stands; None means that there is none.
 
-    ``lead_gap_m`` is exact also beyond what is seen, where ``lead_visible`` is False. ``demand`` is what the safety
-    policy asks for. ``track`` counts from the left, of three; ``nearest_side`` is where the nearest obstacle ahead
-    stands as seen from the own corridor.
+    ``lead_gap_m`` is exact also beyond what is seen, where ``lead_visible`` is False. ``demand`` is
+    what the safety policy asks for. ``track`` counts from the left, of three; ``nearest_side`` is
+    where the nearest obstacle ahead stands as seen from the own corridor.
     """
     lead, scene, state = find_lead(world), read_scene(world), world.state
     gap_m = None if lead is None else gap_to(world, lead)

@@ -14,8 +14,8 @@ def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track
 class Rover(RoadBanks):
     """A kinematic bicycle on a road of 100 m among five families of obstacles, seen by a camera of our own.
 
-    The forward-camera rover of the paper (section Hierarchical VLM-MPC diagnostic), here driven by discrete intents at
-    1 Hz with a tracking law below.
+    The forward-camera rover of the paper (section Hierarchical VLM-MPC diagnostic), here driven by
+    discrete intents at 1 Hz with a tracking law below.
     """
 
     declared = Declaration(

@@ -1,8 +1,9 @@
 """The rover under a model-predictive controller: a decision is an intent, and every 0.2 s the controller plans for it.
 
-Source: paper, section Hierarchical VLM-MPC Diagnostic. The intent comes once a second and means a target speed and a
-track, as it does for the plain rover; in between, the controller drives. What is told to the controller of the
-obstacles, and whether the intent's speed counts, makes the three arms.
+Source: paper, section Hierarchical VLM-MPC Diagnostic. The intent comes once a second and means a
+target speed and a track, as it does for the plain rover; in between, the controller drives. What is
+told to the controller of the obstacles, and whether the intent's speed counts, makes the three
+arms.
 """
 
 from collections.abc import Mapping
@@ -53,7 +54,8 @@ CAR = Bicycle(
     speed_mps=5.0,
     aside_mps2=4.0,
 )
-"""What the controller knows of the plant: its own limits, and a top speed just above the fastest intent's."""
+"""What the controller knows of the plant: its own limits, and a top speed just above the fastest
+intent's."""
 
 ROAD = Road(half_width_m=ROAD_HALF_M - RADIUS_M - MARGIN_M)
 
@@ -93,7 +95,8 @@ class Law:
 class MpcDrive(RoadDrive[RoverWorld]):
     """A rover's world in which the controller drives and decisions are intents.
 
-    ``plans`` are the last decision's, and ``driven`` its way: x and y in metres, every 0.05 s and at its end.
+    ``plans`` are the last decision's, and ``driven`` its way: x and y in metres, every 0.05 s and
+    at its end.
     """
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
@@ -112,8 +115,8 @@ class MpcDrive(RoadDrive[RoverWorld]):
     def step(self, action: str) -> StepResult:
         """Drive on for a second.
 
-        ``facts`` of the move say how many plans the solver failed at, its last code, and where across the road the
-        move ended, in m and rad.
+        ``facts`` of the move say how many plans the solver failed at, its last code, and where
+        across the road the move ended, in m and rad.
         """
         self._before, self._last, self._halts = self.world, action, False
         return self._told(super().step(action))
@@ -131,7 +134,8 @@ class MpcDrive(RoadDrive[RoverWorld]):
     def sketch(self) -> Sketch:
         """Return the first plan of the last decision, its target and the way that was driven under it.
 
-        Over the picture before the decision, which the first plan was made at. Raises ValueError before the first.
+        Over the picture before the decision, which the first plan was made at. Raises ValueError
+        before the first.
         """
         if not self.plans:
             raise ValueError("nothing was planned yet: the drive has not taken a step")

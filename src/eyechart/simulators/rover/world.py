@@ -1,13 +1,15 @@
 """A rover among a layout's obstacles: the plant, the law that tracks an intent, and a world driven by decisions.
 
-The plant is a kinematic bicycle, stepped by acceleration and steering angle. x and y are those of the rear axle's
-middle, in metres, yaw is counter-clockwise from the road's direction in radians. Source: J. Kong et al., "Kinematic and
-dynamic vehicle models for autonomous driving control design", IV 2015, with the reference point at the rear axle. A
-mirrored state with the mirrored steering gives the mirrored state to the bit.
+The plant is a kinematic bicycle, stepped by acceleration and steering angle. x and y are those of
+the rear axle's middle, in metres, yaw is counter-clockwise from the road's direction in radians.
+Source: J. Kong et al., "Kinematic and dynamic vehicle models for autonomous driving control
+design", IV 2015, with the reference point at the rear axle. A mirrored state with the mirrored
+steering gives the mirrored state to the bit.
 
-In the tracking law an action asks for a speed and a track, and acceleration and steering follow. LEFT and RIGHT ask for
-the next track to that side, as far as there is one; the others keep the track that was asked for last. Another law,
-such as a model predictive one, may stand in its place: it needs the plant and the obstacles.
+In the tracking law an action asks for a speed and a track, and acceleration and steering follow.
+LEFT and RIGHT ask for the next track to that side, as far as there is one; the others keep the
+track that was asked for last. Another law, such as a model predictive one, may stand in its place:
+it needs the plant and the obstacles.
 """
 
 import math
@@ -97,7 +99,8 @@ INTENTS: Mapping[str, Intent] = {
 def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
     """Return acceleration (m/s²) and steering angle (rad) towards the intent's speed and the middle of a track.
 
-    The yaw aimed at grows with the distance from the track; the yaw rate is bounded by what the tyres give sideways.
+    The yaw aimed at grows with the distance from the track; the yaw rate is bounded by what the
+    tyres give sideways.
     """
     acceleration = min(max((intent.speed - state.speed) / INNER_S, -intent.braking), MOST_ACCELERATION_MPS2)
     aimed = min(max((TRACKS_M[track] - state.y) * _YAW_A_METRE, -_MOST_YAW), _MOST_YAW)

@@ -130,8 +130,9 @@ def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:
     """Return where things are, along which way each block is moved, and how far the oracle follows it then.
 
-    ``named_follow`` is how much farther along the way its motion goes with the block moved forth than moved back, in
-    units of dx and dy; ``other_follow`` the same of the other block, were that one named.
+    ``named_follow`` is how much farther along the way its motion goes with the block moved forth
+    than moved back, in units of dx and dy; ``other_follow`` the same of the other block, were that
+    one named.
     """
     found: dict[str, Scalar] = {"named": table.named}
     found |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}

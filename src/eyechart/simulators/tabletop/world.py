@@ -1,6 +1,7 @@
 """A table with a red and a blue block, and a tool that reaches for the one that it is told.
 
-The table is the unit square; x grows to the right and y downwards, as in the picture from above. Nothing here is drawn.
+The table is the unit square; x grows to the right and y downwards, as in the picture from above.
+Nothing here is drawn.
 """
 
 from dataclasses import dataclass, replace
