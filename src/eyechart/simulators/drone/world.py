@@ -35,7 +35,7 @@ blade of 23 mm."""
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """The meaning of an action: a speed along the road in m/s and a number of tracks to the left."""
+    """The meaning of an action: a speed along the road in m/s, and tracks to the left."""
 
     speed: float
     tracks: int = 0
