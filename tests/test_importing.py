@@ -556,7 +556,7 @@ RIG = '[[camera]]\nname = "front"\ncolumn = "photo"\n'
         (RIG + 'axis = "horizontal"', "unknown field `axis`"),
         (RIG + 'mirror_axis = "diagonal"', "Invalid enum value 'diagonal'"),
         (RIG + 'mirrors = "rear"', "camera 'front' mirrors 'rear', which must be there"),
-        (RIG + RIG, "two cameras have one name: front, front"),
+        (RIG + RIG, "two cameras have the same name: front, front"),
         (RIG.replace("front", "a b"), "a camera's name has letters"),
         (RIG + '[state]\njoints = "speed"', r"Expected `array`, got `str` - at `\$\.state"),
     ],

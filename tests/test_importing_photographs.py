@@ -118,7 +118,7 @@ def test_an_odd_picture_is_refused_and_made_plain_where_that_is_asked(name: str)
 def test_all_that_is_odd_in_a_picture_is_said_at_once() -> None:
     """A print's colours and a turn are one line."""
     picture = encoded(corners().convert("CMYK"), "JPEG", exif=turned(3))
-    with pytest.raises(BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by a note"):
+    with pytest.raises(BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by its EXIF orientation"):
         require_plain(picture, "both.jpg")
 
 
@@ -135,7 +135,7 @@ def test_a_plain_picture_has_its_media_type_and_nothing_is_done_to_it(kind: str)
 def test_what_nobody_can_say_the_white_of_is_refused_whatever_is_asked() -> None:
     """Numbers of 32 bits."""
     picture = encoded(Image.fromarray(np.ones((4, 4), dtype=np.float32)), "TIFF")
-    with pytest.raises(BankError, match="nobody says what is white"):
+    with pytest.raises(BankError, match="its white is unknown"):
         made_plain(picture, "depth.tif")
 
 
@@ -284,7 +284,7 @@ def test_the_command_line_prints_each_fault_on_its_line(
     assert run("--longest", "5") == 2
     assert "give --convert too" in capsys.readouterr().err
     assert run("--convert", "--background", "nocolour") == 2
-    assert "'nocolour' is no colour" in capsys.readouterr().err
+    assert "'nocolour' is not a colour" in capsys.readouterr().err
     assert run("--convert") == 0
     assert "converted to PNG: 2 pictures (1 a palette, 1 grey), over white" in capsys.readouterr().err
 

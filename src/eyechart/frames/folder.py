@@ -355,8 +355,8 @@ class BankWriter:
     ) -> None:
         """Add a frame with its encoded pictures by camera, under the files that the frame names.
 
-        Raises BankError with the frame's id in these cases: an id or a file is given twice, a
-        picture is missing or leads out of the bank, or the truth cannot be read back unchanged.
+        Raises BankError with the frame's id if an id or a file is given twice, or a picture is
+        missing or leads out of the bank. It does so too if the truth cannot be read back unchanged.
         """
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
