@@ -286,7 +286,7 @@ def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None
     for one, other in _UNLIKE:
         if one in shown and shown[one] == shown.get(other):
             raise SourceError(
-                f"{where}: {one} and {other} are the same picture, but something must be moved between them; leave "
+                f"{where}: {one} and {other} are the same picture, but something must be moved between them. Leave "
                 f"the cell of a missing picture empty, or leave the column out (--map {other}=)"
             )
 
@@ -771,7 +771,7 @@ def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, k
         if same[0] == same[1]:  # moments of a standstill share a state, and may still differ
             raise SourceError(
                 f"'{one.id}' and '{other.id}' show the same, in a recording that occurs twice, but the gap '{column}' "
-                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other: correct it, leave one "
+                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other. Correct it, leave one "
                 "recording out of the table, or import both with --keep-repeats"
             )
     if found:

@@ -227,7 +227,7 @@ def _price_of_scenarios(bank: FrameBank, column: str) -> str:
     many = f"{len(inside)} scenarios of {each}"
     cost = f"that is {ways} ways, too few to test distance" if lost else "distance is tested within each"
     return (
-        f"guessed: scenario is '{column}': whole episodes are exchanged only within a scenario, {many}: {cost}; "
+        f"guessed: scenario is '{column}': whole episodes are exchanged only within a scenario, {many}: {cost}. "
         "--map scenario= exchanges them over all, but then a place that is always near looks like distance"
     )
 

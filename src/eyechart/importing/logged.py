@@ -28,8 +28,9 @@ LEAST_WALKED = 30
 """The fewest steps, each with a state before and after, that show whether numbers are its
 changes."""
 FOLLOWS, ALIKE, LEAST_SHARE = 0.6, 0.9, 0.3
-"""The least correlation with the state's changes, that with the state itself within an episode, and
-the share of numbers with the former that makes a log one of changes."""
+"""Three limits. The least correlation with the state's changes. The least correlation with the
+state itself within an episode. The least share of numbers that follow the changes in a log of
+changes."""
 WINDOWS = (1, 4)
 """Widths, in steps, over which changes are compared: an arm lags behind its command."""
 _STILL = 1e-9

@@ -74,7 +74,7 @@ def _far_in_state(bank: FrameBank) -> Iterator[str]:
     count = int(far.any(axis=1).sum())
     yield (
         f"state {_quoted(names[place] for place in places)}: a few numbers lie far from all others ({said}), in "
-        f"{count} of {len(bank)} moments: partners at a similar state are chosen by its spread, and places are "
+        f"{count} of {len(bank)} moments. Partners at a similar state are chosen by its spread, and places are "
         "measured from it; correct them"
     )
 

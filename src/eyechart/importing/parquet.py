@@ -54,7 +54,7 @@ class ParquetTable:
         return (*self.plain, *(name for names in self.vectors.values() for name in names))
 
     def rows(self) -> Iterator[dict[str, Cell]]:
-        """Yield the rows in order, a batch in memory at a time; raises SourceError for a bad file."""
+        """Yield the rows in order, a batch at a time; raises SourceError for a bad file."""
         pa, pq = require("pyarrow", "pyarrow", self.extra), require("pyarrow.parquet", "pyarrow", self.extra)
         try:
             with pq.ParquetFile(self.path, read_dictionary=list(self.words), **_OPENING) as file:
