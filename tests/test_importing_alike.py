@@ -72,11 +72,11 @@ def test_a_recording_that_is_there_twice_counts_once_also_where_it_has_no_number
     rows = [*drive("e"), *drive("f", again(photos, how))]
     bank = table(rows)
     assert {frame.episode for frame in bank} == {"e0", "e1", "e2", "e3"}
-    assert "4 episodes are others again: 'f0' is 'e0'" in " ".join(taken(bank))
+    assert "4 episodes repeat others: 'f0' is 'e0'" in " ".join(taken(bank))
     shutil.rmtree(tmp_path / "bank")
     kept = table(rows, keep_repeats=True)
     assert len(kept) == 2 * FRAMES
-    assert "warning: 4 episodes are others again" in " ".join(taken(kept))
+    assert "warning: 4 episodes repeat others" in " ".join(taken(kept))
 
 
 def test_a_recording_that_is_there_twice_with_two_gaps_is_refused(table: Table, photos: Path) -> None:

@@ -443,7 +443,7 @@ FAR = {
     "several episodes: a move that is rare, or wrong rows, which would be the scale of all others; correct them, or "
     "declare the scale": sets("aj1", lambda number: 50 if number in {12, 36} else None),
     "state 'j2': a few numbers lie far from all others (1e+03 from the median, where 95 of 100 are within 1.2), in 1 "
-    "of 48 moments: partners at a similar state are chosen by its spread, and places are measured from it; correct "
+    "of 48 moments. Partners at a similar state are chosen by its spread, and places are measured from it; correct "
     "them": sets("j2", lambda number: -1000 if number == 14 else None),
 }
 SMALL = {
@@ -560,15 +560,15 @@ def repeated(bank: FrameBank) -> list[str]:
     [
         (
             again(7),
-            "episode '7b' is episode '7' again (same pictures and numbers): left out, 6 frames",
+            "episode '7b' repeats episode '7' (same pictures and numbers): left out, 6 frames",
         ),
         (
             again(2, 5, redraw=encoded),
-            "2 episodes are others again: '2b' is '2', '5b' is '5' (same pictures and numbers): left out",
+            "2 episodes repeat others: '2b' is '2', '5b' is '5' (same pictures and numbers): left out",
         ),
         (
             again(4, steps=5),
-            "episode '4b' is episode '4' again (same pictures and numbers): left out, 5",
+            "episode '4b' repeats episode '4' (same pictures and numbers): left out, 5",
         ),
     ],
 )
@@ -601,7 +601,7 @@ def test_a_repeat_that_is_told_otherwise_is_one_too_and_the_longer_one_is_kept(t
     assert [frame.step for frame in bank if frame.episode == "3b"] == [*range(6)]
     assert not [frame for frame in bank if frame.episode == "3"]
     (said,) = repeated(bank)
-    assert said.startswith("episode '3' is episode '3b' again (same pictures and numbers, another instr")
+    assert said.startswith("episode '3' repeats episode '3b' (same pictures and numbers, another instr")
 
 
 def still(folder: Path, lines: Rows) -> None:
@@ -651,7 +651,7 @@ def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None
         assert pairs == [("2b", "2"), ("5b", "5")]
         (said,) = repeated(bank)
         assert said in found.stderr.splitlines()
-        assert said.startswith("warning: 2 episodes are others again: " if keep else "2 episodes are others again: ")
+        assert said.startswith("warning: 2 episodes repeat others: " if keep else "2 episodes are others again: ")
         assert said.endswith(
             "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"
         )

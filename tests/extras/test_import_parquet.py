@@ -387,7 +387,7 @@ def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path:
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert [frame.id for frame in bank] == [frame.id for frame in apart][:40]
     assert check(bank.root) == []
-    said = "4 episodes are others again: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same pictures and numbers)"
+    said = "4 episodes repeat others: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same pictures and numbers)"
     assert any(line.startswith(said) for line in taken(bank))
     kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Ahead(4, "delta"))
     assert kept.manifest.fingerprint == apart.manifest.fingerprint

@@ -222,7 +222,7 @@ def test_a_black_picture_under_the_dummy_driver_says_so(tmp_path: Path, monkeypa
         ("STOP = 4", "STOP = 9", "has the actions 4 to 7, but the action map gives STOP the number 9"),
         ("STOP = 4\n", "", "\\[gym.numbers\\] gives no number for STOP"),
         ("STOP = 4", "HALT = 4", "names 'HALT', not one of"),
-        ("STOP = 4", "STOP = 4.0", "gives STOP the number 4.0; it must be a whole one"),
+        ("STOP = 4", "STOP = 4.0", "gives STOP the number 4.0; it must be a whole number"),
         ('"horizontal"', '"sideways"', "mirror takes vertical, horizontal or none, not 'sideways'"),
         ('"goal"', '"won"', "terminated takes crash or goal, not 'won'"),
         ("most_steps = 6", "most_steps = 0", "most_steps takes a whole number from 1 to 100000, not 0"),

@@ -282,9 +282,9 @@ def _checked(picture: object, *, first: bool = False) -> RGB:
         found = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
         raise SpecError(f"the camera's picture is no RGB picture of shape (h, w, 3) and uint8, but {found}")
     if not picture.size or not picture.any():
-        raise SpecError("the camera shows only black, as a renderer without a display does (unset SDL_VIDEODRIVER)")
+        raise SpecError("the camera shows black only, as a renderer without a display does (unset SDL_VIDEODRIVER)")
     if first and (picture == picture[0, 0]).all():
-        raise SpecError(f"the camera shows only one colour, {picture[0, 0].tolist()}: its renderer draws nothing")
+        raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
     return picture
 
 

@@ -20,7 +20,7 @@ _WORDS = ("text", "finish_reason", "error", "reasoning", "served", "provider", "
 _LABELS = ("finish_reason", "served", "provider", "system_fingerprint")
 """The text fields that are names of one short line."""
 TOLD = (*_NUMBERS, *_LABELS, "reasoning")
-"""The fields of a reply that a row may have besides its text and its error."""
+"""The fields of a reply that a row may have in addition to its text and its error."""
 _MOST_LABEL = 200
 _KEYS = ("call", "frame", "condition", "repeat")
 ALIASES: Mapping[str, str] = MappingProxyType(

@@ -246,7 +246,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     images, files = read(frame.pictures, lambda name: _under(choices, name))
     drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
-    if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # no other picture was taken
+    if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # it is not a separate picture
         changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
     shown = {kind: one for kind, (one, _) in drawn.items()}
     _require_nudged(shown, where)
@@ -516,7 +516,7 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
 def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
     """Note impossible distances as faults, of the gap and of counterfactual pictures."""
     named, marks = [where for _, where in kept.named()], not kept.faults
-    if len(truth[gap]) == len(named):  # else some of its cells are faults
+    if len(truth[gap]) == len(named):  # else some of its cells have faults
         numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
         kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=marks))
     for name in sorted(_MOVED & truth.keys()):
@@ -641,7 +641,7 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
         if place in kept.places:
             _check_alike(kept, place, labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
-        return scenarios, episodes, steps  # some of their cells are faults
+        return scenarios, episodes, steps  # some of their cells have faults
     if {"scenario", "episode"} <= kept.places.keys() and len(set(zip(scenarios, episodes, strict=True))) > len(
         set(episodes)
     ):

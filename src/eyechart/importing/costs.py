@@ -147,7 +147,7 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
     absent = bank.manifest.absent
     drives = Counter(episode for episode, _ in {(frame.episode, frame.scenario) for frame in bank})
     again = 0 if "episode" in absent else sum(count > 1 for count in drives.values())
-    recur = len({(frame.episode, frame.step) for frame in bank}) < len(bank)  # a step of one name, twice
+    recur = len({(frame.episode, frame.step) for frame in bank}) < len(bank)  # a step occurs twice
     if again and ("step" in absent or not recur):
         yield (
             f"{counted(again, 'episode name', 'occur')} in several scenarios, and count as a drive in each; if one "

@@ -58,7 +58,7 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: the steps ahead and their ``kind``; None means as the data show."""
+    """How a log becomes motions: the steps ahead and their ``kind``; None takes the data's."""
 
     horizon: int
     kind: Kind | None = None

@@ -92,9 +92,9 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
     """Return a line that names the repeated episodes, given as `Repeat.as_dict`."""
     pairs = [f"'{one['episode']}' is '{one['of']}'" for one in found]
     named = ", ".join(pairs[:_SHOWN]) + (f" and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
-    said = f"{len(pairs)} episodes are others again: {named}"
+    said = f"{len(pairs)} episodes repeat others: {named}"
     if len(pairs) == 1:
-        said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
+        said = f"episode '{found[0]['episode']}' repeats episode '{found[0]['of']}'"
     told = sum(bool(one["told_otherwise"]) for one in found)
     of = "" if told == len(pairs) else f" in {told}"
     said += f" (same pictures and numbers{f', another instruction{of}' if told else ''})"

@@ -62,7 +62,7 @@ def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     head = next(lines, "")
     delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
     row = _OneRow(path, chain([head], lines))
-    reader = csv.reader(row, delimiter=delimiter, strict=True)  # else a quote that is not closed takes all rows behind
+    reader = csv.reader(row, delimiter=delimiter, strict=True)  # else an unclosed quote takes all later rows
     with raising(SourceError, f"{path}: the first line is no header", of=csv.Error):
         columns = tuple(name.strip() for name in next(reader, []))
     _check_columns(path, columns)
@@ -156,7 +156,7 @@ def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     with raising(SourceError, f"{path}, row {number} is no JSON object", of=(ValueError, RecursionError)):
         row = parse_json(line, object_pairs_hook=_each_once)
         if "\\u" in line:
-            json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
+            json.dumps(row, ensure_ascii=False).encode()  # half a surrogate pair cannot be written
     if not isinstance(row, dict):
         raise SourceError(f"{path}, row {number} is a {type(row).__name__}, no JSON object")
     return row

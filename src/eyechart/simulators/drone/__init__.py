@@ -34,7 +34,7 @@ class Drone(RoadBanks):
         scenarios=FAMILIES,
         presets={
             "balanced": "Staged moments among five families of pillars: every gap in every scenario, in no order, "
-            "with LEFT and RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "with LEFT and RIGHT demanded equally, no crash, and counterfactual pictures for every frame.",
         },
         has_goal=True,
     )

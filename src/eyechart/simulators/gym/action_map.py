@@ -97,7 +97,7 @@ def _numbers(given: Mapping[str, object], space: Discrete, where: str) -> dict[s
         if action not in space.actions:
             raise SpecError(f"{where}: [gym.numbers] names '{action}', not one of {list(space.actions)}")
         if not isinstance(number, int) or isinstance(number, bool):
-            raise SpecError(f"{where}: [gym.numbers] gives {action} the number {number!r}; it must be a whole one")
+            raise SpecError(f"{where}: [gym.numbers] gives {action} the number {number!r}; it must be a whole number")
         numbers[action] = number
     if missing := [action for action in space.actions if action not in numbers]:
         raise SpecError(f"{where}: [gym.numbers] gives no number for {', '.join(missing)}")

@@ -27,7 +27,7 @@ class Highway(BankMaker):
         },
         presets={
             "balanced": "Staged moments of natural traffic: every gap in every scenario, in no order, with LEFT and "
-            "RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "RIGHT demanded equally, no crash, and counterfactual pictures for every frame.",
             "paper": "Drives nearest to the paper's bank: the driver idles, drives on after a crash, and closes its "
             "gaps as time goes by.",
         },
