@@ -206,7 +206,7 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
     for words in (
         "columns={'scenario': 'plaec'}: t.csv has no column 'plaec'",
         "there is no place 'colour'",
-        "the gap 'gap' needs what counts as near",
+        "the gap 'gap' needs a limit of near",
         "prompt_columns speed",
         "row 1: the mirror axis 'side' is 'left', not vertical, horizontal or none",
         "row 2: the gap 'gap' is 'near'",
@@ -214,9 +214,9 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
         "row 2: the step 'tick' is 'x'",
         "row 2: 'grey.png' is grey",
         "row 3: there is no picture 'gone.png'",
-        "row 3: step 0 of episode '1' stands there twice",
+        "row 3: step 0 of episode '1' occurs twice",
         "row 4: the file 'file' is '../out.png', which leads outside",
-        "row 5: 'plain.png' stands in row 1 already",
+        "row 5: 'plain.png' is already in row 1",
     ):
         assert sum(words in line for line in lines) == 1, words
     assert len(lines) == 13
@@ -422,7 +422,7 @@ def test_pictures_with_one_thing_changed_may_be_of_several_cameras(photos: Path,
 @pytest.mark.parametrize(
     ("change", "cells", "said"),
     [
-        (("near_rear", "near_raer"), {}, "the lead_near rear is to be in column 'near_raer'"),
+        (("near_rear", "near_raer"), {}, "the lead_near rear is declared as column 'near_raer'"),
         (('{ lead_near = "near_rear" }', "{}"), {}, "camera 'rear' has other pictures with one thing changed"),
         (("lead_near =", "lead_nearer ="), {}, "changed.lead_nearer is none of"),
         (("", ""), {"near_rear": ""}, "row 1: lead_near has no picture of rear; take it by every camera, or by none"),

@@ -287,7 +287,7 @@ def _quoted(cell: Cell) -> str:
 def _once(found: dict[int, Any], number: int, value: object, what: str) -> None:
     """Record a number's value; raises SourceError if it has another value already."""
     if found.setdefault(number, value) != value:
-        raise SourceError(f"{what} occurs twice with different values; leave out the wrong one")
+        raise SourceError(f"{what}: there are two different values; leave out the wrong one")
 
 
 def _clip(row: Mapping[str, Cell], camera: str, template: str | None, where: Path) -> Clip | None:
