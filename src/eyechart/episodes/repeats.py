@@ -200,7 +200,7 @@ def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool)
         if differs:
             found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
             return
-    if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # the replay ended earlier
+    if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it ended earlier
         told = driven.detail or f"ended in {driven.ended}"
         found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
         return
