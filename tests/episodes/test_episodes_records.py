@@ -108,7 +108,7 @@ def test_bytes_that_are_no_episode_are_an_error_of_their_line(
         (("key", "seed"), 10**4000, r"key.seed is 10+…, not a number up to 1e\+30"),
         (("steps", 0, "crashed"), 1, r"steps\[0\].crashed is 1, not true or false"),
         (("steps", 0, "truth", "lead_gap_m"), {}, r"steps\[0\].truth.lead_gap_m is {}, not a number"),
-        (("steps", 2, "step"), 1, r"steps\[2\].step is 1, not 2, which is this step's"),
+        (("steps", 2, "step"), 1, r"steps\[2\].step is 1, but this step's is 2"),
         (("steps", 2, "frame"), "x", r'steps\[2\].frame is "x", not "highway/light/0/002"'),
         (("steps", 0, "decision", "action"), None, r"steps\[0\].decision: a Decision has either an action or"),
         (("key", "seed"), "0", 'key.seed is "0", not a whole number'),

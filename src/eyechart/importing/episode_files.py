@@ -1,4 +1,4 @@
-"""The files of a LeRobotDataset v2.0 or v2.1, and of GR00T's: each episode has its own, and lines of JSON say which."""
+"""The files of a LeRobotDataset v2.0 or v2.1, and of GR00T's: each episode has its own."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from eyechart.records import Count
 T = TypeVar("T")
 _MODALITY = "meta/modality.json"
 _DESCRIPTIONS = ("task_description", "coarse_action")
-"""How the names of GR00T's annotations end that say what the robot is to do; others grade the episode."""
+"""The ends of the names of GR00T's annotations that are instructions; others grade the episode."""
 
 
 class _Episode(msgspec.Struct, frozen=True):
@@ -32,7 +32,7 @@ class _Annotation(msgspec.Struct, frozen=True):
 
 
 class _Modality(msgspec.Struct, frozen=True):
-    """What is read of GR00T's description: the annotations, by name."""
+    """The part of GR00T's description that is read: the annotations, by name."""
 
     annotation: dict[str, _Annotation] = {}
 
@@ -46,15 +46,15 @@ class EpisodeFiles(Layout):
     DATA: ClassVar = "chunk-*/episode_*.parquet"
 
     def episodes(self, cameras: Sequence[str], info: Info) -> Episodes:
-        """Return what meta/episodes.jsonl says of episodes; each one's video is the whole file of its own.
+        """Return the episodes' lengths, and their videos, which are whole files.
 
-        Raises SourceError where a line is wrong, or an episode stands there twice with two lengths.
+        Raises SourceError for a faulty line, or an episode with two different lengths.
         """
         path, lengths = self.root / self.EPISODES, dict[int, int | None]()
         for line in self._lines(self.EPISODES, _Episode):
             once(lengths, line.episode_index, line.length, f"{path}: the length of episode {line.episode_index}")
         if not lengths:
-            raise SourceError(f"{path} names no episode: is the data set complete?")
+            raise SourceError(f"{path} has no episode: is the data set complete?")
         clips = {camera: {one: self._clip(camera, one, info) for one in lengths} for camera in cameras}
         require_own(clips, self.root)
         return Episodes(lengths, clips)
@@ -65,7 +65,7 @@ class EpisodeFiles(Layout):
             return Clip(video_of(info.video_path, camera, episode_chunk=chunk, episode_index=episode), 0.0)
 
     def tasks(self) -> dict[int, str]:
-        """Return the words of each task; none where there is no file of them."""
+        """Return the words of each task; empty without their file."""
         found: dict[int, str] = {}
         for line in self._lines(self.TASKS, _Task):
             if not is_nothing(line.task):
@@ -74,7 +74,7 @@ class EpisodeFiles(Layout):
         return found
 
     def task_column(self, columns: Sequence[str]) -> str:
-        """Return the column with the number of a row's task: GR00T's description of it, else LeRobot's own."""
+        """Return the column of GR00T's description of the task, else LeRobot's own."""
         if self.file(_MODALITY) is None:
             return super().task_column(columns)
         path = self.root / _MODALITY
@@ -89,7 +89,7 @@ class EpisodeFiles(Layout):
         return found[0] if found else super().task_column(columns)
 
     def _lines(self, inner: str, kind: type[T]) -> Iterator[T]:
-        """Yield the lines of a file of JSON, none where it is not there; raises SourceError where one is wrong."""
+        """Yield the lines of a file of JSON, if it exists; raises SourceError for a faulty line."""
         if self.file(inner) is None:
             return
         path, decoder = self.root / inner, msgspec.json.Decoder(kind)

@@ -1,4 +1,4 @@
-"""A LeRobotDataset becomes a bank: rows from its Parquet files, pictures from its videos or from those files."""
+"""Imports of a LeRobotDataset: rows from Parquet files, pictures from videos or from those files."""
 
 import re
 from collections import Counter
@@ -27,18 +27,18 @@ from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
 FILE, STEP = "file", PLACES["step"]
-"""The column that names each frame's picture; the data set has none of its own."""
+"""The column of each frame's picture, which the data set itself does not have; and of its step."""
 TASK, OBSERVED = "task", "observation."
 STATE, ACTION = ("observation.state", "state"), ("action", "actions")
-"""What the vectors of the state and of the action are called, the usual name first; or they come in parts of it."""
+"""The usual names of both vectors. Features such as ``action.arm`` are parts of the first name."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set: its files, what info.json says, the reels of its cameras, its episodes, and words of tasks.
+    """A data set: its files, its description, its cameras' reels, its episodes and its tasks.
 
-    ``timeline`` takes note of its rows as they are read, ``said`` of what is left out. ``task`` is the column that
-    numbers the tasks.
+    ``timeline`` records its rows as they are read; ``said`` collects the parts that are left out.
+    ``task`` is the column with the number of each row's task.
     """
 
     layout: Layout
@@ -63,9 +63,9 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data.
+    """The motions to make from a log: their steps, and their kind, which the data show if it is None.
 
-    ``state`` and ``action`` name the features of both, in their order; without them they have their usual names.
+    ``state`` and ``action`` name the features of both, in order; empty: the usual ones.
     """
 
     horizon: int
@@ -84,13 +84,14 @@ def import_lerobot(
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
-    """Make a bank at ``out`` of a LeRobotDataset v2.0, v2.1 or v3; episodes and steps are those of the data set.
+    """Make a bank at ``out`` of a LeRobotDataset v2.0, v2.1 or v3, with its episodes and steps.
 
-    With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
-    motions these are is told by the data where ``ahead`` does not say it. Without, it is of one camera. The columns are
-    those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
-    of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
+    With ``ahead`` the bank is for policies. It then has all cameras, or the named one, the state,
+    the task as the instruction, and the actions of the steps ahead of each frame. A rig declares
+    the reflection. The kind of motion is inferred from the data if ``ahead`` does not give it.
+    Without ``ahead`` the bank has one camera. The columns are those of the data files. Components
+    of vectors become ``observation.state.NAME`` (or ``.0``, ``.1``, …), and the words of the task
+    ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
     wrong = Faults()
     wrong.take(choices.wrong)
@@ -98,13 +99,13 @@ def import_lerobot(
     data = read_dataset(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
-            raise SpecError("--rig of a LeRobotDataset says what is reflected in a bank for policies: give --horizon")
+            raise SpecError("--rig of a LeRobotDataset declares a reflection in a bank for policies: give --horizon")
         _require_cameras(data, choices.rig)
     if drawn := set(PICTURED) & choices.columns.keys():
         raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
     if own:
-        raise SourceError(f"--map {min(own)}=…: a LeRobotDataset says itself which {min(own)} a frame is")
+        raise SourceError(f"--map {min(own)}=…: a LeRobotDataset declares the {min(own)} of a frame itself")
     columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
@@ -132,7 +133,7 @@ def import_lerobot(
 
 
 def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
-    """Return the frames of the rows that were kept; what is wrong says too which rows were left out."""
+    """Return the frames of the kept rows; an error also lists the rows that were left out."""
     cells = cells_of(kept, choices, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     try:
         return frames_of(kept, choices, cells)
@@ -141,10 +142,10 @@ def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
 
 
 def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
-    """Read the ``meta`` folder; raises SourceError where its version is not read, or the camera is unknown.
+    """Read the ``meta`` folder; raises SourceError for an unread version or an unknown camera.
 
-    Of several cameras ``every`` one is taken where none is named, but those of depths and those without any file, which
-    are said.
+    With ``every``, all cameras are taken if none is named, except depth cameras and cameras without
+    files. The exceptions are noted.
     """
     said, info = list[str](), Layout(folder).info()
     layout = EpisodeFiles(folder) if info.is_of_episodes else Layout(folder)
@@ -167,7 +168,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
 
 
 def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> list[str]:
-    """Return the cameras but those of depths; which these are, and what only looks like one, is ``said``."""
+    """Return the cameras except depth cameras; exceptions and doubtful cases go into ``said``."""
     found = [name for name, one in features.items() if one.is_picture]
     cameras = [name for name in found if not features[name].is_depth]
     if not cameras:
@@ -177,8 +178,8 @@ def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> li
         raise SourceError(f"{path} lists {len(cameras)} cameras; the limit is {MOST_CAMERAS}")
     said += [f"camera '{name}' is left out: its pictures are marked as depths" for name in found if name not in cameras]
     said += [
-        f"camera '{name}' looks like one of depths by its name or its one channel, and is not marked as one "
-        "(is_depth_map): it is taken for pictures of colours"
+        f"camera '{name}' looks like a depth camera by its name or its one channel, but is not marked as one "
+        "(is_depth_map): it is read as a colour camera"
         for name in cameras
         if features[name].is_grey or "depth" in name.lower()
     ]
@@ -186,21 +187,21 @@ def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> li
 
 
 def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
-    """Return why a camera that info.json lists has no picture at all; nothing where it has some."""
+    """Return why a listed camera has no picture at all, empty if it has some."""
     if info.features[camera].dtype == "image":
         there = any(has_column(path, camera, extra="lerobot") for path in layout.parquets("data"))
-        return "" if there else "info.json lists it, and no data file has a column of it"
+        return "" if there else "info.json lists it, but no data file has a column of it"
     clips = episodes.clips[camera]
     if not clips:
-        return f"info.json lists it, and {layout.EPISODES} does not say where its videos are"
+        return f"info.json lists it, but {layout.EPISODES} has no places of its videos"
     there = any(layout.file(video) is not None for video in sorted({one.video for one in clips.values()}))
-    return "" if there else "info.json lists it, and none of its videos is there"
+    return "" if there else "info.json lists it, but none of its videos exists"
 
 
 def _chosen(
     cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: Layout, *, every: bool
 ) -> Sequence[str]:
-    """Return the cameras to take: the one that is named, else all that have pictures, or their one."""
+    """Return the cameras to take: the named one, else all that have pictures, or the only one."""
     path, have = layout.root / "meta/info.json", [name for name in cameras if name not in lacking]
     if camera is not None:
         of_name = [name for name in cameras if name == camera] or [name for name in cameras if _short(name) == camera]
@@ -221,7 +222,7 @@ def _chosen(
 
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
-    """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
+    """Return the cameras, the state and the motions of a data set, as far as its names show."""
     names, done = (_numbered(data.features, many) for many in _features_of(data, ahead))
     state, action = tuple(names.values()), tuple(done.values())
     if not action:
@@ -245,12 +246,12 @@ def _numbers(rig: Rig) -> list[str]:
 
 
 def _no_action(data: Dataset) -> str:
-    """Return that there is no action that can be read, and which features of numbers there are."""
+    """Return the message that no action can be read, with the features that are numbers."""
     there = [f"'{name}' ({_sized(one)})" for name, one in data.features.items() if one.size not in {(), (1,)}]
     has = f"; of numbers it has {', '.join(there[:20])}" if there else ""
     return (
-        f"{data.about} lists no feature '{ACTION[0]}' of up to {MOST_COMPONENTS} numbers, and a policy is held against "
-        f"what was done{has}; --action names the feature, or its parts with commas, where it is called otherwise"
+        f"{data.about} lists no feature '{ACTION[0]}' of up to {MOST_COMPONENTS} numbers, but a policy is compared "
+        f"with the logged actions{has}; name the feature, or its parts with commas, with --action"
     )
 
 
@@ -259,7 +260,7 @@ def _sized(feature: Feature) -> str:
 
 
 def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
-    """Return which numbers that were observed are not in the state that a policy gets."""
+    """Return the observed numbers that are not in the policy's state."""
     left = [
         f"'{name}' ({_sized(one)})"
         for name, one in data.features.items()
@@ -271,10 +272,10 @@ def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
 
 
 def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
-    """Return a rig with the kind of motion that the data tell, and why it was taken.
+    """Return a rig with its kind of motion, and the evidence for it.
 
-    A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
-    Raises SourceError where neither the data nor the names say it.
+    A place is relative to its paired number of the state. A kind that was given wins. Raises
+    SourceError if neither the data nor the names show the kind.
     """
     motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
     assert motion is not None
@@ -286,7 +287,7 @@ def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
-        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}), and --kind says it"]
+        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
     pairs = [*told.pairs] if told.kind in RELATIVE else named
     number = tuple(
         msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
@@ -300,10 +301,10 @@ _BY_NAMES = "the names say"
 
 
 def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, str]:
-    """Return the kind of the motions and what says it: its owner, the data, or that they have the state's names.
+    """Return the kind of the motions and its source: the user, the data, or the state's names.
 
-    Names say it only of numbers that are no farther from those of the state than their spread: one name may have two
-    units.
+    Names count only for numbers that are no farther from the state's than their spread: one name
+    may have two units.
     """
     if ahead.kind is not None:
         return ahead.kind, "--kind says"
@@ -312,13 +313,13 @@ def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, 
     if None not in named and (told.ratio is None or told.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not tell what the numbers of '{ACTION[0]}' are ({told.why()}): say it with --kind delta, "
-        "absolute, velocity or waypoints"
+        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({told.why()}): give it with "
+        "--kind delta, absolute, velocity or waypoints"
     )
 
 
 def _named(camera: str, choices: Choices) -> Column:
-    """Return a camera by its short name, with the axis and the partner that are declared of it."""
+    """Return a camera by its short name, with its declared axis and partner."""
     for one in () if choices.rig is None else choices.rig.camera:
         if one.name == _short(camera):
             return msgspec.structs.replace(one, column=camera)
@@ -326,7 +327,7 @@ def _named(camera: str, choices: Choices) -> Column:
 
 
 def _require_cameras(data: Dataset, rig: Rig) -> None:
-    """Raise SpecError where a rig names a camera that the bank has not, or a reflection leaves one out."""
+    """Raise SpecError if a rig names an unknown camera, or a reflection leaves one out."""
     there, named = [_short(name) for name in data.reels], [one.name for one in rig.camera]
     for name in named:
         if name not in there:
@@ -336,14 +337,14 @@ def _require_cameras(data: Dataset, rig: Rig) -> None:
 
 
 def _short(camera: str) -> str:
-    """Return a camera's name without the words that all have, and of letters that a name may have."""
+    """Return a camera's name without the common prefix, in allowed characters."""
     return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
 
 
 def _features_of(data: Dataset, ahead: Ahead) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the features of the state and of the action: those that are named, else by their usual names.
+    """Return the features of the state and of the action: the named ones, else the usual ones.
 
-    Raises SourceError where one that is named is no vector of numbers.
+    Raises SourceError if a named feature is not a vector of numbers.
     """
     for option, names in (("--state", ahead.state), ("--action", ahead.action)):
         for name in names:
@@ -358,13 +359,13 @@ def _features_of(data: Dataset, ahead: Ahead) -> tuple[Sequence[str], Sequence[s
 
 
 def _usual(features: Mapping[str, Feature], names: Sequence[str]) -> Sequence[str]:
-    """Return the first of the ``names`` that is a feature, else all features that are parts of the first."""
-    whole_ones = [name for name in names if _columns(features, name)]
-    return whole_ones[:1] or [name for name in features if name.startswith(f"{names[0]}.") and _columns(features, name)]
+    """Return the first of the ``names`` that is a feature, else all parts of the first name."""
+    known = [name for name in names if _columns(features, name)]
+    return known[:1] or [name for name in features if name.startswith(f"{names[0]}.") and _columns(features, name)]
 
 
 def _numbered(features: Mapping[str, Feature], names: Sequence[str]) -> dict[str, str]:
-    """Return the columns of features by what the data set calls them; by the part too, where two have one name."""
+    """Return the columns of features by the names of their components; equal names get their feature's."""
     labels = [(name, label) for name in names for label in _labels(features, name)]
     often = Counter(label for _, label in labels)
     said = [label if often[label] == 1 else f"{name.rpartition('.')[2]}.{label}" for name, label in labels]
@@ -373,7 +374,7 @@ def _numbered(features: Mapping[str, Feature], names: Sequence[str]) -> dict[str
 
 
 def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
-    """Return what the data set calls the components of a vector; their numbers where it has no such names."""
+    """Return the names of a vector's components, or their numbers without names."""
     names, columns = features[name].names, _columns(features, name)
     if isinstance(names, dict) and len(names) == 1:
         (names,) = names.values()
@@ -385,43 +386,43 @@ def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
 
 
 def _columns(features: Mapping[str, Feature], name: str) -> tuple[str, ...]:
-    """Return the columns of a feature's numbers; none where it has no feature of this name, or too many of them."""
+    """Return the columns of a feature's numbers; empty without the feature, or for too many."""
     if name in features and features[name].size == (1,):
         return (name,)
     return dict(vectors_of(features)).get(name, ())
 
 
 def _instruction(data: Dataset) -> tuple[str, ...]:
-    """Return the column of what a policy is told, none where the data set has no tasks.
+    """Return the column of the instruction, empty if the data set has no tasks.
 
-    Raises SourceError where its rows have tasks and nobody has their words.
+    Raises SourceError if its rows have tasks without words.
     """
     path, first = data.layout.root / data.layout.TASKS, data.layout.parquets("data")[0]
     numbered = data.task in open_parquet(first, extra="lerobot").columns
     if len(data.tasks) > 1 and not numbered:
         raise SourceError(
-            f"{path} has the words of {len(data.tasks)} tasks, and {first} no column '{data.task}' that says which of "
-            "them a row is of; name what a policy is told with --prompt-columns"
+            f"{path} has the words of {len(data.tasks)} tasks, but {first} has no column '{data.task}' with each "
+            "row's task; name the instruction's column with --prompt-columns"
         )
     if not data.tasks and numbered:
         lacking = "holds no words of tasks" if path.is_file() else "does not exist"
         raise SourceError(
-            f"{path} {lacking}, and every row has a {data.task}: without their words no policy is told what to do; "
-            "download the data set again with its whole meta folder, or name what a policy is told with "
+            f"{path} {lacking}, but every row has a {data.task}. Without words there is no instruction: "
+            "download the data set again with its whole meta folder, or name the instruction's column with "
             "--prompt-columns"
         )
     return (TASK,) if data.tasks else ()
 
 
 def _require_words(kept: Kept, data: Dataset) -> None:
-    """Note as a fault, once a task, where a row's task has no words."""
+    """Note as a fault, once a task, a row whose task has no words."""
     first = {row.get(data.task): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
     for number, where in reversed(first.items()):
         kept.faults.add(f"{where}: {data.layout.TASKS} has no words of task {number}; download the data set again")
 
 
 def _wordless(kept: Kept, data: Dataset) -> list[str]:
-    """Return how many frames are of tasks without words, and of which, where nobody is told them."""
+    """Return a note of the frames whose tasks have no words, if no prompt needs them."""
     lacking = [str(row.get(data.task)) for row in kept.rows if not row.get(TASK)]
     if not lacking:
         return []
@@ -430,7 +431,7 @@ def _wordless(kept: Kept, data: Dataset) -> list[str]:
 
 
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
-    """Return the rows of all data files, with what names each frame's picture in the columns ``pictured``."""
+    """Return the rows of all data files, with picture names in the columns ``pictured``."""
     vectors = dict(vectors_of(data.features))
     files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
     for place in PLACES.values():
@@ -448,7 +449,7 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
 def _data_rows(
     data: Dataset, files: Sequence[ParquetTable], count: int, reads: Progress | None, pictured: Sequence[str]
 ) -> Iterator[Row]:
-    """Yield the rows, with the words of their tasks and the names of their pictures; one that is left out is empty."""
+    """Yield the rows with tasks and picture names; a row that is left out is empty."""
     done, timeline = 0, data.timeline
     for file in files:
         if file.columns != files[0].columns:
@@ -469,38 +470,36 @@ def _data_rows(
 
 
 def _numbered_rows(file: ParquetTable) -> Iterator[Row]:
-    """Yield the rows of an episode's own file that does not number them; raises SourceError where it has several."""
+    """Yield the rows of an episode's file with their numbers; raises SourceError for two episodes."""
     first: Row = {}
     for number, row in enumerate(file.rows()):
         first = first or row
         if row.get(PLACES["episode"]) != first.get(PLACES["episode"]):
-            raise SourceError(
-                f"{file.path} has rows of several episodes and no column '{STEP}' that numbers their steps"
-            )
+            raise SourceError(f"{file.path} has rows of several episodes, but no column '{STEP}' with their steps")
         yield {**row, STEP: number}
 
 
 def _require_one_task(task: Row, row: Row, where: str, data: Dataset) -> None:
-    """Raise SourceError where a row has words of its own for its task, and the number of its task says others."""
+    """Raise SourceError if a row's own words of its task differ from those of its task's number."""
     own, said = row.get(TASK), task.get(TASK)
     if isinstance(own, str) and own and said and own != said:
         raise SourceError(
             f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its {data.task} "
-            f"{row.get(data.task)} and {data.layout.TASKS}; one of both is wrong"
+            f"{row.get(data.task)} and {data.layout.TASKS}; one of them is wrong"
         )
 
 
 def _words(data: Dataset, row: Row) -> str:
-    """Return the words of a row's task; those of the only one where no row says which it is of."""
+    """Return the words of a row's task, or of the only task if rows have no number of it."""
     if data.task not in row:
         return next(iter(data.tasks.values())) if len(data.tasks) == 1 else ""
     return data.tasks.get(whole(row[data.task]) or 0, "")
 
 
 def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:
-    """Yield each frame with the pictures of its cameras; ``rows`` are the numbers of their rows.
+    """Yield each frame with its cameras' pictures; ``rows`` are the numbers of their rows.
 
-    A frame without the picture of a camera is left out, and said.
+    A frame without a camera's picture is left out and noted.
     """
     reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[Missing]]()
     for frame, *pictures in zip(frames, *reels, strict=True):
