@@ -57,7 +57,7 @@ def test_rows_that_nobody_numbered_are_numbered_by_their_order(tmp_path: Path) -
     assert seen(bank_of(tmp_path / "set")) == seen(bank_of(tmp_path / "numbered", "b"))
     path = tmp_path / "set/data/chunk-000/episode_000000.parquet"
     rewrite(path, lambda rows: [row | {"episode_index": place // 5} for place, row in enumerate(rows)])
-    with pytest.raises(SourceError, match=r"episode_000000\.parquet has rows of several episodes and no column"):
+    with pytest.raises(SourceError, match=r"episode_000000\.parquet has rows of several episodes, but no column"):
         bank_of(tmp_path / "set", "refused")
 
 
@@ -85,7 +85,7 @@ def test_a_camera_without_films_is_left_out(tmp_path: Path) -> None:
         path.unlink()
     bank = bank_of(tmp_path / "set")
     assert [one.name for one in bank.manifest.cameras] == ["front"]
-    assert any("rear' is left out: info.json lists it, and none of its videos is there" in one for one in taken(bank))
+    assert any("rear' is left out: info.json lists it, but none of its videos exists" in one for one in taken(bank))
 
 
 def torn(root: Path, inner: str) -> None:
@@ -103,26 +103,26 @@ def torn(root: Path, inner: str) -> None:
             lambda root: write_lines(root / "meta/episodes.jsonl", [{"episode_index": -1}]),
             "line 1: Expected `int` >= 0",
         ),
-        (lambda root: write_lines(root / "meta/episodes.jsonl", []), "names no episode"),
+        (lambda root: write_lines(root / "meta/episodes.jsonl", []), "has no episode"),
         (
             lambda root: write_lines(
                 root / "meta/episodes.jsonl", [{"episode_index": 0, "length": one} for one in (9, 10)]
             ),
-            "the length of episode 0 stands there twice",
+            "the length of episode 0: there are two",
         ),
         (
             lambda root: write_lines(root / "meta/tasks.jsonl", [{"task_index": 0, "task": one} for one in "ab"]),
-            "meta/tasks.jsonl: the words of task 0 stands there twice",
+            "meta/tasks.jsonl: the words of task 0: there are two",
         ),
         (lambda root: (root / "data/chunk-000/episode_000001.parquet").unlink(), None),
-        (lambda root: (root / f"videos/chunk-000/{CAMERA}/episode_000001.mp4").unlink(), "episode_000001.mp4 is not"),
+        (lambda root: (root / f"videos/chunk-000/{CAMERA}/episode_000001.mp4").unlink(), "episode_000001.mp4 does not"),
         (
             lambda root: describe(root, lambda info: info.update(video_path="videos/{chunk_index}/{video_key}.mp4")),
             "is no path with video_key, episode_chunk and episode_index in braces",
         ),
         (
             lambda root: describe(root, lambda info: info.update(video_path="videos/{episode_index}.mp4")),
-            "lie in one video",
+            "share the video",
         ),
         (lambda root: describe(root, lambda info: info.update(video_path="../{video_key}/{episode_index}")), "outside"),
         (lambda root: describe(root, lambda info: info.update(chunks_size=0)), "chunks_size"),
@@ -164,7 +164,7 @@ def test_state_and_action_are_found_by_their_usual_names_or_by_those_that_are_gi
     renamed(tmp_path / "set", {"observation.state": "state", "action": "actions"})
     assert [(one.state, one.motion) for one in bank_of(tmp_path / "set", "plural")] == usual
     renamed(tmp_path / "set", {"state": "proprio", "actions": "control"})
-    with pytest.raises(SourceError, match=r"lists no feature 'action' .*; action names"):
+    with pytest.raises(SourceError, match=r"lists no feature 'action' .*; name the feature, .* action"):
         bank_of(tmp_path / "set", "unnamed")
     given = Ahead(2, "absolute", ("proprio",), ("control",))
     assert [(one.state, one.motion) for one in bank_of(tmp_path / "set", "given", given)] == usual

@@ -290,7 +290,7 @@ def spoil_files(root: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("version", "says version v1.6; this reads v2.0, v2.1 and v3"),
+        ("version", "has version v1.6, but eyechart reads v2.0, v2.1 and v3"),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
         ("no video", "file-001.mp4 does not exist; download it again, or, in a clone, run 'git lfs pull'"),
