@@ -128,7 +128,7 @@ def torn(root: Path, inner: str) -> None:
         (lambda root: describe(root, lambda info: info.update(chunks_size=0)), "chunks_size"),
         (
             lambda root: describe(root, lambda info: info.update(codebase_version="v1.6")),
-            "this reads v2.0, v2.1 and v3",
+            "eyechart reads v2.0, v2.1 and v3",
         ),
     ],
 )
