@@ -162,9 +162,7 @@ def test_a_run_that_ends_unfinished_says_why_by_policy(drive: Drive) -> None:
     words = (*words, "--condition", "real")
     told = drive(*words)
     assert told.code == 1
-    why = (
-        "episodes are unfinished, 1 of them begun; the last errors of their calls: exception 10, as: RuntimeError"
-    )
+    why = "episodes are unfinished, 1 of them begun; the last errors of their calls: exception 10, as: RuntimeError"
     assert f"{FAILING}: 2 {why}" in told.err
     assert "2 episodes are unfinished; the same command continues" in told.err
     found = json.loads(drive("--policy", LOOK, "--seeds", 3, *words[4:6], *words[-2:], "--max-calls", 35, "--json").out)
