@@ -660,7 +660,7 @@ def test_what_a_bank_declares_cannot_be_edited(tmp_path: Path, words: str, inste
     text = file.read_text(encoding="utf-8")
     assert words in text
     file.write_text(text.replace(words, instead), encoding="utf-8")
-    with pytest.raises(BankError, match=r"manifest\.json: what the bank declares of itself"):
+    with pytest.raises(BankError, match=r"manifest\.json: the bank's declaration"):
         open_bank(bank.root)
 
 

@@ -227,7 +227,7 @@ def test_what_is_wrong_with_a_table_is_one_line_and_leaves_nothing(
     [
         (
             '{"photo": "0/00.jpg"}\n{"photo": "0/01.jpg", "new": 1}\n',
-            "row 2 has a column 'new' that the first row has not",
+            "row 2 has a column 'new' that the first row does not have",
         ),
         ('{"photo": "0/00.jpg"}\n[1]\n', "row 2 is a list, no JSON object"),
         ('{"photo": "0/00.jpg"\n', "row 1 is no JSON object"),
@@ -555,7 +555,7 @@ RIG = '[[camera]]\nname = "front"\ncolumn = "photo"\n'
         ("camera = []", "Expected `array` of length >= 1"),
         (RIG + 'axis = "horizontal"', "unknown field `axis`"),
         (RIG + 'mirror_axis = "diagonal"', "Invalid enum value 'diagonal'"),
-        (RIG + 'mirrors = "rear"', "camera 'front' mirrors 'rear', which must be there"),
+        (RIG + 'mirrors = "rear"', "camera 'front' mirrors 'rear', which must exist"),
         (RIG + RIG, "two cameras have the same name: front, front"),
         (RIG.replace("front", "a b"), "a camera's name has letters"),
         (RIG + '[state]\njoints = "speed"', r"Expected `array`, got `str` - at `\$\.state"),

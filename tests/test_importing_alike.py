@@ -195,7 +195,7 @@ def test_scenarios_and_steps_without_episodes_are_no_drive_through_several(table
 def test_a_column_that_is_called_exactly_as_its_place_is_taken(table: Table, one: str, other: str) -> None:
     """And the other one is named."""
     bank = table(cells={other: [1, 2] * 6})
-    assert f"{one} is '{one}', not '{other}' beside it; " in " ".join(costs(bank))
+    assert f"{one} is '{one}', not the column '{other}'; " in " ".join(costs(bank))
 
 
 @pytest.mark.parametrize(("one", "other"), [("Episode", "EPISODE"), ("distance_m", "Distance m")])
@@ -204,7 +204,7 @@ def test_a_column_is_not_chosen_among_those_of_one_name(table: Table, one: str, 
     place = "gap" if "_" in one else one.lower()
     rows = [{one if name == place else name: cell for name, cell in row.items()} for row in drive("e")]
     cells: dict[str, list[object]] = {other: [1, 2] * 6}
-    with pytest.raises(SourceError, match=f"has the columns '{one}' and '{other}': say with .*{place}"):
+    with pytest.raises(SourceError, match=f"has the columns '{one}' and '{other}': choose one with .*{place}"):
         table(rows, cells)
     assert len(table(rows, cells, columns={place: one})) == FRAMES
 
@@ -240,5 +240,5 @@ def test_two_pictures_between_which_something_was_moved_are_not_one(
     for name in (one, other):
         pictures[name][8] = "20.png" if name == one else "same.png"
     pictures[other] = ["", *([""] * 7), pictures[other][8], "", "", ""]
-    with pytest.raises(SourceError, match=f"row 9: {one} and {other} are one picture"):
+    with pytest.raises(SourceError, match=f"row 9: {one} and {other} are the same picture"):
         table([{"file": f"{n}.png", "gap": GAPS[n], "episode": f"e{n // 3}"} for n in range(FRAMES)], pictures)

@@ -273,7 +273,7 @@ def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', and the state has j0, j1"),
+        ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', but the state has j0, j1"),
         ("horizon = 3", "horizon = 0", "Expected `int` >= 1"),
         ('kind = "absolute"', 'kind = "sideways"', "Invalid enum value 'sideways'"),
         (
@@ -437,7 +437,7 @@ def stops(*drives: int, black: bool = False) -> Callable[[Path, Rows], None]:
 NOISE = np.random.default_rng(3).normal(size=48)
 FAR = {
     "motion 'aj1': a few numbers lie far from all others (1e+03 from the median, where 95 of 100 are within 0.99), in "
-    "2 of 40 logged motions: these are left out of what answers are measured by; correct them, or declare the scale if "
+    "2 of 40 logged motions: answers are not compared with these; correct them, or declare the scale if "
     "it is a rare move": sets("aj1", lambda number: 1000 if number == 14 else None),
     "motion 'aj1': a few numbers lie far from all others (50 from the median, where 95 of 100 are within 1.1), in "
     "several episodes: a rare move, or wrong rows, which would set the scale of all others; correct them, or "
@@ -449,7 +449,7 @@ FAR = {
 SMALL = {
     "'aj1' is 0 in every row: the log gives no scale there, and an answer counts in its own unit; declare "
     "its scale in --rig (scale = …), or leave it out": sets("aj1", lambda _: 0),
-    "'aj2' varies by 1e-05, the others by 0.41: an error of that size counts as much as one of theirs; if it is of "
+    "'aj2' varies by 1e-05, the others by 0.41: an error of that size counts as much as one of theirs; if it has "
     "the same unit, declare its scale in --rig (scale = …), or leave it out": sets(
         "aj2", lambda number: f"{0.1 + 1e-5 * NOISE[number]:.9f}"
     ),

@@ -118,9 +118,7 @@ def test_an_odd_picture_is_refused_and_made_plain_where_that_is_asked(name: str)
 def test_all_that_is_odd_in_a_picture_is_said_at_once() -> None:
     """A print's colours and a turn are one line."""
     picture = encoded(corners().convert("CMYK"), "JPEG", exif=turned(3))
-    with pytest.raises(
-        BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by its EXIF orientation"
-    ):
+    with pytest.raises(BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by EXIF orientation"):
         require_plain(picture, "both.jpg")
 
 

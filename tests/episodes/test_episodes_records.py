@@ -109,7 +109,7 @@ def test_bytes_that_are_no_episode_are_an_error_of_their_line(
         (("steps", 0, "crashed"), 1, r"steps\[0\].crashed is 1, not true or false"),
         (("steps", 0, "truth", "lead_gap_m"), {}, r"steps\[0\].truth.lead_gap_m is {}, not a number"),
         (("steps", 2, "step"), 1, r"steps\[2\].step is 1, but this step's is 2"),
-        (("steps", 2, "frame"), "x", r'steps\[2\].frame is "x", not "highway/light/0/002"'),
+        (("steps", 2, "frame"), "x", r'steps\[2\].frame is "x", but this step.s is "highway/light/0/002"'),
         (("steps", 0, "decision", "action"), None, r"steps\[0\].decision: a Decision has either an action or"),
         (("key", "seed"), "0", 'key.seed is "0", not a whole number'),
         (("ended",), None, "ended is null, not text"),

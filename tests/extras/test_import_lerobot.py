@@ -586,7 +586,7 @@ CELLS: dict[str, tuple[Callable[[Path], object], str]] = {
     "features": (lambda root: describe(root, lambda info: info.update(features=[1])), "Expected `object`"),
     "start inf": (begin(float("inf")), "is inf, not a second"),
     "start vast": (begin(1e300), "1e\\+300, not a second"),
-    "start nan": (begin(float("nan")), "is nan, which"),
+    "start nan": (begin(float("nan")), "is nan, not a second"),
     "start gone": (begin(None), "is empty"),
     "chunk words": (
         lambda root: rewrite(places(root), lambda rows: swap(rows, CHUNK, ["9" * 9] * 8)),

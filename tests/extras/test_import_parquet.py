@@ -94,7 +94,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
         ("cell", "unpacks to 3000000"),
         ("repeated", "row 1: 'file' has more than 100000 characters"),
         ("rows", "has more than 20000000 rows; cut it into parts"),
-        ("prefixes", "size is known only after reading (as DELTA_BYTE_ARRAY is)"),
+        ("prefixes", "size is known only after reading, such as DELTA_BYTE_ARRAY"),
     ],
 )
 def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path: Path, kind: str, said: str) -> None:
@@ -296,9 +296,9 @@ def spoil_files(root: Path, what: str) -> None:
         ("no video", "file-001.mp4 does not exist; download it again, or, in a clone, run 'git lfs pull'"),
         ("torn video", "cannot be read as a video (Invalid data found when processing input); if it is cut, or a"),
         ("pointer", "if it is cut, or a pointer of Git LFS, download it again"),
-        ("short video", "file-001.mp4 ends at 1.100 s, and the data set has rows of "),
-        ("no episodes", "holds no chunk-*/file-*.parquet"),
-        ("no data", "holds no chunk-*/file-*.parquet"),
+        ("short video", "file-001.mp4 ends at 1.100 s, but the data set has rows at "),
+        ("no episodes", "has no chunk-*/file-*.parquet"),
+        ("no data", "has no chunk-*/file-*.parquet"),
     ],
 )
 def test_what_is_wrong_with_a_data_set_is_one_line_and_leaves_nothing(tmp_path: Path, what: str, said: str) -> None:
@@ -406,7 +406,7 @@ def tasks(root: Path, words: dict[int, str | None] | None) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (None, r"tasks\.parquet does not exist, and every row has a task_index: .* prompt_columns"),
+        (None, r"tasks\.parquet does not exist, but every row has a task_index.* prompt_columns"),
         ({0: None, 1: None}, r"tasks\.parquet holds no words of tasks"),
         ({0: "cross the yard"}, r"row 11: meta/tasks\.parquet has no words of task 1"),
     ],

@@ -491,4 +491,4 @@ def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]
 def require_free(out: Path) -> None:
     """Raise BankError if the place of a bank is not free."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise BankError(f"{out} already exists and is not an empty folder; choose another place for the bank")
+        raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

@@ -60,7 +60,7 @@ def _oddities(found: Image.Image, picture: bytes) -> Iterator[str]:
     elif found.mode != "RGB":
         yield f"has the channels {found.mode}; save it as red, green and blue"
     if (turned := found.getexif().get(_ORIENTATION, 1)) not in {0, 1}:
-        yield f"is turned only by its EXIF orientation ({turned}), which some models ignore; turn its pixels"
+        yield f"is turned only by EXIF orientation {turned}, which some models ignore; turn its pixels"
 
 
 def _is_deep(found: Image.Image, picture: bytes) -> bool:
