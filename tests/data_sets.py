@@ -183,3 +183,45 @@ def first_rows(root: Path) -> Path:
 def places(root: Path) -> Path:
     """Return the file that says where the episodes of a data set lie."""
     return root / "meta/episodes/chunk-000/file-000.parquet"
+
+
+def of_episodes(root: Path, *, version: str = "v2.1", numbered: bool = True, gaps: list[float], fps: int = 10) -> None:
+    """Make one of version 2 of the data set of `arm` or `lerobot`: a data file and a film an episode, lines of JSON.
+
+    ``gaps`` are those that `lerobot` returned; where rows are not ``numbered`` they have no frame_index, as GR00T's.
+    """
+    pa, pq = arrow()
+    table = pa.concat_tables([pq.read_table(path) for path in sorted((root / "data").rglob("*.parquet"))])
+    shutil.rmtree(root / "data")
+    rows = table.to_pylist()
+    if not numbered:
+        table = table.drop_columns(["frame_index"])
+    films = [path.name for path in sorted((root / "videos").iterdir())] if (root / "videos").is_dir() else []
+    shutil.rmtree(root / "videos", ignore_errors=True)
+    lines = []
+    for episode in dict.fromkeys(row["episode_index"] for row in rows):
+        places_of = [place for place, row in enumerate(rows) if row["episode_index"] == episode]
+        path = root / f"data/chunk-{episode // 3:03d}/episode_{episode:06d}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(table.take(places_of), path)
+        for camera in films:
+            inside = [gaps[place] for place in places_of]
+            film(root / f"videos/chunk-{episode // 3:03d}/{camera}/episode_{episode:06d}.mp4", list(inside), fps)
+        lines.append({"episode_index": episode, "tasks": ["drive"], "length": len(places_of)})
+    shutil.rmtree(root / "meta/episodes")
+    (root / "meta/tasks.parquet").unlink()
+    write_lines(root / "meta/episodes.jsonl", lines)
+    words = ["cross the yard", "park"]
+    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": one} for place, one in enumerate(words)])
+    two = {
+        "codebase_version": version,
+        "chunks_size": 3,
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "video_path": "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+    }
+    describe(root, lambda info: info.update(two))
+
+
+def write_lines(path: Path, lines: list[dict[str, Any]]) -> None:
+    """Write a line of JSON for each."""
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))

@@ -180,7 +180,7 @@ def test_an_unknown_condition_is_refused_with_what_is_known(bank: FrameBank) -> 
     with pytest.raises(BankError, match="has no camera 'left'"):
         show("swapped@camera:left", bank.frames[0], bank, 0)
     several = replace(bank, manifest=replace(bank.manifest, prompt_columns=("task", "hint")))
-    with pytest.raises(BankError, match="which is the instruction"):
+    with pytest.raises(BankError, match="name the instruction's 'instruction'"):
         instruction_column(several)
 
 

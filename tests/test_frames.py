@@ -220,7 +220,7 @@ DAMAGED_PICTURES: dict[str, tuple[Damage, str]] = {
         lambda root: change_row(root, lead_far_file_name="images/../../x.png"),
         "'images/../../x.png' leads outside the bank",
     ),
-    "a NUL in a name": (lambda root: change_row(root, file_name="a\0b.png"), "'a\\x00b.png' is no file"),
+    "a NUL in a name": (lambda root: change_row(root, file_name="a\0b.png"), "'a\\x00b.png' is not a file"),
     "a name too long": (lambda root: change_row(root, file_name="n" * 5000), "nnnn"),
     "swapped pictures": (swapped, "frame 'light-0-0' shows 'images/light-0-1.png'"),
     "swapped counterfactuals": (swapped_counterfactuals, "frame 'dense-0-2' shows 'lead_near/dense-0-2.png'"),
@@ -234,12 +234,12 @@ DAMAGED_PICTURES: dict[str, tuple[Damage, str]] = {
     "another episode": (lambda root: change_row(root, episode="dense-9"), "frame 'dense-0-2' differs"),
     "a renamed frame": (lambda root: change_row(root, frame_id="new"), "frame 'new' is not in the manifest"),
     "a lost frame": (lambda root: put_rows(root, rows_of(root)[:-1]), "frame 'merge-1-2' of the manifest is missing"),
-    "another order": (reordered, "the frames stand in another order"),
+    "another order": (reordered, "the frames are in another order"),
 }
 """Damage that ``check`` finds in a bank that it can read: exit 1."""
 
 NOT_A_BANK: dict[str, tuple[Damage, str]] = {
-    "a frame twice": (twice, "frame 'light-1-1' stands there 2 times"),
+    "a frame twice": (twice, "frame 'light-1-1' occurs 2 times"),
     "a gap of NaN": (
         lambda root: change_row(root, lead_gap_m=math.nan),
         "line 9: frame 'dense-0-2': truth 'lead_gap_m'",
@@ -254,7 +254,7 @@ NOT_A_BANK: dict[str, tuple[Damage, str]] = {
     "deep nesting": (nested, "metadata.jsonl, line 1"),
     "a list for a row": (lambda root: (root / "metadata.jsonl").write_text("[1]\n"), "metadata.jsonl, line 1"),
     "no JSON": (lambda root: (root / "metadata.jsonl").write_text("{}{\n"), "metadata.jsonl, line 1"),
-    "no frame": (lambda root: (root / "metadata.jsonl").write_text(""), "metadata.jsonl holds no frame"),
+    "no frame": (lambda root: (root / "metadata.jsonl").write_text(""), "metadata.jsonl has no frames"),
     "no metadata": (lambda root: (root / "metadata.jsonl").unlink(), "metadata.jsonl cannot be read"),
     "a directory for metadata": (metadata_directory, "metadata.jsonl cannot be read: Is a directory"),
     "a directory for a manifest": (manifest_directory, "manifest.json cannot be read: Is a directory"),
@@ -518,8 +518,8 @@ def test_where_controls_were_drawn_is_truth_of_the_pictures_and_not_of_the_momen
 @pytest.mark.parametrize(
     ("cameras", "named"),
     [
-        ((Camera("a"), Camera("a")), "two cameras have one name"),
-        ((Camera("a", mirrors="b"), Camera("b")), "camera 'a' mirrors 'b', which must be there and mirror it too"),
+        ((Camera("a"), Camera("a")), "two cameras have the same name"),
+        ((Camera("a", mirrors="b"), Camera("b")), "camera 'a' mirrors 'b', which must exist and mirror it too"),
     ],
 )
 def test_cameras_that_cannot_be_are_refused(cameras: tuple[Camera, ...], named: str, tmp_path: Path) -> None:
@@ -572,7 +572,7 @@ def test_the_writer_takes_a_frame_and_a_file_once(tmp_path: Path) -> None:
     """A second frame of one name, or a second picture for one file, would hide the first."""
     with pytest.raises(BankError, match="'f' was added twice"):
         write(tmp_path / "bank", plain_frame(), plain_frame())
-    with pytest.raises(BankError, match=r"'f\.png' was written already"):
+    with pytest.raises(BankError, match=r"'f\.png' is already written"):
         write(tmp_path / "bank", plain_frame(), replace(plain_frame(), id="g"))
     assert list(tmp_path.iterdir()) == []
 
@@ -660,7 +660,7 @@ def test_what_a_bank_declares_cannot_be_edited(tmp_path: Path, words: str, inste
     text = file.read_text(encoding="utf-8")
     assert words in text
     file.write_text(text.replace(words, instead), encoding="utf-8")
-    with pytest.raises(BankError, match=r"manifest\.json: what the bank declares of itself"):
+    with pytest.raises(BankError, match=r"manifest\.json: the bank's declaration"):
         open_bank(bank.root)
 
 

@@ -99,7 +99,7 @@ def test_a_bank_that_changes_under_a_run_ends_it_and_no_other_picture_is_shown(t
         one.write_bytes(other.read_bytes())
         return "SLOW"
 
-    with pytest.raises(BankError, match="is not the picture that the bank's manifest recorded"):
+    with pytest.raises(BankError, match="is not the picture in the bank's manifest"):
         run_battery(root, {"guest": changes}, tmp_path / "run", concurrency=1)
     assert rows(tmp_path / "run", "python:guest")
     one.write_bytes(before)

@@ -72,17 +72,17 @@ def test_a_recording_that_is_there_twice_counts_once_also_where_it_has_no_number
     rows = [*drive("e"), *drive("f", again(photos, how))]
     bank = table(rows)
     assert {frame.episode for frame in bank} == {"e0", "e1", "e2", "e3"}
-    assert "4 episodes are others again: 'f0' is 'e0'" in " ".join(taken(bank))
+    assert "4 episodes repeat others: 'f0' is 'e0'" in " ".join(taken(bank))
     shutil.rmtree(tmp_path / "bank")
     kept = table(rows, keep_repeats=True)
     assert len(kept) == 2 * FRAMES
-    assert "warning: 4 episodes are others again" in " ".join(taken(kept))
+    assert "warning: 4 episodes repeat others" in " ".join(taken(kept))
 
 
 def test_a_recording_that_is_there_twice_with_two_gaps_is_refused(table: Table, photos: Path) -> None:
     """Which of both is right, nobody knows; where both are kept, or one is empty, nothing is lost."""
     rows = [*drive("e"), *drive("f", again(photos, "copy"), tuple(reversed(GAPS)))]
-    with pytest.raises(SourceError, match=r"'again-.*' shows what '.*' does.*the gap 'gap' is .* import both with"):
+    with pytest.raises(SourceError, match=r"'again-.*' and '.*' show the same.*the gap 'gap' is .* import both with"):
         table(rows)
     bank = table(rows, keep_repeats=True)
     assert len(bank) == 2 * FRAMES
@@ -94,8 +94,9 @@ def test_single_pictures_that_stand_there_twice_are_counted_and_named(table: Tab
     """As of frames that are declared independent draws."""
     rows = [*drive("e"), *drive("f", again(photos, "copy"))[:2]]
     bank = table([{name: row[name] for name in ("file", "gap")} for row in rows], independent=True)
-    assert "2 of 14 frames show the very picture of another drive's, such as 'again-0.png' that of '0.png'" in " ".join(
-        costs(bank)
+    assert (
+        "2 of 14 frames have the same picture as a frame of another drive, such as 'again-0.png' and '0.png'"
+        in " ".join(costs(bank))
     )
 
 
@@ -126,7 +127,7 @@ def test_names_in_other_letters_or_with_zeros_are_two_and_named(
     """As tokens may be; who reads them may have meant one."""
     bank = table(cells={place: [names[number // 6] for number in range(FRAMES)]})
     one, other = sorted(names)
-    assert f"the {place}s '{one}' and '{other}' differ in capital letters or leading zeros alone" in " ".join(
+    assert f"the {place}s '{one}' and '{other}' differ only in capital letters or leading zeros" in " ".join(
         costs(bank)
     )
 
@@ -148,7 +149,7 @@ def test_a_word_that_programs_write_for_nothing_is_no_name_of_an_episode(table: 
 
 def test_a_word_that_programs_write_for_nothing_is_said_to_no_model(table: Table) -> None:
     """Nobody goes at nan."""
-    with pytest.raises(SourceError, match="row 2: 'speed' is 'nan'; a prompt column needs something to say"):
+    with pytest.raises(SourceError, match="row 2: 'speed' is 'nan'; a prompt column needs a value"):
         table(cells={"speed": ["3", "nan", *["4"] * 10]}, prompt_columns=("speed",))
     bank = table(cells={"speed": ["3", "N/A", *["null"] * 10]}, prompt_columns=("speed",))
     assert {frame.fields["speed"] for frame in bank} == {"3", "N/A", "null"}
@@ -168,7 +169,7 @@ def test_a_drive_through_several_scenarios_is_refused_where_its_steps_show_it(ta
 
 def test_names_of_episodes_that_recur_in_another_scenario_are_other_drives(table: Table) -> None:
     """Where a step stands in both, or others lie between; without steps nobody knows, and it is said."""
-    columns, words = placed("xxxxxxyyyyyy", "aaabbbaaabbb"), "2 episode names stand in several scenarios"
+    columns, words = placed("xxxxxxyyyyyy", "aaabbbaaabbb"), "2 episode names occur in several scenarios"
     bank = table(cells=columns)
     assert words in " ".join(costs(bank))
     shutil.rmtree(bank.root)
@@ -178,7 +179,7 @@ def test_names_of_episodes_that_recur_in_another_scenario_are_other_drives(table
     shutil.rmtree(bank.root)
     through = table(cells=placed("xxxxxxxxyyyy", "aaaabbbbaaaa") | {"step": [*range(FRAMES)]})
     assert len({frame.drive for frame in through}) == 3
-    assert "1 episode name stands in several scenarios" in " ".join(costs(through))
+    assert "1 episode name occurs in several scenarios" in " ".join(costs(through))
 
 
 def test_scenarios_and_steps_without_episodes_are_no_drive_through_several(table: Table) -> None:
@@ -194,7 +195,7 @@ def test_scenarios_and_steps_without_episodes_are_no_drive_through_several(table
 def test_a_column_that_is_called_exactly_as_its_place_is_taken(table: Table, one: str, other: str) -> None:
     """And the other one is named."""
     bank = table(cells={other: [1, 2] * 6})
-    assert f"{one} is '{one}', not '{other}' beside it; " in " ".join(costs(bank))
+    assert f"{one} is '{one}', not the column '{other}'; " in " ".join(costs(bank))
 
 
 @pytest.mark.parametrize(("one", "other"), [("Episode", "EPISODE"), ("distance_m", "Distance m")])
@@ -203,7 +204,7 @@ def test_a_column_is_not_chosen_among_those_of_one_name(table: Table, one: str, 
     place = "gap" if "_" in one else one.lower()
     rows = [{one if name == place else name: cell for name, cell in row.items()} for row in drive("e")]
     cells: dict[str, list[object]] = {other: [1, 2] * 6}
-    with pytest.raises(SourceError, match=f"has the columns '{one}' and '{other}': say with .*{place}"):
+    with pytest.raises(SourceError, match=f"has the columns '{one}' and '{other}': choose one with .*{place}"):
         table(rows, cells)
     assert len(table(rows, cells, columns={place: one})) == FRAMES
 
@@ -224,7 +225,7 @@ def test_a_recoloured_picture_that_repeats_the_file_was_not_taken(table: Table, 
     cells: list[object] = [names.format(n) if n < rows else f"{FRAMES + n}.png" for n in range(FRAMES)]
     bank = table(cells={"recoloured": cells})
     assert sum("recoloured" in frame.counterfactuals for frame in bank) == FRAMES - rows
-    assert f"{rows} picture{'s' * (rows > 1)} of recoloured repeat the file, and count as not taken" in taken(bank)
+    assert f"{rows} picture{'s' * (rows > 1)} of recoloured repeat the file, and count as missing" in taken(bank)
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
@@ -239,5 +240,5 @@ def test_two_pictures_between_which_something_was_moved_are_not_one(
     for name in (one, other):
         pictures[name][8] = "20.png" if name == one else "same.png"
     pictures[other] = ["", *([""] * 7), pictures[other][8], "", "", ""]
-    with pytest.raises(SourceError, match=f"row 9: {one} and {other} are one picture"):
+    with pytest.raises(SourceError, match=f"row 9: {one} and {other} are the same picture"):
         table([{"file": f"{n}.png", "gap": GAPS[n], "episode": f"e{n // 3}"} for n in range(FRAMES)], pictures)

@@ -72,7 +72,7 @@ def test_photographs_with_controls_are_a_bank_that_can_show_depth(taken: FrameBa
         }
     assert bank.manifest.controls.seed is None
     lacking = sum("lead_absent" not in frame.counterfactuals for frame in taken)
-    said = f"lead_absent: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
+    said = f"lead_absent: {lacking} of {len(bank)} frames have no such picture, and are left out of its tests"
     assert [line for line in costs(bank) if line.startswith("lead_absent")] == [said]
     battery.run(battery.plan(bank.root, ["scripted:depth"], tmp_path / "run"))
     verdict = judge(battery.score(tmp_path / "run", resamples=200))["scripted:depth"]

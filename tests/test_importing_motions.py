@@ -273,16 +273,16 @@ def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', and the state has j0, j1"),
+        ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', but the state has j0, j1"),
         ("horizon = 3", "horizon = 0", "Expected `int` >= 1"),
         ('kind = "absolute"', 'kind = "sideways"', "Invalid enum value 'sideways'"),
         (
             'column = "a1"',
             'column = "a7"',
-            "rig: the motion 1 is to be in column 'a7': t.csv has no column 'a7'; it has front",
+            "rig: the motion 1 is declared as column 'a7': t.csv has no column 'a7'; it has front",
         ),
-        ('"j0", "j1"]', '"j0", "j1", "j7"]', "rig: the state joints 2 is to be in column 'j7': t.csv has no column"),
-        ("horizon = 3", "horizon = 30", "nowhere do 30 steps follow each other, and the longest episode has 9"),
+        ('"j0", "j1"]', '"j0", "j1", "j7"]', "rig: the state joints 2 is declared as column 'j7': t.csv has no column"),
+        ("horizon = 3", "horizon = 30", "no episode has 30 consecutive steps, and the longest one has 9"),
     ],
 )
 def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -301,7 +301,7 @@ def test_a_cell_that_is_no_number_is_a_fault_and_episodes_are_needed(tmp_path: P
     del broken[1]
     with pytest.raises(SourceError, match=r"row 4: 'a1' is 'nan', not a number"):
         imported(tmp_path, broken)
-    with pytest.raises(SourceError, match="say which column is the episode"):
+    with pytest.raises(SourceError, match="name the episode's column"):
         imported(tmp_path, [lines[0].replace("drive", "who"), *lines[1:]])
 
 
@@ -366,7 +366,7 @@ def test_cameras_that_exchange_places_show_each_other_s_reflection(tmp_path: Pat
 def test_without_a_reflection_the_import_says_that_nothing_is_mirrored(tmp_path: Path) -> None:
     """And who says how."""
     bank = imported(tmp_path, rows(tmp_path), AXES)
-    why = "mirrored: the bank does not say what a reflected motion is; [reflection] of a rig says it"
+    why = "mirrored: the bank does not say what a reflected motion is; declare it in [reflection] of a rig"
     assert why in costs(bank)
 
 
@@ -437,24 +437,24 @@ def stops(*drives: int, black: bool = False) -> Callable[[Path, Rows], None]:
 NOISE = np.random.default_rng(3).normal(size=48)
 FAR = {
     "motion 'aj1': a few numbers lie far from all others (1e+03 from the median, where 95 of 100 are within 0.99), in "
-    "2 of 40 logged motions: these are left out of what answers are measured by; correct them, or declare the scale if "
-    "it is a move that is rare": sets("aj1", lambda number: 1000 if number == 14 else None),
+    "2 of 40 logged motions: answers are not compared with these; correct them, or declare the scale if "
+    "it is a rare move": sets("aj1", lambda number: 1000 if number == 14 else None),
     "motion 'aj1': a few numbers lie far from all others (50 from the median, where 95 of 100 are within 1.1), in "
-    "several episodes: a move that is rare, or wrong rows, which would be the scale of all others; correct them, or "
+    "several episodes: a rare move, or wrong rows, which would set the scale of all others; correct them, or "
     "declare the scale": sets("aj1", lambda number: 50 if number in {12, 36} else None),
     "state 'j2': a few numbers lie far from all others (1e+03 from the median, where 95 of 100 are within 1.2), in 1 "
-    "of 48 moments: partners at a similar state are chosen by its spread, and places are measured from it; correct "
+    "of 48 moments. Partners at a similar state are chosen by its spread, and places are measured from it; correct "
     "them": sets("j2", lambda number: -1000 if number == 14 else None),
 }
 SMALL = {
-    "'aj1' is 0 in every row: the log does not say what counts there, and an answer counts in its own unit; declare "
+    "'aj1' is 0 in every row: the log gives no scale there, and an answer counts in its own unit; declare "
     "its scale in --rig (scale = …), or leave it out": sets("aj1", lambda _: 0),
-    "'aj2' varies by 1e-05, the others by 0.41: an error of that size counts as much as one of theirs; if it is of "
+    "'aj2' varies by 1e-05, the others by 0.41: an error of that size counts as much as one of theirs; if it has "
     "the same unit, declare its scale in --rig (scale = …), or leave it out": sets(
         "aj2", lambda number: f"{0.1 + 1e-5 * NOISE[number]:.9f}"
     ),
 }
-FROZEN = "camera 'front' shows one and the same picture all through {} of 8 episodes: was it frozen, or covered?"
+FROZEN = "camera 'front' shows the same picture all through {} of 8 episodes: was it frozen, or covered?"
 
 
 @pytest.mark.parametrize(
@@ -560,15 +560,15 @@ def repeated(bank: FrameBank) -> list[str]:
     [
         (
             again(7),
-            "episode '7b' is episode '7' again (same pictures and numbers): left out, 6 frames",
+            "episode '7b' repeats episode '7' (same pictures and numbers): left out, 6 frames",
         ),
         (
             again(2, 5, redraw=encoded),
-            "2 episodes are others again: '2b' is '2', '5b' is '5' (same pictures and numbers): left out",
+            "2 episodes repeat others: '2b' is '2', '5b' is '5' (same pictures and numbers): left out",
         ),
         (
             again(4, steps=5),
-            "episode '4b' is episode '4' again (same pictures and numbers): left out, 5",
+            "episode '4b' repeats episode '4' (same pictures and numbers): left out, 5",
         ),
     ],
 )
@@ -601,7 +601,7 @@ def test_a_repeat_that_is_told_otherwise_is_one_too_and_the_longer_one_is_kept(t
     assert [frame.step for frame in bank if frame.episode == "3b"] == [*range(6)]
     assert not [frame for frame in bank if frame.episode == "3"]
     (said,) = repeated(bank)
-    assert said.startswith("episode '3' is episode '3b' again (same pictures and numbers, another instr")
+    assert said.startswith("episode '3' repeats episode '3b' (same pictures and numbers, another instr")
 
 
 def still(folder: Path, lines: Rows) -> None:
@@ -651,7 +651,7 @@ def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None
         assert pairs == [("2b", "2"), ("5b", "5")]
         (said,) = repeated(bank)
         assert said in found.stderr.splitlines()
-        assert said.startswith("warning: 2 episodes are others again: " if keep else "2 episodes are others again: ")
+        assert said.startswith("warning: 2 episodes repeat others: " if keep else "2 episodes are others again: ")
         assert said.endswith(
             "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"
         )

@@ -402,7 +402,7 @@ MOVED = ["lead_drawn_m", "exchange_m", "lead_mid_near_m"]
     ("cells", "wrong"),
     [
         (["7.5 px"], r"row 1: '{}' is '7.5 px', which cannot be converted to the gap's m"),
-        (["7.5", "near"], r"row 2: '{}' is 'near', not a number; leave the cell empty where there is none(?!, or)"),
+        (["7.5", "near"], r"row 2: '{}' is 'near', not a number; leave the cell empty if there is none(?!, or)"),
         (["7.5", "7,5"], r"row 2: '{}' is '7,5', not a number"),
         (["7.5", "-1"], r"row 2: '{}' is -1, and no distance is below 0; leave the cell empty"),
     ],
@@ -439,7 +439,7 @@ def test_distances_of_what_was_moved_have_units_and_no_marks(table: Table) -> No
     with pytest.raises(SourceError, match=r"'lead_drawn_m' is '1\.110', which is 1\.11 or 1110"):
         table(whole, extra={"lead_drawn_m": ["1.110"] * PICTURES})
     other = table(column="gap_cm", unit=None, extra={"lead_drawn_m": [7.5] * PICTURES})
-    assert "lead_drawn_m: read in cm, as the gap" in costs(other)
+    assert "lead_drawn_m: read in cm, like the gap" in costs(other)
 
 
 def test_what_could_be_the_distance_too_is_named_where_one_was_guessed(table: Table) -> None:

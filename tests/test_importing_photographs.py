@@ -118,7 +118,7 @@ def test_an_odd_picture_is_refused_and_made_plain_where_that_is_asked(name: str)
 def test_all_that_is_odd_in_a_picture_is_said_at_once() -> None:
     """A print's colours and a turn are one line."""
     picture = encoded(corners().convert("CMYK"), "JPEG", exif=turned(3))
-    with pytest.raises(BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by a note"):
+    with pytest.raises(BankError, match=r"is of printing colours \(CMYK\).*; it is turned only by EXIF orientation"):
         require_plain(picture, "both.jpg")
 
 
@@ -135,7 +135,7 @@ def test_a_plain_picture_has_its_media_type_and_nothing_is_done_to_it(kind: str)
 def test_what_nobody_can_say_the_white_of_is_refused_whatever_is_asked() -> None:
     """Numbers of 32 bits."""
     picture = encoded(Image.fromarray(np.ones((4, 4), dtype=np.float32)), "TIFF")
-    with pytest.raises(BankError, match="nobody says what is white"):
+    with pytest.raises(BankError, match="its white is unknown"):
         made_plain(picture, "depth.tif")
 
 
@@ -204,7 +204,7 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
     for words in (
         "columns={'scenario': 'plaec'}: t.csv has no column 'plaec'",
         "there is no place 'colour'",
-        "the gap 'gap' needs what counts as near",
+        "the gap 'gap' needs a limit of near",
         "prompt_columns speed",
         "row 1: the mirror axis 'side' is 'left', not vertical, horizontal or none",
         "row 2: the gap 'gap' is 'near'",
@@ -212,9 +212,9 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
         "row 2: the step 'tick' is 'x'",
         "row 2: 'grey.png' is grey",
         "row 3: there is no picture 'gone.png'",
-        "row 3: step 0 of episode '1' stands there twice",
+        "row 3: step 0 of episode '1' occurs twice",
         "row 4: the file 'file' is '../out.png', which leads outside",
-        "row 5: 'plain.png' stands in row 1 already",
+        "row 5: 'plain.png' is already in row 1",
     ):
         assert sum(words in line for line in lines) == 1, words
     assert len(lines) == 13
@@ -284,7 +284,7 @@ def test_the_command_line_prints_each_fault_on_its_line(
     assert run("--longest", "5") == 2
     assert "give --convert too" in capsys.readouterr().err
     assert run("--convert", "--background", "nocolour") == 2
-    assert "'nocolour' is no colour" in capsys.readouterr().err
+    assert "'nocolour' is not a colour" in capsys.readouterr().err
     assert run("--convert") == 0
     assert "converted to PNG: 2 pictures (1 a palette, 1 grey), over white" in capsys.readouterr().err
 
@@ -420,7 +420,7 @@ def test_pictures_with_one_thing_changed_may_be_of_several_cameras(photos: Path,
 @pytest.mark.parametrize(
     ("change", "cells", "said"),
     [
-        (("near_rear", "near_raer"), {}, "the lead_near rear is to be in column 'near_raer'"),
+        (("near_rear", "near_raer"), {}, "the lead_near rear is declared as column 'near_raer'"),
         (('{ lead_near = "near_rear" }', "{}"), {}, "camera 'rear' has other pictures with one thing changed"),
         (("lead_near =", "lead_nearer ="), {}, "changed.lead_nearer is none of"),
         (("", ""), {"near_rear": ""}, "row 1: lead_near has no picture of rear; take it by every camera, or by none"),

@@ -83,7 +83,7 @@ def test_what_is_no_log_is_refused_in_words(tmp_path: Path) -> None:
     assert len(list(open_log(other).answers(faults))) == 22
     with pytest.raises(SourceError, match="2 faults") as raised:
         faults.require_none("a.json")
-    assert "has no call in its metadata: was it asked by the task eyechart/battery?" in str(raised.value)
+    assert "has no call in its metadata: is it a sample of the task eyechart/battery?" in str(raised.value)
 
 
 def test_a_log_packed_as_older_versions_do_is_read_within_bounds(

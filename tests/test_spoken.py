@@ -264,7 +264,7 @@ def test_what_a_prompt_may_say_is_part_of_the_fingerprint_and_no_ground_truth(ba
     both = replace(frame, truth={**frame.truth, "speed": "5"})
     for wrong in (both, replace(frame, fields={})):
         with (
-            pytest.raises(EyechartError, match="each is given once, and none is ground truth"),
+            pytest.raises(EyechartError, match="give each once, and none as ground truth"),
             BankWriter(tmp_path / "new", bank.manifest) as writer,
         ):
             writer.add(wrong, {MAIN: encode(photographs.draw(3.0))}, {})

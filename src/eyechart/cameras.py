@@ -1,4 +1,4 @@
-"""The geometry of pictures, of forward cameras and from above: what worlds draw by and readers measure by."""
+"""The geometry of pictures from forward cameras and from above, for drawing and for measuring."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float64]
 
 WIDTH_PX, HEIGHT_PX = 600, 150
-"""The size of highway-env's picture, a road seen from above."""
+"""The size of highway-env's picture of a road from above."""
 
 PX_PER_M = 5.5
 EGO_COLUMN = 180
@@ -30,21 +30,22 @@ PALETTE = {
 LEAST_DEPTH_M = 0.05
 
 HAZE: Colour = (206, 206, 206)
-"""Everything fades into it with distance. It is grey, as road and marks are: what has a colour is no road."""
+"""The colour into which everything fades with distance. It is grey like the road and its marks, so
+that a colour is never road."""
 
 HAZE_HALF_M = 45.0
-"""Half of a colour is haze at this distance: share d² / (d² + HAZE_HALF_M²)."""
+"""The distance at which half of a colour is haze: share d² / (d² + HAZE_HALF_M²)."""
 
 
 def haze_share(depth_m: _Floats) -> _Floats:
-    """Return the share of haze in a colour so far away."""
+    """Return the share of haze in a colour at this depth."""
     square = depth_m * depth_m
     return square / (square + HAZE_HALF_M * HAZE_HALF_M)
 
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """What counts as near and as free in a world, in metres ahead of the vehicle, and where a side must be empty."""
+    """The limits of near and free in metres ahead of the vehicle, and of an empty side."""
 
     stop_m: float
     close_m: float
@@ -55,7 +56,7 @@ class Distances:
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """Where a camera is, and where along the ground it looks; it is level, as on a gimbal."""
+    """The place and the direction of a camera that is level, as on a gimbal."""
 
     x: float
     y: float
@@ -69,13 +70,15 @@ class Eye:
 
 @dataclass(frozen=True)
 class ForwardView:
-    """What is known of a world's forward pictures; metres, pixels and radians.
+    """The known geometry and colours of a world's forward pictures; metres, pixels and radians.
 
-    A pinhole of ``focal_px`` looks along ``horizon``, the row above which is sky, over a straight flat road.
-    ``tracks_m`` are the places across the road, from the right to the left, that a vehicle of ``radius_m`` with
-    ``margin_m`` of room may follow. ``preview_m`` ahead is where a vehicle under way to a track is looked for.
-    ``verges`` maps a scenery to the colour beside the road, ``bodies`` a name to the own vehicle's colour; ``zenith``
-    is the sky's in the first row, ``surface`` the road's grey, ``dashed_m`` how far from the middle lines are dashed.
+    A pinhole camera of ``focal_px`` looks along ``horizon``, the row above which is sky, over a
+    straight flat road. ``tracks_m`` are the places across the road, from right to left, that a
+    vehicle of ``radius_m`` with ``margin_m`` of room may follow. ``preview_m`` is the distance
+    ahead at which a vehicle that changes tracks is sought. ``verges`` maps a scenery to the colour
+    beside the road, and ``bodies`` a name to the own vehicle's colour. ``zenith`` is the sky's
+    colour in the first row, ``surface`` the road's grey. ``dashed_m`` holds the distances of dashed
+    lines from the middle.
     """
 
     width: int
@@ -101,11 +104,11 @@ class ForwardView:
 
     @property
     def beside_m(self) -> float:
-        """Return how far from a track's middle its corridor reaches."""
+        """Return the distance from a track's middle to the edge of its corridor."""
         return self.radius_m + self.margin_m
 
     def track_at(self, y: float) -> int:
-        """Return the number of the track nearest to a place across the road; halfway, the one nearer the middle."""
+        """Return the number of the nearest track; of two, the one nearer the middle."""
         order = sorted(range(len(self.tracks_m)), key=lambda one: (abs(self.tracks_m[one]), self.tracks_m[one]))
         return min(order, key=lambda one: abs(self.tracks_m[one] - y))
 
@@ -116,14 +119,15 @@ class ForwardView:
 
     @cached_property
     def below(self) -> _Floats:
-        """Return how many pixels the middle of each ground row lies below the horizon, shape (height - horizon,)."""
+        """Return each ground row's distance from the horizon in pixels, shape (rows,)."""
         return np.arange(self.height - self.horizon, dtype=np.float64) + 0.5
 
     def project(self, eye: Eye, places: npt.ArrayLike) -> _Floats:
-        """Return where places on the ground lie in the picture, shape (n, 2); ``places`` are x and y in metres.
+        """Return the pixels of places on the ground, shape (n, 2).
 
-        Column and row in pixels from the upper left corner, so that the first pixel's middle is (0.5, 0.5); beyond the
-        picture's edges too. NaN for a place that is not before the eye.
+        ``places`` are x and y in metres. A pixel is column and row from the upper left corner, and
+        the first pixel's middle is (0.5, 0.5). Pixels beyond the picture's edges are returned too.
+        NaN stands for a place that is not in front of the eye.
         """
         away = np.asarray(places, np.float64).reshape(-1, 2) - (eye.x, eye.y)
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
@@ -135,12 +139,12 @@ class ForwardView:
 
     @cached_property
     def depth(self) -> _Floats:
-        """Return how far ahead the ground of each row lies, in metres, shape (rows,)."""
+        """Return the distance of each ground row, in metres, shape (rows,)."""
         return self.focal_px * self.eye_m / self.below
 
     @cached_property
     def sought(self) -> int:
-        """Return the first ground row that is looked at: the one that shows the farthest place in view."""
+        """Return the first ground row to search: the row of the farthest place in view."""
         return int(self.focal_px * self.eye_m / self.view_ahead_m)
 
     @cached_property
@@ -181,8 +185,9 @@ ROVER = ForwardView(
 )
 """The rover's camera: 90 degrees wide, 1.2 m above the road.
 
-At 4.5 m/s and a decision a second it has 4.5 m to the next one, and stops within 2.5 m: ``stop_m`` leaves room for the
-one, ``free_m`` for a decision, a change of track and a stop.
+At 4.5 m/s and one decision a second it covers 4.5 m to the next decision, and stops within 2.5 m.
+``stop_m`` leaves room for one decision and a stop. ``free_m`` also leaves room for a change of
+track.
 """
 
 
@@ -196,11 +201,12 @@ DRONE = replace(
     preview_m=0.0,
     distances=Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=0.32, ahead_m=15.0),
 )
-"""The drone's camera, level on a gimbal, 1.5 m above the same road; its pictures are lower than the rover's.
+"""The drone's camera: level on a gimbal, 1.5 m above the same road, with a lower picture than the
+rover's.
 
-At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; its body is smaller.
+At 4 m/s it stops within 3.2 m. It keeps the rover's distances and corridors; its body is smaller.
 """
 
 
 FORWARD: dict[str, ForwardView] = {"rover": ROVER, "drone": DRONE}
-"""The forward pictures that can be read, by their simulator."""
+"""The forward views that can be read, by their simulator."""

@@ -1,7 +1,8 @@
-"""What a policy is given comes by channels: cameras, state, instruction; a condition exchanges one of them.
+"""Input channels of a policy: cameras, state and instruction; a condition exchanges one of them.
 
-A condition over a channel is written ``swapped@camera:wrist``. Whose channel a frame is shown belongs to the bank:
-every run on it shows the same, and no frame is shown what another frame of its own episode has.
+A condition over a channel is written ``swapped@camera:wrist``. The bank alone decides which frame's
+channel is shown with which frame: every run on it shows the same. The partner never belongs to the
+frame's own episode.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,28 +22,34 @@ from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_p
 
 CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
 CAMERA = "camera:"
-"""Stands before the name of a camera that is a channel of its own."""
+"""Prefix of the name of a single camera as a channel."""
 ALONE = "alone"
-"""Shows a channel of the frame whose pictures `swapped` shows, so that all subsets of channels have one partner."""
+"""The condition that shows one channel of the frame whose pictures `swapped` shows. All subsets of
+channels then have one partner."""
 BY_STATE = ("matched", "near")
-"""The conditions whose other frame is chosen by its state."""
+"""The conditions whose partner is chosen by its state."""
 OBJECTS = ("named", "other")
-"""What a world moves: what the instruction names, and what it does not."""
+"""The objects that a world moves: the object that the instruction names, and another."""
 LEAST_REACH = 0.8
-"""A picture of the own episode is as far off as the matched one where each number changes by so much of its square."""
+"""A picture of the same episode is as far off as the matched one if each number changes by at least
+this share of the matched squared change."""
 STILL = 1e-3
-"""A number of the state that changes by less of it never changes within an episode."""
+"""A number of the state whose share of the squared change is below this never changes within an
+episode."""
 TOLD = "told_"
-"""Stands before the name of a moved object where the instruction is another's too."""
+"""Prefix of the name of a moved object if the instruction is exchanged too."""
 MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus"))
 
 _SIGNS = pattern(r"[!\"(),:;?\[\]{}`“”…«»。，！？]|[.\-–—](?!\s*\d)")
-"""Punctuation of a text; not that of a number, nor an arrow."""
+"""Punctuation of a text, without the punctuation of numbers and without arrows."""
 _APOSTROPHES = str.maketrans("", "", "'’‘")
 
 
 def channels_of(bank: FrameBank) -> tuple[str, ...]:
-    """Return the channels of a bank: all cameras, each where there are several, the state and the instruction."""
+    """Return the channels of a bank.
+
+    These are all cameras together, each camera if there are several, the state and the instruction.
+    """
     names = [one.name for one in bank.frames[0].cameras]
     found = [CAMERAS, *(f"{CAMERA}{name}" for name in names if len(names) > 1)]
     found += [STATE] if bank.manifest.state else []
@@ -50,14 +57,17 @@ def channels_of(bank: FrameBank) -> tuple[str, ...]:
 
 
 def reads(channel: str, declared: Sequence[str]) -> bool:
-    """Return whether a channel is among the declared ones; ``cameras`` stand for each, and any one for all together."""
+    """Return whether a channel is among the declared ones.
+
+    ``cameras`` stands for each camera, and any declared camera stands for ``cameras``.
+    """
     if channel == CAMERAS:
         return any(one == channel or one.startswith(CAMERA) for one in declared)
     return channel in declared or (channel.startswith(CAMERA) and CAMERAS in declared)
 
 
 def require_channels(spec: str, declared: Sequence[str], bank: FrameBank) -> None:
-    """Raise SpecError where a policy declares a channel that the bank has not; a single camera may be named."""
+    """Raise SpecError if a policy declares a channel that the bank does not have."""
     there = dict.fromkeys((*channels_of(bank), *(f"{CAMERA}{one.name}" for one in bank.frames[0].cameras)))
     for name in declared:
         if name not in there:
@@ -65,20 +75,21 @@ def require_channels(spec: str, declared: Sequence[str], bank: FrameBank) -> Non
 
 
 def instruction_column(bank: FrameBank) -> str | None:
-    """Return the prompt column that tells a policy what to do: ``instruction``, or the one that there is, or none.
+    """Return the prompt column that holds the instruction, None if the bank has no prompt column.
 
-    Raises BankError where there are several and none has that name.
+    It is the column ``instruction``, or the only column. Raises BankError if there are several and
+    none has that name.
     """
     columns = bank.manifest.prompt_columns
     if INSTRUCTION in columns or len(columns) < 2:
         return INSTRUCTION if INSTRUCTION in columns else next(iter(columns), None)
     raise BankError(
-        f"the bank {bank.root} may say {', '.join(columns)}: which is the instruction? name it 'instruction'"
+        f"the bank {bank.root} has the prompt columns {', '.join(columns)}; name the instruction's 'instruction'"
     )
 
 
 def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
-    """Return a mirrored stimulus with the words and the state of the reflected world, where the space says them."""
+    """Return a mirrored stimulus whose words and state are reflected too, if the space says how."""
     if space.words:
         said = {name: space.reflect_text(one) if isinstance(one, str) else one for name, one in seen.fields.items()}
         seen = replace(seen, fields=said)
@@ -93,35 +104,36 @@ def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
 
 
 def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
-    """Return all numbers of a state in its order, as a policy gets them."""
+    """Return all numbers of a state in the order in which a policy gets them."""
     return tuple(number for numbers in state.values() for number in numbers)
 
 
 def state_names(bank: FrameBank) -> list[str]:
-    """Return the name of each number of the state, that of its state where nobody names the numbers."""
+    """Return the name of each number of the state; a number without one gets its state's name."""
     space = bank.manifest.motion
     named = [one.name for one in space.state] if space is not None else []
     return named or [name for name, many in bank.frames[0].state.items() for _ in many]
 
 
 def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
-    """Return whose channel a frame is shown; raises BankError where nobody's can be."""
+    """Return the partner whose channel a frame is shown; raises BankError if there is none."""
     place = partner_place(frame, source, base, channel)
     if place == NOBODY:
-        raise BankError(f"frame '{frame.id}' has no partner for {base}@{channel}: no other episode differs there")
+        raise BankError(f"frame '{frame.id}' has no partner for {base}@{channel}: no other episode has a different one")
     return source.frames[place]
 
 
 def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
-    """Return the place of the frame whose channel a frame is shown, `NOBODY` where nobody's can be."""
+    """Return the place of a frame's partner among the frames, `NOBODY` if there is none."""
     images = source.manifest.images if isinstance(source, FrameBank) else None
     return int(partners(source.frames, *whose(base, channel), images)[_places(_Same(source.frames))[frame.id]])
 
 
 def told(fields: Mapping[str, object]) -> tuple[object, ...]:
-    """Return what a policy is told, equal where it differs in case, blanks or punctuation alone.
+    """Return the texts without differences in case, spaces and punctuation.
 
-    Whether two other texts say the same, nobody can tell from them: "reach red" and "go to the red one" are two.
+    It cannot recognise two texts of one meaning: "reach red" and "go to the red one" stay
+    different.
     """
     found = []
     for name, one in fields.items():
@@ -133,21 +145,24 @@ def told(fields: Mapping[str, object]) -> tuple[object, ...]:
 
 
 def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[str, str] | None = None) -> Places:
-    """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
+    """Return the place of each frame's partner, shape (n,), NOBODY if it has none.
 
-    ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest: a partner's picture
-    differs from the frame's own; without them all pictures are taken to differ. One camera's partners are those of all
-    cameras, but where one of these has the same picture there.
+    ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest,
+    and a partner's picture differs from the frame's own. Without ``images`` all pictures are taken
+    to differ. A single camera has the partners of all cameras, unless one of those has the same
+    picture there.
     """
     return _partners(_Same(frames, images), how, channel)
 
 
 def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) -> tuple[str, list[str]]:
-    """Return in which number of the state pictures of the own episode (``near``) are nearer than the matched ones.
+    """Return a note if pictures of the same episode are too near in one number of the state.
 
-    In words, empty where in none: then a policy that reads its own pose answers to them as much as to the matched ones.
-    And which numbers never change within an episode: where they are the fewer ones, nobody can be held to them.
-    ``frames`` are places in the bank, by default of all frames that have both partners.
+    The note names the number in which the ``near`` pictures are nearer than the matched ones. It is
+    empty if there is none: a policy that reads only its own pose then answers to both kinds
+    equally. Also returns the numbers that never change within an episode, if these are the
+    minority: no policy can be tested on them. ``frames`` are places in the bank, by default of all
+    frames that have both partners.
     """
     near, matched = (partners(bank.frames, name, channel, bank.manifest.images) for name in ("near", "matched"))
     asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
@@ -164,50 +179,51 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     worst = int(ratios.argmin())
     which = f"number {worst + 1} of the state ('{names[worst]}')"
     less = f"{ratios[worst]:.0%} of the matched ones' squared change"
-    return f"pictures of its own episode differ less in {which}: {less}", []
+    return f"pictures of the same episode differ less in {which}: {less}", []
 
 
 def far_off(bank: FrameBank) -> Mapping[str, tuple[str, ...]]:
-    """Return of each frame whose logged motion holds a number that is a fault of the log which dimensions these are.
+    """Return, by frame, the dimensions in which its logged motion holds a fault of the log.
 
-    It lies far from all others, by `eyechart.stats.outliers`, in one episode or few, relative to the state as motions
-    are compared, and nobody declares the scale of its dimension. Such a frame counts as one without a logged motion:
-    one row of a wrong unit would be the scale of its dimension.
+    Such a number lies far from all others (`eyechart.stats.outliers`), in one episode or few,
+    relative to the state as motions are compared. Dimensions with a declared scale are exempt. Such
+    a frame counts as one without a logged motion: one row in a wrong unit would set the scale of
+    its dimension.
     """
     space = bank.manifest.motion
     return {} if space is None else _far(_Same(bank.frames), space)[0]
 
 
 def rare(bank: FrameBank) -> frozenset[str]:
-    """Return the dimensions of the motion with a few numbers far from all others, faults or moves that are rare."""
+    """Return the dimensions of motion with a few far numbers, which are faults or rare moves."""
     space = bank.manifest.motion
     return frozenset() if space is None else _far(_Same(bank.frames), space)[1]
 
 
 def relative_log(frames: Sequence[Frame], space: MotionSpace) -> npt.NDArray[np.float64]:
-    """Return the logged motions of frames that have one, as `relative` does."""
+    """Return the logged motions of frames, relative as in `relative`; each frame must have one."""
     return relative(np.array([frame.motion for frame in frames]), frames, space)
 
 
 def relative(motions: npt.NDArray[np.float64], frames: Sequence[Frame], space: MotionSpace) -> npt.NDArray[np.float64]:
-    """Return motions relative to the states of the frames that they belong to, shape (frames, steps, dimensions)."""
+    """Return motions relative to their frames' states, shape (frames, steps, dimensions)."""
     states = np.array([flat_state(frame.state) for frame in frames])
     return space.relative(motions, states if states.size else None)
 
 
 def logs(bank: FrameBank) -> list[Frame]:
-    """Return the frames with a logged motion, but for those in which it is far off."""
+    """Return the frames with a logged motion, without those in which it is far off."""
     far = far_off(bank)
     return [frame for frame in bank if frame.motion and frame.id not in far]
 
 
 def whose(base: str, channel: str) -> tuple[str, str]:
-    """Return by which partners a condition is shown: with one channel kept, or alone, by those of all cameras."""
+    """Return the partner condition and channel that decide which frame a condition shows."""
     return (base if base in BY_STATE else "swapped"), CAMERAS if base in {"kept", ALONE} else channel
 
 
 class _Same:
-    """Frames as a key, by which tuple they are, with the digests of their pictures."""
+    """Frames as a cache key by the identity of their tuple, with the digests of their pictures."""
 
     def __init__(self, frames: Sequence[Frame], images: Mapping[str, str] | None = None) -> None:
         self.frames, self.images = frames, images
@@ -219,7 +235,7 @@ class _Same:
         return isinstance(other, _Same) and other.frames is self.frames and other.images is self.images
 
     def seen(self, channel: str) -> Sequence[object]:
-        """Return what each frame's pictures of a channel are, equal where they are the same to the byte."""
+        """Return a key of each frame's pictures of a channel, equal for identical bytes."""
         every = [one.name for one in self.frames[0].cameras]
         names = [channel.removeprefix(CAMERA)] if channel.startswith(CAMERA) else every
         if self.images is None or not set(names) <= set(every):
@@ -230,7 +246,7 @@ class _Same:
 
 @lru_cache(maxsize=16)
 def _far(same: _Same, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
-    """Return which dimensions are far off in which frames by a fault, and which have numbers that are far at all."""
+    """Return the faulty dimensions of each frame, and the dimensions with any far number."""
     frames, names = [frame for frame in same.frames if frame.motion], [one.name for one in space.dimensions]
     if not frames:
         return {}, frozenset()

@@ -43,13 +43,14 @@ FORMATS: dict[str, Format] = {
         "the pictures",
         ("table", "convert"),
         refuses={
-            "ahead": "--horizon and --kind are for --format lerobot; for a --table, [motion] in --rig gives them",
+            "ahead": "--horizon, --kind, --state and --action are for --format lerobot; for a --table, [motion] in "
+            "--rig gives them",
             "camera": "--camera is for --format lerobot; for a --table, --rig names the cameras",
         },
     ),
     "lerobot": Format(
         "eyechart.importing.lerobot:import_lerobot",
-        "a LeRobotDataset v3",
+        "a LeRobotDataset",
         ("camera", "ahead"),
         sign="meta/info.json",
         extra="lerobot",

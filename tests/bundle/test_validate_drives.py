@@ -392,7 +392,7 @@ def test_a_module_that_a_run_names_is_never_imported(tmp_path: Path, monkeypatch
     found = validate(tmp_path / "it.zip")
     assert (found.differences, found.uncompared) == ([], [f"the drives of {simulator}"])
     assert (
-        f"nothing was driven again: '{simulator}' names a module, whose code a validation does not run" in found.notes
+        f"nothing was driven again: '{simulator}' names a module, and a validation runs no foreign code" in found.notes
     )
     (tmp_path / "study").mkdir()
     run.rename(tmp_path / "study" / "lateral")

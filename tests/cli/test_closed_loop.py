@@ -106,7 +106,9 @@ def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
 ) -> None:
     """The command says what it cannot estimate, records the world's error, and drives the others."""
     told = drive("--policy", LOOK, "--scenarios", "fatal,whole", "--seeds", 1)
-    assert "cannot estimate what the models' calls take: tiny/fatal/0: its process ended with exit code -9" in told.err
+    assert (
+        "cannot estimate the costs of the models' calls: tiny/fatal/0: its process ended with exit code -9" in told.err
+    )
     assert told.code == 1
     ended = {one.key.scenario: one.ended for one in read_episodes(tmp_path / "run")}
     assert ended == {"fatal": "error", "whole": "goal"}
@@ -160,9 +162,9 @@ def test_a_run_that_ends_unfinished_says_why_by_policy(drive: Drive) -> None:
     words = (*words, "--condition", "real")
     told = drive(*words)
     assert told.code == 1
-    why = "episodes are unfinished, 1 of them begun; their calls last met: exception 10, as: RuntimeError: out of mem"
+    why = "episodes are unfinished, 1 of them begun; the last errors of their calls: exception 10, as: RuntimeError"
     assert f"{FAILING}: 2 {why}" in told.err
-    assert "2 episodes are unfinished; the same command goes on" in told.err
+    assert "2 episodes are unfinished; the same command continues" in told.err
     found = json.loads(drive("--policy", LOOK, "--seeds", 3, *words[4:6], *words[-2:], "--max-calls", 35, "--json").out)
     (left,) = found["unfinished"]
     assert (left["policy"], left["errors"], left["episodes"], found["left"]) == (LOOK, {}, 1, 1)
@@ -178,13 +180,14 @@ def test_calls_that_keep_failing_in_a_way_that_may_pass_are_counted_by_kind(
         told = drive(*words, "--scenarios", "whole", "--seeds", 2, "--condition", "real")
     assert told.code == 1
     assert (
-        "openai:m: 2 episodes are unfinished, 2 of them begun; their calls last met: server_error 2, as: " in told.err
+        "openai:m: 2 episodes are unfinished, 2 of them begun; the last errors of their calls: server_error 2, as: "
+        in told.err
     )
     run = tmp_path / "run"
     left = score(run).unfinished
     assert [(one.policy, one.errors) for one in left[""]] == [("openai:m", {"server_error": 2})]
     page = make_drives_page([run], score(run), pictured=0).html.decode()
-    assert "their calls last met: server_error 2" in page
+    assert "the last errors of their calls: server_error 2" in page
 
 
 def test_a_model_drives_by_other_worlds_pictures_too_where_no_condition_is_named(drive: Drive, tmp_path: Path) -> None:
@@ -209,7 +212,7 @@ def test_what_a_bound_on_steps_ended_goes_on_under_a_larger_one(drive: Drive) ->
     words = ("--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
     short = drive(*words, "--max-steps", 3)
     assert (short.code, short.err.count("it did not end within 3 steps")) == (1, 1)
-    assert "with a larger --max-steps those that the bound ended go on" in short.err
+    assert "a larger --max-steps lets those go on that reached the bound" in short.err
     assert drive(*words, "--max-steps", 30).code == 1
     longer = drive(*words, "--max-steps", 30, "--again")
     assert (longer.code, "ended in an error" in longer.err) == (0, False)

@@ -110,7 +110,7 @@ def test_a_bank_that_cannot_be_drawn_again_is_refused_and_nothing_stays(
     (other / "manifest.json").write_text(text.replace(first, "0" * 64))
     code, said = say(*asked(other, tmp_path / "run"))
     assert code == 2
-    assert "draw other pictures than the bank's" in said
+    assert "draw other pictures than the bank has" in said
     assert not (tmp_path / "run" / "bank").exists()
     code, said = say(*asked(bank.root, tmp_path / "run", "--shard", "1/2"))
     assert code == 2

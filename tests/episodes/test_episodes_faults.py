@@ -115,7 +115,7 @@ def test_a_world_that_does_not_repeat_itself_is_found_out_when_it_is_driven_agai
     study.run(plan)
     (episode,) = read_episodes(tmp_path / "run")
     assert episode.ended == "error"
-    assert "at step 0 the world shows another picture than when the model was asked" in episode.detail
+    assert "at step 0 the world shows another picture than in the model's call" in episode.detail
 
 
 def test_what_ended_in_an_error_is_driven_anew_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -245,5 +245,5 @@ def test_a_run_is_resumed_under_the_rule_that_it_was_begun_with(tmp_path: Path) 
     study.run(tiny(tmp_path / "run", "fading", "unfinished"), bounds=Bounds(limits=Limits(calls=1)))
     with pytest.raises(LedgerError, match="this run has silence unfinished, now silence fail-safe was asked for"):
         tiny(tmp_path / "run", "fading", "fail-safe")
-    with pytest.raises(SpecError, match="unknown silence 'stop'; a model that says nothing is unfinished or fail-safe"):
+    with pytest.raises(SpecError, match="unknown silence 'stop'; known are unfinished and fail-safe"):
         tiny(tmp_path / "other", "fading", "stop")

@@ -81,7 +81,7 @@ def test_a_run_without_it_goes_on_so_and_it_may_be_left_out(tmp_path: Path) -> N
     assert set(planned(run, LOOK).manifest.policies) == {LOOK}
     assert set(planned(run, LOOK, ONWARD).manifest.policies) == {LOOK, ONWARD, f"marginal:{ONWARD}"}
     assert planned(tmp_path / "blank", LOOK, conditions=("blank",)).manifest.policies.keys() == {LOOK}
-    with pytest.raises(SpecError, match="draws like the decisions on real pictures of this run, which has none"):
+    with pytest.raises(SpecError, match="draws from the decisions on real pictures, but this run has none"):
         planned(tmp_path / "blank", LOOK, f"marginal:{LOOK}", conditions=("blank",))
     study.run(planned(run, f"marginal:{LOOK}"))
     assert sum(decisions(run, f"marginal:{LOOK}").values()) > 0
@@ -96,7 +96,7 @@ def test_of_who_never_decided_it_is_an_error_that_says_so(tmp_path: Path) -> Non
     (model, own) = read_episodes(run)
     assert (model.ended, own.ended, own.steps) == ("error", "error", ())
     assert own.detail == (
-        f"{ONWARD} decided in no episode with real pictures that did not end in an error: nothing to draw by"
+        f"{ONWARD} has no decision in an episode with real pictures without an error: nothing to draw from"
     )
     cut = planned(tmp_path / "cut", FAILING)
     study.run(cut)

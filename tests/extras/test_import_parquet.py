@@ -94,7 +94,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
         ("cell", "unpacks to 3000000"),
         ("repeated", "row 1: 'file' has more than 100000 characters"),
         ("rows", "has more than 20000000 rows; cut it into parts"),
-        ("prefixes", "size is known only after reading (as DELTA_BYTE_ARRAY is)"),
+        ("prefixes", "size is known only after reading, such as DELTA_BYTE_ARRAY"),
     ],
 )
 def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path: Path, kind: str, said: str) -> None:
@@ -259,7 +259,7 @@ def spoil(root: Path, what: str) -> None:
     """Damage a data set."""
     info = json.loads((root / "meta/info.json").read_text())
     if what == "version":
-        info["codebase_version"] = "v2.1"
+        info["codebase_version"] = "v1.6"
     if what == "outside":
         info["video_path"] = "../../{video_key}.mp4"
     if what == "no camera":
@@ -290,15 +290,15 @@ def spoil_files(root: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("version", "lerobot.scripts.convert_dataset_v21_to_v30 --repo-id=OWNER/NAME --root="),
+        ("version", "has version v1.6, but eyechart reads v2.0, v2.1 and v3"),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
-        ("no video", "file-001.mp4 is not there; download it again, or, in a clone, run 'git lfs pull'"),
-        ("torn video", "cannot be read as a video (Invalid data found when processing input); where it is cut, or a"),
-        ("pointer", "where it is cut, or a pointer of Git LFS, download it again"),
-        ("short video", "file-001.mp4 ends at 1.100 s, and the data set has rows of "),
-        ("no episodes", "holds no chunk-*/file-*.parquet"),
-        ("no data", "holds no chunk-*/file-*.parquet"),
+        ("no video", "file-001.mp4 does not exist; download it again, or, in a clone, run 'git lfs pull'"),
+        ("torn video", "cannot be read as a video (Invalid data found when processing input); if it is cut, or a"),
+        ("pointer", "if it is cut, or a pointer of Git LFS, download it again"),
+        ("short video", "file-001.mp4 ends at 1.100 s, but the data set has rows at "),
+        ("no episodes", "has no chunk-*/file-*.parquet"),
+        ("no data", "has no chunk-*/file-*.parquet"),
     ],
 )
 def test_what_is_wrong_with_a_data_set_is_one_line_and_leaves_nothing(tmp_path: Path, what: str, said: str) -> None:
@@ -324,7 +324,7 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
     with pytest.raises(
-        SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset says itself which episode a frame is"
+        SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset declares the episode of a frame itself"
     ):
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
 
@@ -387,7 +387,7 @@ def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path:
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
     assert [frame.id for frame in bank] == [frame.id for frame in apart][:40]
     assert check(bank.root) == []
-    said = "4 episodes are others again: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same pictures and numbers)"
+    said = "4 episodes repeat others: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same pictures and numbers)"
     assert any(line.startswith(said) for line in taken(bank))
     kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Ahead(4, "delta"))
     assert kept.manifest.fingerprint == apart.manifest.fingerprint
@@ -406,7 +406,7 @@ def tasks(root: Path, words: dict[int, str | None] | None) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (None, r"tasks\.parquet does not exist, and every row has a task_index: .* prompt_columns"),
+        (None, r"tasks\.parquet does not exist, but every row has a task_index.* prompt_columns"),
         ({0: None, 1: None}, r"tasks\.parquet holds no words of tasks"),
         ({0: "cross the yard"}, r"row 11: meta/tasks\.parquet has no words of task 1"),
     ],
@@ -472,7 +472,7 @@ def test_a_lerobot_data_set_says_by_a_rig_what_is_reflected(tmp_path: Path) -> N
     [
         ('name = "rear"', 'name = "raer"', "did you mean 'rear'"),
         ("speed =", "sped =", "did you mean 'speed'"),
-        ('name = "front"', 'name = "front"\ncolumn = "x"', "a LeRobotDataset says itself"),
+        ('name = "front"', 'name = "front"\ncolumn = "x"', "a LeRobotDataset declares its"),
     ],
 )
 def test_a_rig_that_does_not_fit_a_data_set_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -532,8 +532,8 @@ def test_what_the_data_do_not_tell_is_as_the_names_say_or_asked_for(tmp_path: Pa
     assert bank.manifest.motion is not None
     assert bank.manifest.motion.kind == "absolute"
     (said,) = (line for line in taken(bank) if line.startswith("kind: absolute, as the names say; the data do not"))
-    assert said.endswith("--kind says it")
-    with pytest.raises(SourceError, match=r"the data do not tell what the numbers of 'action' are .* say it with kind"):
+    assert said.endswith("--kind declares another")
+    with pytest.raises(SourceError, match=r"the data do not show the kind of the numbers of 'action' .* give it with"):
         import_lerobot(tmp_path / "others", tmp_path / "refused", Choices(), ahead=Ahead(3))
     assert not (tmp_path / "refused").exists()
 
@@ -549,7 +549,7 @@ def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tm
         pq.write_table(table, path)
     bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
     said, alike = notes(bank)
-    assert alike.startswith("cameras 'front' and 'rear' show one and the same picture in 80 of 80 moments")
+    assert alike.startswith("cameras 'front' and 'rear' show the same picture in 80 of 80 moments")
     assert said.startswith("'speed' varies by 1e-06, the others by ")
     assert said.endswith("leave it out of the data set's 'action', or import a --table, whose --rig declares its scale")
 

@@ -36,7 +36,7 @@ def test_a_kind_of_motions_that_is_not_told_leads_to_the_long_way(
     monkeypatch.chdir(tmp_path)
     arm(tmp_path / "set", inside=False)
     done = CliRunner().invoke(app, ["look", "brakers:four_steps", "--dataset", "set"])
-    assert "say it with --kind delta" in str(done.exception)
+    assert "give it with --kind delta" in str(done.exception)
     assert "make the bank with 'eyechart frames import'" in str(done.exception)
 
 

@@ -393,6 +393,20 @@ _LIST = (
         arrow=True,
     ),
     Exercise(
+        "import of episode files",
+        (
+            (
+                *("frames", "import", "old-set", "--format", "lerobot", "--every", "2", "--horizon", "2"),
+                *("--kind", "absolute", "--out", "out"),
+            ),
+        ),
+        ("old-set",),
+        files("out"),
+        ("out",),
+        ("old-set",),
+        arrow=True,
+    ),
+    Exercise(
         "build",
         (("frames", "build", "tabletop", "--steps", "4", "--seeds", "0,1", "--out", "out"),),
         (),

@@ -47,7 +47,11 @@ def prepare(stock: Path, *, arrow: bool) -> None:
     )
     made(stock, "guardian", "fit", votes.name, "--about", about.name, "--out", "guardian.json")
     if arrow:
-        data_sets.lerobot(stock / "set", episodes=4, length=6)
+        gaps = data_sets.lerobot(stock / "set", episodes=4, length=6)
+        data_sets.arm(stock / "old-set", inside=False, episodes=4, length=6)
+        data_sets.of_episodes(stock / "old-set", gaps=gaps, numbered=False)
+        words = {"annotation": {"human.action.task_description": {"original_key": "task_index"}}}
+        (stock / "old-set/meta/modality.json").write_text(json.dumps(words))
         data_sets.reach(stock / "arm", {"observation.state": ["x", "y"], "action": ["x", "y"]})
         rows = photographs.rows(drives=2, ticks=3)
         data_sets.write_table(stock / "photos.parquet", {name: [row[name] for row in rows] for name in rows[0]})

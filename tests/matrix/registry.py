@@ -52,6 +52,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.frames.whole", "_of_jpeg"): "import of lines",
     ("eyechart.frames.whole", "_of_png"): "import for policies",
     ("eyechart.importing.columns", "read_rig"): "import of a rig",
+    ("eyechart.importing.episode_files", "EpisodeFiles.task_column"): "import of episode files",
     ("eyechart.importing.inspect_log", "_opened"): "log",
     ("eyechart.importing.inspect_log", "_whole"): "log in JSON",
     ("eyechart.importing.layout", "Layout.info"): "import of LeRobot",

@@ -158,8 +158,8 @@ def test_a_bank_that_is_drawn_otherwise_today_is_refused(old: Path, whole: Frame
     with pytest.raises(SpecError, match="not built by 'eyechart frames build'"):
         add_missing(banks.build_bank(tmp_path / "boxes").root)
     for words, change in (
-        ("otherwise than it is in the bank", lambda raw: raw["settings"].update(seeds=[4])),
-        ("staged its episodes of 13 steps in another way", lambda raw: raw["settings"].update(steps=13, staging=None)),
+        ("differently from the bank", lambda raw: raw["settings"].update(seeds=[4])),
+        ("staged its episodes of 13 steps differently", lambda raw: raw["settings"].update(steps=13, staging=None)),
     ):
         other = tmp_path / words[:9]
         shutil.copytree(old, other)

@@ -194,7 +194,7 @@ def look_and_go(drive: Drive) -> None:
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ("black", r"'Corridor-v0' renders a picture of one colour, \(0, 0, 0\), in which nobody can see anything$"),
+        ("black", r"'Corridor-v0' renders a picture of one colour, \(0, 0, 0\), which shows nothing$"),
         ("floats", r"'Corridor-v0' renders float64 of shape \(4, 4, 3\), no RGB picture"),
         ("raises", "'Corridor-v0' raised in step 3: ZeroDivisionError: a wheel fell off"),
         ("reward", "'Corridor-v0' gave the reward nan in step 1"),
@@ -219,10 +219,10 @@ def test_a_black_picture_under_the_dummy_driver_says_so(tmp_path: Path, monkeypa
 @pytest.mark.parametrize(
     ("wrong", "right", "message"),
     [
-        ("STOP = 4", "STOP = 9", "has the actions 4 to 7; the action map gives STOP the number 9"),
+        ("STOP = 4", "STOP = 9", "has the actions 4 to 7, but the action map gives STOP the number 9"),
         ("STOP = 4\n", "", "\\[gym.numbers\\] gives no number for STOP"),
         ("STOP = 4", "HALT = 4", "names 'HALT', not one of"),
-        ("STOP = 4", "STOP = 4.0", "gives STOP the number 4.0; it must be a whole one"),
+        ("STOP = 4", "STOP = 4.0", "gives STOP the number 4.0; it must be a whole number"),
         ('"horizontal"', '"sideways"', "mirror takes vertical, horizontal or none, not 'sideways'"),
         ('"goal"', '"won"', "terminated takes crash or goal, not 'won'"),
         ("most_steps = 6", "most_steps = 0", "most_steps takes a whole number from 1 to 100000, not 0"),

@@ -438,7 +438,7 @@ def test_an_interrupted_bank_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"steps": 3}, "an episode needs 4 steps or more to hold every kind of moment, not 3"),
+        ({"steps": 3}, "an episode needs 4 steps or more to contain every kind of moment, not 3"),
         ({"seeds": (1, -2)}, "seed -2 is out of range; give seeds from 0 to 9223372036854775807"),
         ({"seeds": (2**63,)}, "seed 9223372036854775808 is out of range; give seeds from 0 to 9223372036854775807"),
         ({"seeds": (4, 4)}, "seed 4 is given twice; each seed is an episode of its own"),

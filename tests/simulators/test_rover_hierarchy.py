@@ -95,7 +95,7 @@ def side_of(drive: MpcDrive) -> dict[str, object]:
 def test_a_sketch_lies_where_the_picture_before_the_decision_shows_the_ground() -> None:
     """The target is the track's middle, the way begins at the vehicle, a mirrored world has mirrored lines."""
     here, there = RoverMpc().drive("slalom", 1), RoverMpc().drive("slalom", 1, mirrored=True)
-    with pytest.raises(ValueError, match="nothing was planned yet"):
+    with pytest.raises(ValueError, match="there is no plan yet"):
         here.sketch()
     for intent in ("STRAIGHT", "LEFT"):
         before = here.truth()

@@ -537,7 +537,7 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
         ({"prompt_tokens": 1e30}, "'prompt_tokens' is 1e+30, not a number from 0 to 1e+09"),
         ({"cost_usd": -1}, "'cost_usd' is -1, not a number from 0"),
         ({"seconds": "inf"}, "'seconds' is 'inf', not a number"),
-        ({"served": "m\n=1+1"}, "'served' is no line of at most 200 printable characters"),
+        ({"served": "m\n=1+1"}, "'served' is not one line of at most 200 printable characters"),
         ({"error": "timeout"}, "has a text and an error"),
         ({"request_sha256": "0" * 64}, "was asked with another picture or other words"),
     ],

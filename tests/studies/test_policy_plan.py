@@ -116,7 +116,9 @@ def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
     never = unreachable(slow)
     assert "object_grounded" in never
     assert "pose_only" not in never
-    assert never["camera_content"].startswith("pictures of its own episode differ less in number 1 of the state ('j0')")
+    assert never["camera_content"].startswith(
+        "pictures of the same episode differ less in number 1 of the state ('j0')"
+    )
     assert policy_verdicts(slow, tmp_path / "run") == ["undecided"]
     stays = arm_bank(tmp_path / "stays", tasks=("go",), length=8, episodes=12, stays=1)
     assert "camera_content" in reachable(stays)

@@ -116,6 +116,8 @@ class Described:
             "the data."
         ),
     ] = None
+    state: Annotated[str, typer.Option(help="With --horizon: the features of the state, with commas.")] = ""
+    action: Annotated[str, typer.Option(help="With --horizon: the features of the action, with commas.")] = ""
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
     convert: Annotated[
         bool, typer.Option("--convert", help="Convert pictures to upright 8-bit RGB; without it, others are refused.")
@@ -180,13 +182,25 @@ class Described:
 
     def format_of(self, folder: Path, *, named: bool) -> Format:
         """Return the ``named`` or the folder's format; raises SpecError for options it lacks."""
-        ahead = (self.horizon, self.kind) != (None, None)
+        ahead = (self.horizon, self.kind, self.state, self.action) != (None, None, "", "")
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
         return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
 
     def own(self) -> dict[str, object]:
         """Return the options that only some formats take."""
-        return {"table": self.table, "camera": self.camera, "ahead": _ahead(self.horizon, self.kind)}
+        return {"table": self.table, "camera": self.camera, "ahead": self._ahead()}
+
+    def _ahead(self) -> "Ahead | None":
+        """Return what makes a data set's bank for policies; None without a horizon."""
+        from eyechart.importing import Ahead
+        from eyechart.spaces.motion import read_kind
+
+        named = {"--kind": self.kind, "--state": self.state, "--action": self.action}
+        if self.horizon is None and (given := [name for name, value in named.items() if value]):
+            raise SpecError(f"{given[0]} describes the motions of --horizon: give --horizon too")
+        if self.horizon is None:
+            return None
+        return Ahead(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action))
 
 
 _UNDESCRIBED = Described()
@@ -380,16 +394,6 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     if not asked and (background, longest) != (None, None):
         raise SpecError("--background and --longest need --convert: give --convert too")
     return Convert(background or "white", longest) if asked else None
-
-
-def _ahead(horizon: int | None, kind: str | None) -> "Ahead | None":
-    """Return what makes a data set's bank for policies; None without a horizon."""
-    from eyechart.importing import Ahead
-    from eyechart.spaces.motion import read_kind
-
-    if horizon is None and kind is not None:
-        raise SpecError("--kind describes the actions of --horizon: give --horizon too")
-    return None if horizon is None else Ahead(horizon, read_kind(kind))
 
 
 def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":

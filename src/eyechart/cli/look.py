@@ -25,7 +25,7 @@ def look(
     ] = None,
     photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
     table: Annotated[Path | None, typer.Option(help="Table of the photographs, one row each.")] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset v3.")] = None,
+    dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset.")] = None,
     threshold: Annotated[float | None, typer.Option(help="A distance below this is near, so that one brakes.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the distance.")] = None,
     map_: Annotated[

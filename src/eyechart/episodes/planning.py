@@ -1,4 +1,4 @@
-"""Planning and running episodes: who drives, in which worlds, what that may take, and nothing driven twice."""
+"""Plans and runs of episodes: drivers, worlds and costs; finished episodes are not driven again."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -64,14 +64,15 @@ ACTION_MAP = "actions.toml"
 
 
 _PICTURES = 3
-"""So many worlds show a picture to a probe before a run."""
+"""The number of worlds that show a picture to a probe before a run."""
 
 
 @dataclass(frozen=True)
 class Episodes(Planned):
-    """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to.
+    """Planned episodes: the drivers, the episodes, and the folder of their records.
 
-    With ``again``, what ended in an error is driven anew. ``engine`` is where the worlds are.
+    With ``again``, episodes that ended in an error are driven again. ``engine`` is the place of the
+    worlds.
     """
 
     unit: ClassVar[str] = "episodes"
@@ -86,17 +87,17 @@ class Episodes(Planned):
     engine: str = "local"
 
     def begin(self) -> EpisodesManifest:
-        """Begin the run with nobody in it, where none stands there, and return its manifest."""
+        """Begin the run without drivers if the folder has none yet, and return its manifest."""
         if not is_episodes_run(self.out):
             nobody = replace(self.manifest, policies={}, modes={}, facts={})
             replace(nobody, scenarios=(), seeds=(), conditions=()).write(self.out)
         return read_episodes_manifest(self.out)
 
     def sample(self) -> "Sample":
-        """Return what a probe asks before drives: their words, with the first real picture of each of the first worlds.
+        """Return a probe's sample: the drives' prompt with the first pictures of the first worlds.
 
-        Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
-        them shows any.
+        Worlds are opened in a process of their own. A world without a picture is skipped; raises
+        SpecError if none has one.
         """
         from eyechart.probe import Sample  # noqa: PLC0415 - a score probes no model
 
@@ -108,25 +109,25 @@ class Episodes(Planned):
         return Sample([(self.drivers.prompt, seen) for seen in found], self.drivers.answers)
 
     def lines(self, how: Allowed) -> Iterator[str]:
-        """Yield who drives how often, and what the models' calls are expected to take."""
+        """Yield the size of the run, and the expected costs of the models' calls."""
         yield self.size
         yield from self.forecast(how)
 
     def make(self, how: Allowed, bar: Bar) -> Outcome:
-        """Drive what is left."""
+        """Drive the remaining episodes."""
         bounds = Bounds(how.processes, how.concurrency, limits=how.limits(self.manifest), sequential=how.sequential)
         with bar(self.unit, self.unit) as move:
             return run(self, engine=self.engine, bounds=bounds, progress=move)
 
     def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
-        """Yield what is left and why, which episodes ended in an error, and whose replies are empty."""
+        """Yield the remaining episodes and why, the failed ones, and models with empty replies."""
         yield drives_ended({"": self}, outcome, failed)
         yield errors_ended({"": self})
         yield empty([self.out])
 
     @property
     def size(self) -> str:
-        """Return in words who drives, how often, and how many episodes are left."""
+        """Return the drivers and the numbers of all and of remaining episodes, in words."""
         own = {key.policy for key in self.keys if self.manifest.marginal_of(key.policy)}
         others = [key for key in self.keys if key.policy not in own]
         parts = {
@@ -141,25 +142,25 @@ class Episodes(Planned):
         return f"{size}: {counted(len(self.keys), 'episode')}, {len(self.keys) - left} finished, {left} to drive"
 
     def forecast(self, how: Allowed) -> Iterator[str]:
-        """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
+        """Yield the expected costs of the remaining calls, or why they are unknown."""
         estimates: tuple[CostEstimate, ...] = ()
         try:
             estimates = expected(self, how.prices, concurrency=how.concurrency)
         except DriveError as error:
-            yield f"cannot estimate what the models' calls take: {error}"
+            yield f"cannot estimate the costs of the models' calls: {error}"
         yield from forecast(self.manifest, self.drivers.models, estimates, how)
 
     def driven(self) -> list[Episode]:
-        """Return the records that there are of the episodes, in their order."""
+        """Return the existing records of the episodes, in their order."""
         over = {one.key: one for one in read_episodes(self.out)}
         return [over[key] for key in self.keys if key in over]
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
-        """Return the episodes that have no record yet, of whatever end."""
+        """Return the episodes without a record, whatever their end."""
         return replace(self, again=False).left()
 
     def left(self) -> tuple[EpisodeKey, ...]:
-        """Return the episodes that are still to be driven."""
+        """Return the episodes that remain to be driven."""
         over = {one.key for one in read_episodes(self.out) if not (self.again and one.ended == "error")}
         return tuple(key for key in self.keys if key not in over)
 
@@ -175,18 +176,18 @@ def plan(
     prompt: str | Prompt | None = None,
     view: View | None = None,
 ) -> Episodes:
-    """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
+    """Plan episodes, or the rest of those in ``out``, without calls, drives or files.
 
-    ``simulator`` is its name, or a `Setup` of its worlds. ``specs`` name who drives: policies, and models by SPEC or by
-    their request mode. ``scenarios`` default to all. ``prompt`` is a name, a TOML file or the prompt itself,
-    ``view`` what models are shown pictures through. Raises SpecError for what is unknown or cannot be, and LedgerError
-    where ``out`` holds something else.
+    ``simulator`` is its name, or a `Setup` of its worlds. ``specs`` name the drivers: policies, and
+    models by SPEC or by their request mode. ``scenarios`` default to all. ``prompt`` is a name, a
+    TOML file or the prompt itself. ``view`` is applied to the pictures that models see. Raises
+    SpecError for unknown or impossible values, and LedgerError if ``out`` holds something else.
     """
     setup = simulator if isinstance(simulator, Setup) else Setup(simulator)
     setup = replace(setup, actions=setup.actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None))
     opened = open_simulator(setup.simulator, actions=setup.actions)
     held = read_episodes_manifest(out) if is_episodes_run(out) else None
-    space = opened.declared.action_space  # by which the replies of a run that is resumed are read as at its beginning
+    space = opened.declared.action_space  # a resumed run reads replies as at its beginning
     world = replace(opened.declared, action_space=space if held is None else space.by(held.reader))
     chosen = tuple(dict.fromkeys(scenarios or world.scenarios))
     _require_worlds(world, setup, chosen, seeds, conditions)
@@ -230,10 +231,10 @@ def plan(
 
 
 def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str, ...]:
-    """Return the conditions of a run that is told none: those that ``out`` holds, or else those that its claims need.
+    """Return the default conditions of a run: those in ``out``, or else those its claims need.
 
-    A model drives by the true pictures and by those of another world: what blank pictures change is only whether there
-    is a picture. A policy that is no model sees none.
+    A model drives by the true pictures and by those of another world. Blank pictures would test
+    only whether there is a picture. A policy that is no model sees no pictures.
     """
     if is_episodes_run(out) and (held := read_episodes_manifest(out).conditions):
         return held
@@ -243,9 +244,10 @@ def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str
 def with_marginals(
     specs: Sequence[str | RequestMode], conditions: Sequence[str], out: Path, *, wanted: bool | None = None
 ) -> list[str | RequestMode]:
-    """Return who drives, and for each model among them its own marginal, where real pictures are driven by.
+    """Return the drivers with a marginal for each model among them that sees real pictures.
 
-    ``wanted`` says whether; None is as usual: yes, but a model that drove in ``out`` already without one goes on so.
+    ``wanted`` decides; None is the default: yes, except for a model that already drove in ``out``
+    without a marginal.
     """
     held = read_episodes_manifest(out).policies if wanted is None and is_episodes_run(out) else {}
     models = list(_modes(specs)) if REAL in conditions and wanted is not False else []
@@ -254,15 +256,15 @@ def with_marginals(
 
 
 def _marginals(names: Sequence[str], conditions: Sequence[str], held: EpisodesManifest | None) -> dict[str, str]:
-    """Return the marginals of this run's own drivers, each with the counts that it draws by, "" before it drives.
+    """Return the marginals of this run's drivers with their counts, "" before they drive.
 
-    Raises SpecError where nobody drives by real pictures, so that there is nothing to draw by.
+    Raises SpecError if no driver sees real pictures, whose decisions a marginal draws from.
     """
     before = {} if held is None else held.policies
     own = {spec: before.get(spec, "") for spec in names if own_marginal(spec, {*before, *names})}
     if own and REAL not in conditions:
         raise SpecError(
-            f"'{next(iter(own))}' draws like the decisions on real pictures of this run, which has none: add "
+            f"'{next(iter(own))}' draws from the decisions on real pictures, but this run has none: add "
             "--condition real, or leave it out"
         )
     return own
@@ -271,7 +273,7 @@ def _marginals(names: Sequence[str], conditions: Sequence[str], held: EpisodesMa
 def _drivers(
     world: Declaration, setup: Setup, names: Sequence[str], modes: Mapping[str, RequestMode], prompt: Prompt
 ) -> Drivers:
-    """Return who decides: models by their modes, and every other name as a policy."""
+    """Return the drivers: models by their modes, and every other name as a policy."""
     space, answers = world.action_space, prompt.asks(world.action_space)
     return Drivers(
         policies={spec: open_policy(spec, space, recorded) for spec in names if spec not in modes},
@@ -288,7 +290,7 @@ def _require_worlds(
     world: Declaration, setup: Setup, scenarios: Sequence[str], seeds: Sequence[int], conditions: Sequence[str]
 ) -> None:
     if setup.silence not in SILENCES:
-        raise SpecError(f"unknown silence '{setup.silence}'; a model that says nothing is {' or '.join(SILENCES)}")
+        raise SpecError(f"unknown silence '{setup.silence}'; known are {' and '.join(SILENCES)}")
     for scenario in scenarios:
         if scenario not in world.scenarios:
             near = perhaps(scenario, world.scenarios)
@@ -315,15 +317,15 @@ def _version(spec: str, drivers: Drivers) -> str:
 
 
 def _prompt_for(world: Declaration, name: str | None) -> Prompt:
-    """Return the prompt of this name, or the baseline; a plain one where a world has other actions than the paper."""
+    """Return the prompt of this name or the baseline; a neutral one for other actions."""
     if name is None and world.action_space != DRIVING:
         return neutral(world.picture, world.action_space)
     prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
-        raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
+        raise SpecError(f"prompt '{name}' needs {', '.join(prompt.fields)} of a frame, but a drive has no such columns")
     said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
-        raise SpecError(f"prompt '{name}' does not ask for {', '.join(unsaid)}; give one that does with --prompt")
+        raise SpecError(f"prompt '{name}' does not name {', '.join(unsaid)}; give one that does with --prompt")
     return prompt
 
 
@@ -340,10 +342,10 @@ def run(
     bounds: Bounds = USUAL,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Drive the planned episodes that the folder does not hold yet, and return how that ended.
+    """Drive the planned episodes that the folder does not have yet, and return the outcome.
 
-    ``engine`` is where the worlds are: ``local`` processes, or actors on a ``ray`` cluster. Raises LedgerError where
-    another process is writing to the same run, or the ledger cannot be written.
+    ``engine`` is the place of the worlds: ``local`` processes, or actors on a ``ray`` cluster.
+    Raises LedgerError if another process writes to the same run, or the ledger cannot be written.
     """
     open_worker = _engine(engine, planned.setup)
     with alone_in(planned.out), ExitStack() as opened:
@@ -364,10 +366,10 @@ def run(
 def _drive_marginals(
     planned: Episodes, open_worker: Callable[[], Worker], keep: Callable[[Episode], None], bounds: Bounds
 ) -> None:
-    """Let the marginal of each driver drive once all of the driver's own episodes with real pictures are over.
+    """Let each driver's marginal drive after all of the driver's episodes with real pictures.
 
-    What it draws by stands in the manifest before it first drives, and stays so. Where the driver decided in no
-    episode, those of its marginal are errors that say so.
+    Its counts are in the manifest before it first drives, and stay. If the driver decided in no
+    episode, the episodes of its marginal are errors that say so.
     """
     left, held = planned.left(), read_episodes_manifest(planned.out)
     episodes = list(read_episodes(planned.out))
@@ -380,7 +382,7 @@ def _drive_marginals(
         elif counts := decided_by(driver, spec, episodes):
             policies[spec] = drawn_like(counts, held.action_space)
         else:
-            why = f"{driver} decided in no episode with real pictures that did not end in an error: nothing to draw by"
+            why = f"{driver} has no decision in an episode with real pictures without an error: nothing to draw from"
             for key in mine:
                 keep(Episode(key, (), "error", "", why))
     counted = {spec: policy.version for spec, policy in policies.items()}
@@ -390,10 +392,11 @@ def _drive_marginals(
 
 
 def drives_ended(parts: Mapping[str, Episodes], outcome: Outcome, failed: Mapping[str, str]) -> Ending:
-    """Say what is left of drives and why; 3 where a limit stopped them, 1 where anything else did.
+    """Return the ending of drives: what remains and why, with its exit status.
 
-    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
-    the plan.
+    The status is 3 if a limit stopped them, and 1 for any other reason. ``parts`` are the runs of a
+    study by name; a single run has the name ``""``. ``failed`` holds the reasons for models that
+    were left out of the plan.
     """
     lines, left = aside(outcome, failed), 0
     for name, planned in parts.items():
@@ -401,23 +404,21 @@ def drives_ended(parts: Mapping[str, Episodes], outcome: Outcome, failed: Mappin
         left += len(mine)
         words = unfinished(planned.out, mine, planned.drivers.models)
         lines += [f"{f'{name}: ' if name else ''}{one.policy}: {one.words}" for one in words]
-    waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
+    waiting = sum(len(planned.left()) for planned in parts.values())  # also the ones to be driven again
     if outcome.stopped is not None and waiting:
         return Ending(
             [*lines, f"stopped: {outcome.stopped}; {counted(waiting, 'episode', 'are')} left; a higher limit resumes"],
             3,
         )
     if left:
-        return Ending(
-            [*lines, f"{counted(left, 'episode', 'are')} unfinished; the same command goes on where they were cut"], 1
-        )
+        return Ending([*lines, f"{counted(left, 'episode', 'are')} unfinished; the same command continues them"], 1)
     return Ending([*lines, *unasked({}).lines], 1) if failed else Ending(lines)
 
 
 def errors_ended(parts: Mapping[str, Episodes], bound: str = "--max-steps") -> Ending:
-    """Say which episodes ended in an error, by what; 1 where any did.
+    """Return the ending for episodes that ended in an error, with status 1 if there is any.
 
-    ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
+    ``bound`` is the option that lets an episode go on for longer, or empty if there is none.
     """
     found = [(name, one) for name, planned in parts.items() for one in planned.driven() if one.ended == "error"]
     if not found:
@@ -427,14 +428,14 @@ def errors_ended(parts: Mapping[str, Episodes], bound: str = "--max-steps") -> E
     words = (
         f"{counted(len(failed), 'episode')} ended in an error, first {f'{part}: ' if part else ''}"
         f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
-        f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
-        + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
+        f"--again drives {'it' if len(failed) == 1 else 'them'} again"
+        + (f"; a larger {bound} lets those go on that reached the bound" if bounded and bound else "")
     )
     return Ending([words], 1)
 
 
 def require_engine(engine: str) -> None:
-    """Raise SpecError where worlds cannot be held there: an unknown name, or a cluster that does not answer."""
+    """Raise SpecError for an unknown engine, or a cluster that does not answer."""
     if engine not in ENGINES:
         raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
     if engine == "ray":
@@ -453,14 +454,14 @@ def _engine(engine: str, setup: Setup) -> Callable[[], Worker]:
 
 
 def _begin(planned: Episodes) -> None:
-    """Write the manifest, again as another process may have left it, and mend what a kill cut."""
+    """Write the manifest, read again after other processes, and mend a record that a kill cut."""
     mend_episodes(planned.out)
     _resumed(planned).write(planned.out)
     actions = planned.setup.actions
     copy = planned.out / ACTION_MAP
     if actions is not None and not copy.exists():
         name = "" if "name" in read_toml(actions) else f"name = {dumps(actions.stem, ensure_ascii=False)}\n"
-        copy.write_text(name + actions.read_text(encoding="utf-8-sig"), encoding="utf-8")  # the file's name was its own
+        copy.write_text(name + actions.read_text(encoding="utf-8-sig"), encoding="utf-8")  # keeps the file's own name
 
 
 def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable[[Episode], None]:
@@ -480,21 +481,21 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
 
 
 PATIENCE_S = 30.0
-"""A sample whose world takes longer for one answer is given up."""
+"""The longest wait for one answer of a world in a sample."""
 
 ALTOGETHER_S = 120.0
-"""A sample that takes longer is given up."""
+"""The longest time for a whole sample."""
 
 _LONGEST_SAMPLE = 200
 
 
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
-    """Return what the calls that are still to be made are expected to take, by model.
+    """Return the expected costs of the remaining calls, by model.
 
-    An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
-    longest of one action; these drives are made here, in a process of their own. Of an episode that was cut the calls
-    that are finished are not made again. Raises DriveError where a drive fails or they take too long: then nothing can
-    be said.
+    An episode counts as long as one that brakes all the way, in the first of the seeds. If that one
+    crashes, it counts as the longest one of a single action. These drives are made here, in a
+    process of their own. Finished calls of a cut episode are not counted again. Raises DriveError
+    if a drive fails or they take too long; the costs are then unknown.
     """
     left = [key for key in planned.left() if key.policy in planned.drivers.models]
     if not left:
@@ -525,9 +526,9 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Co
 
 
 async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[Policy]) -> dict[str, int]:
-    """Return, by scenario, how many steps the first policy drives, or where it crashes the most that any does.
+    """Return, by scenario, the first policy's steps, or the most of any if it crashes.
 
-    Raises DriveError that names the world that fails.
+    Raises DriveError with the world that fails.
     """
     worker, found, world = LocalWorker(setup, patience_s=PATIENCE_S), list[Episode](), ""
     try:
@@ -553,7 +554,7 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:
-    """Return what each world shows first, or in words why it shows nothing."""
+    """Return the first picture of each world, or in words why there is none."""
     found: list[Shown | str] = []
     worker = LocalWorker(setup, patience_s=PATIENCE_S)
     try:

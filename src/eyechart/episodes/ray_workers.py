@@ -1,4 +1,4 @@
-"""Workers on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
+"""Workers on a Ray cluster: sets of worlds as actors, spread over the nodes (extra ``ray``)."""
 
 import logging
 import os
@@ -12,8 +12,8 @@ from eyechart.loops import asyncio
 class RayWorker:
     """An actor on one of the nodes in turn.
 
-    It claims no processor, because an actor that waits for a free one would hang the run: how many there are at once is
-    the user's to choose.
+    It claims no processor, because an actor that waits for a free one would hang the run. The user
+    chooses the number of actors.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -25,7 +25,7 @@ class RayWorker:
         self._actor = ray.remote(num_cpus=0, max_restarts=0, scheduling_strategy="SPREAD")(_Answering).remote(setup)
 
     async def ask(self, method: str, *given: object) -> object:
-        """Ask, one question after another."""
+        """Call a method of the worlds; calls run one after another."""
         async with self._turn:
             try:
                 kind, value = await self._actor.answer.remote(method, given)
@@ -37,32 +37,33 @@ class RayWorker:
         return value
 
     def close(self) -> None:
-        """Kill the actor: what it holds can be made again."""
+        """Kill the actor; its worlds can be made again."""
         self.dead = True
         self._ray.kill(self._actor)
 
 
 class _Answering:
-    """What runs on a node: worlds, and answers about them."""
+    """The worlds on a node, with a method that calls theirs."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
         self._worlds: Worlds | None = None
 
     def answer(self, method: str, given: tuple[object, ...]) -> tuple[str, object]:
-        """Return what a method of the worlds returned, or in words what it raised."""
+        """Return the result of a method of the worlds, or its error in words."""
         try:
             self._worlds = self._worlds or Worlds(self._setup)
             return "ok", getattr(self._worlds, method)(*given)
-        except Exception as error:  # noqa: BLE001 - the coordinator must hear of it in plain words
+        except Exception as error:  # noqa: BLE001 - the coordinator needs every error as words
             return "failed", f"{type(error).__name__}: {error}"
 
 
 def join() -> None:
     """Join the cluster of ``RAY_ADDRESS``.
 
-    No cluster is begun here: Ray's servers listen on every address of a machine, and that is its owner's to decide.
-    Raises SpecError where Ray is not installed, no cluster is named, or none answers.
+    eyechart starts no cluster: Ray's servers listen on every address of a machine, which is its
+    owner's decision. Raises SpecError if Ray is not installed, no cluster is named, or none
+    answers.
     """
     try:
         import ray  # noqa: PLC0415 - an extra

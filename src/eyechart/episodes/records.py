@@ -1,4 +1,4 @@
-"""An episode is a drive; finished ones are lines of a file: appended whole, read strictly, and summed up."""
+"""Records of episodes: finished drives, appended as whole lines, read strictly, and summed up."""
 
 import json
 from collections import Counter
@@ -20,19 +20,20 @@ from eyechart.spaces.space import Decision
 STUDY = "closed_loop"
 
 SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe": SILENT}
-"""What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
-the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/drives.md)."""
+"""The treatment of a call whose failure may pass, with the kinds of failure that count as silence.
+Either the episode is left for a resumed run, or the fail-safe is executed
+(docs/decisions/drives.md)."""
 
 
 REAL = "real"
 
 REFLECTED = "mirrored"
-"""The condition under which a call about the reflection of a picture stands in the ledger."""
+"""The condition, in the ledger, of a call about a picture's reflection."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class EpisodeKey:
-    """The identity of an episode: who drives, in which world, and what the camera's picture is replaced by."""
+    """The identity of an episode: its driver, its world, and the condition of its pictures."""
 
     policy: Name
     simulator: Name
@@ -42,7 +43,7 @@ class EpisodeKey:
 
     @property
     def world(self) -> str:
-        """Return the world's name, which every policy and condition shares: ``highway/dense/3``."""
+        """Return the world's name, shared by all policies and conditions: ``highway/dense/3``."""
         return f"{self.simulator}/{self.scenario}/{self.seed}"
 
     def frame(self, step: int) -> str:
@@ -50,11 +51,11 @@ class EpisodeKey:
         return f"{self.world}/{step:03d}"
 
     def call(self, prompt: str, step: int) -> CallKey:
-        """Return the key of the call that a model's decision of this step is."""
+        """Return the key of the model's call for this step's decision."""
         return CallKey(STUDY, self.policy, prompt, self.frame(step), self.condition)
 
     def reflection(self, prompt: str, step: int) -> CallKey:
-        """Return the key of the call about the reflection of this step's picture, which decides nothing."""
+        """Return the key of the call about this step's reflected picture, which decides nothing."""
         return CallKey(STUDY, self.policy, prompt, self.frame(step), REFLECTED)
 
 
@@ -62,12 +63,13 @@ class EpisodeKey:
 class Step:
     """One decision of an episode.
 
-    ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
-    after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. ``error`` is the kind of failure where the model's call failed. A speed or a distance that the
-    simulator does not tell is None. ``facts`` is what else the simulator says of the move. ``rounded_state_sha256`` is
-    the digest of the world's state after it, its numbers rounded to 3 decimals; None where a record is older than that
-    field, or the world told no state. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    ``truth`` describes the moment before the decision. ``reward``, ``speed_mps``, ``distance_m``
+    and ``crashed`` describe the moment after it. ``executed_action`` is the decision's, or without
+    one the fail-safe, which is never credited to the policy. ``error`` is the kind of failure of
+    the model's call. A speed or a distance that the simulator does not report is None. ``facts``
+    holds its other numbers of the step. ``rounded_state_sha256`` is the digest of the world's state
+    after it, with numbers rounded to 3 decimals. It is None in older records, and if the world has
+    no state. A model's Reply is in the ledger under ``EpisodeKey.call``.
     """
 
     step: Count
@@ -86,11 +88,12 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """A drive that is over: ``ended`` is ``crash``, ``goal``, ``time`` or ``error``, of which ``detail`` says more.
+    """A finished drive: ``ended`` is ``crash``, ``goal``, ``time`` or ``error``, with a ``detail``.
 
-    ``state_sha256`` is the digest of the world's state after the last step, for telling equal drives. An episode that
-    ended in an error has the steps until then, and counts in no statistic. ``max_steps`` is the bound that it was
-    driven under: of more decisions it would have been an error; None where a record is older than that field.
+    ``state_sha256`` is the digest of the world's state after the last step, for comparing drives.
+    An episode that ended in an error has the steps until then, and counts in no statistic.
+    ``max_steps`` is its bound: more decisions would have been an error. It is None in older
+    records.
     """
 
     key: EpisodeKey
@@ -102,7 +105,7 @@ class Episode:
 
     @property
     def distance_m(self) -> float | None:
-        """Return what was covered, 0 for an episode without a step, None where the simulator does not tell."""
+        """Return the distance covered, 0 without a step, None if the simulator reports none."""
         return self.steps[-1].distance_m if self.steps else 0.0
 
     @property
@@ -112,7 +115,7 @@ class Episode:
 
     @property
     def speed_mps(self) -> float | None:
-        """Return the mean speed after a decision, None without a step, or where the simulator does not tell it."""
+        """Return the mean speed after decisions, None without a step or a reported speed."""
         speeds = [step.speed_mps for step in self.steps if step.speed_mps is not None]
         return sum(speeds) / len(speeds) if speeds and len(speeds) == len(self.steps) else None
 
@@ -122,7 +125,7 @@ class Episode:
         return any(step.crashed for step in self.steps)
 
     def actions(self) -> tuple[str, ...]:
-        """Return what was executed, step by step: replayed in the same world it gives the same episode."""
+        """Return the executed actions; replayed in the same world they give the same episode."""
         return tuple(step.executed_action for step in self.steps)
 
     def as_line(self) -> str:
@@ -131,9 +134,9 @@ class Episode:
 
 
 def read_episodes(path: Path) -> Iterator[Episode]:
-    """Yield the finished episodes of a run folder; what a kill cut at the end of the file is no episode.
+    """Yield a run folder's finished episodes, without a last line that a kill cut.
 
-    Raises LedgerError with the line, the field and what to do, for anything else that is none.
+    Raises LedgerError with the line, the fault and the remedy for any other line that is none.
     """
     file = path / EPISODES
     if not file.exists():
@@ -145,15 +148,16 @@ def read_episodes(path: Path) -> Iterator[Episode]:
             yield _episode(line)
         except (ValueError, RecursionError) as error:
             raise LedgerError(
-                f"{file}: line {number} is no episode: {error}; restore the file from a copy, or delete this line: "
-                "the command that began the run then drives its episode anew, and asks no finished call again"
+                f"{file}: line {number} is no episode: {error}; restore the file from a copy, or delete this line. "
+                "The command that began the run then drives its episode again, without repeating finished calls"
             ) from error
 
 
 def write_episodes(path: Path, episodes: Iterable[Episode]) -> None:
     """Append finished episodes to a run folder's file.
 
-    Each is with the operating system when this returns, so that the kill of a process loses none.
+    They are handed to the operating system before this returns, so that a killed process loses
+    none.
     """
     with (path / EPISODES).open("a", encoding="utf-8", errors="backslashreplace") as file:
         for episode in episodes:
@@ -162,7 +166,7 @@ def write_episodes(path: Path, episodes: Iterable[Episode]) -> None:
 
 
 def mend_episodes(path: Path) -> None:
-    """Cut off the beginning of an episode that a kill left at the end of a run folder's file, before more is added."""
+    """Remove an incomplete last line that a kill left in a run folder's file."""
     file = path / EPISODES
     if file.is_file():
         text = text_file(file).read_bytes()
@@ -182,14 +186,15 @@ def _episode(line: bytes) -> Episode:
     for number, step in enumerate(episode.steps):
         for name, due in (("step", number), ("frame", episode.key.frame(number))):
             if (found := getattr(step, name)) != due:
-                raise ValueError(f"steps[{number}].{name} is {shown(found)}, not {shown(due)}, which is this step's")
+                raise ValueError(f"steps[{number}].{name} is {shown(found)}, but this step's is {shown(due)}")
     return episode
 
 
 def recorded(run: Path) -> Mapping[str, int]:
-    """Return how often each action was decided on real pictures in a run, of a battery or of episodes.
+    """Return the counts of actions decided on real pictures in a battery or a run of episodes.
 
-    ``RUN,SPEC`` takes one controller of several. Raises SpecError where the run holds several and none is named.
+    ``RUN,SPEC`` takes one controller of several. Raises SpecError if the run holds several and none
+    is named.
     """
     folder, _, spec = str(run).partition(",")
     path = Path(folder)
@@ -215,10 +220,11 @@ def _of_episodes(path: Path) -> dict[str, Counter[str]]:
 
 
 def decided_by(driver: str, marginal: str, episodes: Iterable[Episode]) -> Mapping[str, int]:
-    """Return by what the marginal of a driver draws, from the episodes of its run in the order of their record.
+    """Return the counts from which a driver's marginal draws, from its run's episodes in order.
 
-    These are the driver's decisions on real pictures, by action, and by reason where there was none, in the episodes
-    that were over when its marginal first drove. An episode that ended in an error counts in nothing.
+    These are the driver's decisions on real pictures, by action, or by reason if there was none.
+    Only episodes that were over when the marginal first drove count, and none that ended in an
+    error.
     """
     before: dict[EpisodeKey, Episode] = {}
     for one in episodes:
@@ -248,11 +254,11 @@ _DETAIL = 160
 
 @dataclass(frozen=True, slots=True)
 class Unfinished(Plain):
-    """The episodes of one policy that have no record, and what their calls met last.
+    """The episodes of one policy without a record, and the last errors of their calls.
 
-    ``begun`` of them have calls in the ledger; None for a policy that asks no model. ``errors`` counts the calls of
-    these whose last attempt failed, by kind of error, ``unknown`` for one that was sent and never came back; ``detail``
-    is what the last of them said.
+    ``begun`` is the number with calls in the ledger, None for a policy without calls. ``errors``
+    counts the calls whose last attempt failed by kind of error. It counts ``unknown`` for a call
+    that was sent and never answered. ``detail`` is the last error's text.
     """
 
     policy: str
@@ -271,13 +277,13 @@ class Unfinished(Plain):
         if not self.begun:
             return count
         if not self.errors:
-            return f"{count}; every call of these was answered: they were cut between two calls"
+            return f"{count}; every call of them was answered: they were cut between two calls"
         kinds = ", ".join(f"{kind} {times}" for kind, times in self.errors.items())
-        return f"{count}; their calls last met: {kinds}{f', as: {self.detail}' if self.detail else ''}"
+        return f"{count}; the last errors of their calls: {kinds}{f', as: {self.detail}' if self.detail else ''}"
 
 
 def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> list[Unfinished]:
-    """Return what is left by policy, in the order of the keys of episodes that have no record."""
+    """Return the episodes without a record by policy, in the order of their keys."""
     left: dict[str, set[tuple[str, str]]] = {}
     for key in keys:
         left.setdefault(key.policy, set()).add((key.world, key.condition))
@@ -290,10 +296,10 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
 
 
 def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
-    """Return the episodes that a run's policies, scenarios, seeds and conditions make together.
+    """Return all episodes of a run's policies, scenarios, seeds and conditions.
 
-    The marginal of one of its drivers, which looks at no picture, drives by real ones alone. A run that was extended
-    may never have been asked for all of them.
+    The marginal of a driver looks at no picture and drives with real ones alone. In an extended
+    run, some of these episodes may never have been planned.
     """
     return tuple(
         EpisodeKey(policy, manifest.simulator, scenario, seed, condition)
@@ -305,7 +311,7 @@ def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
 
 
 def _of(attempts: Iterable[Sent], left: set[tuple[str, str]]) -> Iterator[tuple[CallKey, Sent]]:
-    """Yield the attempts at calls of these worlds and conditions; of one call the last attempt comes last."""
+    """Yield the attempts at calls of these worlds and conditions, a call's last attempt last."""
     for sent in attempts:
         if sent.key.study == STUDY and (sent.key.frame.rpartition("/")[0], sent.key.condition) in left:
             yield sent.key, sent
@@ -328,10 +334,10 @@ def _told(policy: str, episodes: int, last: Mapping[CallKey, Sent] | None) -> Un
 
 @dataclass(frozen=True, slots=True)
 class Row(Plain):
-    """Means over the episodes of one policy under one condition; None where no episode tells the number.
+    """Means over one policy's episodes under one condition, None without any value.
 
-    ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
-    share of steps at which the fail-safe was executed because there was no decision.
+    ``episodes`` counts those that did not end in an error; ``errors`` count in no mean.
+    ``without_decision`` is the share of steps with the fail-safe, because there was no decision.
     """
 
     policy: str
@@ -346,7 +352,7 @@ class Row(Plain):
 
 
 def summarise(episodes: Iterable[Episode]) -> list[Row]:
-    """Return the rows in the order in which a policy and a condition first come."""
+    """Return the rows in order of the first episode of a policy and a condition."""
     groups: dict[tuple[str, str], list[Episode]] = {}
     for episode in episodes:
         groups.setdefault((episode.key.policy, episode.key.condition), []).append(episode)

@@ -1,6 +1,7 @@
-"""Episodes are driven again from their record and held to it, step by step; models are answered by the ledger.
+"""Replays of episodes: worlds are driven again and compared with the record, step by step.
 
-Only worlds and policies that ship are driven: a record may come from anywhere, and may name anybody's code.
+Models are answered from the ledger. Only worlds and policies that ship with eyechart are driven: a
+record may come from anywhere, and may name foreign code.
 """
 
 import re
@@ -27,18 +28,19 @@ from eyechart.simulators import SIMULATORS, Simulator, open_simulator
 
 _CLOSE = 1e-9
 _UNDER_WAY = 8
-"""Episodes of a model that are driven at once; nobody is asked, so that a few keep the processes busy."""
+"""Episodes of a model that are driven at once; without real calls, a few keep the processes
+busy."""
 _COUNTS = re.compile(r"'([^']+)': (\d+)")
 _MOST_COUNT = 18
-"""Digits of a number in the counts of a marginal."""
+"""The most digits of a number in a marginal's counts."""
 _MODULE = ":"
 
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """The first step at which a record is not what its world and its policy give, and one thing that differs there.
+    """A difference between a record and its replay, at the first step that differs.
 
-    ``step`` is None for what an episode is as a whole.
+    ``step`` is None for a difference of the whole episode.
     """
 
     key: EpisodeKey
@@ -49,17 +51,18 @@ class Mismatch:
 
     @property
     def where(self) -> str:
-        """Return in words where it stands."""
+        """Return the place of the difference in words."""
         at = "" if self.step is None else f", step {self.step}"
         return f"episode '{self.key.policy} {self.key.world} {self.key.condition}'{at}, {self.what}"
 
 
 @dataclass
 class Repeats:
-    """What driving again came to: mismatches, requests that are others now, and what could not be driven.
+    """The result of a replay: mismatches, changed requests, and episodes without a replay.
 
-    ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at the ends of
-    episodes, as recorded and as driven; ``lost`` are those that ended in an error that did not come again.
+    ``requests`` is the number of compared requests. ``states`` are pairs of exact digests at the
+    ends of episodes, as recorded and as driven. ``lost`` are episodes that ended in an error that
+    did not recur.
     """
 
     episodes: int = 0
@@ -72,28 +75,29 @@ class Repeats:
 
 
 def refused(manifest: EpisodesManifest) -> str:
-    """Return in words why no world of this run is opened, empty where it is one that ships.
+    """Return in words why this run's worlds are not opened, empty if they ship with eyechart.
 
-    Gymnasium's own environments ship with it; an id with a module imports that, and may be anybody's code.
+    Gymnasium's own environments count as shipped. An id with a module imports it, and may be
+    foreign code.
     """
     kind, colon, name = manifest.simulator.partition(_MODULE)
     if not colon:
         return "" if kind in SIMULATORS else f"'{manifest.simulator}' is no simulator of this eyechart"
     if kind != "gym" or _MODULE in name:
-        return f"'{manifest.simulator}' names a module, whose code a validation does not run"
+        return f"'{manifest.simulator}' names a module, and a validation runs no foreign code"
     from eyechart.simulators.gym.drive import is_plain  # noqa: PLC0415 - Gymnasium takes a while to import
 
     return "" if is_plain(name) else f"'{manifest.simulator}' is none of Gymnasium's own small environments"
 
 
 def world_of(run: Path, manifest: EpisodesManifest) -> Simulator:
-    """Open the world of a run that is not `refused`, by the run's own action map."""
+    """Open the world of a run that is not `refused`, with the run's own action map."""
     actions = run / ACTION_MAP
     return open_simulator(manifest.simulator, actions=actions if actions.is_file() else None)
 
 
 def other_versions(manifest: EpisodesManifest, simulator: Simulator) -> dict[str, tuple[str, str]]:
-    """Return what a run was driven with that is other here: by name, the version recorded and the one here."""
+    """Return the differing versions: by name, the recorded version and the present one."""
     made, here = manifest.world, simulator.versions()
     pairs = {name: (made.get(name, "unknown"), here.get(name, "unknown")) for name in [*made, *here]}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
@@ -108,11 +112,12 @@ def repeat(
     processes: int = 1,
     progress: Progress | None = None,
 ) -> Repeats:
-    """Drive recorded episodes again, and return what differs from their records; nothing is asked or written.
+    """Drive recorded episodes again and return the differences, without calls or files.
 
-    ``exact`` holds every field to the record, and the rounded state after each step by its digest; else
-    decisions, and truth, reward, speed and distance to 3 decimals. An episode in error is driven for one step more than
-    it holds, so that one that was cut short is found. Raises SpecError for a run that is `refused`.
+    ``exact`` compares every field, and the rounded state after each step by its digest. Otherwise
+    decisions are compared, and truth, reward, speed and distance to 3 decimals. An episode in error
+    is driven for one step more than recorded, to find one that was cut short. Raises SpecError for
+    a run that is `refused`.
     """
     if why := refused(manifest):
         raise SpecError(why)
@@ -151,13 +156,16 @@ def repeat(
 
 
 def longest(manifest: EpisodesManifest, episodes: Sequence[Episode]) -> int:
-    """Return after how many steps a drive is cut that is made again: one more than an error came after, at most."""
+    """Return the bound of a replay's steps: one more than the longest that ended in error."""
     steps = max((len(one.steps) + (one.ended == "error") for one in episodes), default=1)
     return max(1, min(steps, manifest.max_steps))
 
 
 def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[str]) -> Drivers:
-    """Return who decides: policies that ship, and for every model its record; without marginals that never drew."""
+    """Return the drivers: shipped policies, and a record for every model.
+
+    Marginals that never drew are left out.
+    """
     space, answers = manifest.action_space, manifest.prompt.asks(manifest.action_space)
     policies = {
         spec: _policy(spec, made, manifest)
@@ -177,7 +185,7 @@ def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[
 
 
 def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
-    """Open a policy; a marginal draws by the counts that the run recorded, and reads no other run."""
+    """Open a policy; a marginal draws from the recorded counts, and reads no other run."""
     counts = {name: int(count) for name, count in _COUNTS.findall(version) if len(count) <= _MOST_COUNT}
     if manifest.marginal_of(spec):
         return drawn_like(counts, manifest.action_space)
@@ -185,14 +193,14 @@ def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
 
 
 def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool) -> None:
-    """Add the first step that differs, with all that differs there, and the exact states where none does."""
+    """Add the first step that differs with its differences, or the exact states if none does."""
     key = recorded.key
     for before, now in zip(recorded.steps, driven.steps, strict=False):
         differs = list(_step(before, now, exact=exact))
         if differs:
             found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
             return
-    if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it came less far
+    if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it ended earlier
         told = driven.detail or f"ended in {driven.ended}"
         found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
         return
@@ -211,7 +219,7 @@ def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool)
 
 
 def _step(before: Step, now: Step, *, exact: bool) -> Iterator[tuple[str, str, str]]:
-    """Yield what differs at a step: its name, as recorded, and as driven."""
+    """Yield the differences at a step: the name, the recorded and the driven value."""
     yield from _mapping("truth", before.truth, now.truth, exact=exact)
     pairs: list[tuple[str, object, object]] = [
         ("decision", before.decision.action, now.decision.action),
@@ -241,7 +249,7 @@ def _mapping(
 
 
 def _same(one: object, other: object, *, exact: bool) -> bool:
-    """Return whether two values are the same; numbers within an error of rounding, or else to 3 decimals."""
+    """Return whether two values are equal: numbers up to rounding, or else to 3 decimals."""
     numbers = [value for value in (one, other) if isinstance(value, int | float) and not isinstance(value, bool)]
     if len(numbers) < 2:
         return one == other

@@ -1,4 +1,4 @@
-"""The coordinator holds the models, the ledger and the bounds, and lets workers drive the worlds."""
+"""The coordinator of a run: it holds models, ledger and bounds, and lets workers drive."""
 
 import random
 import signal
@@ -29,19 +29,19 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import AnySpace, Decision
 
 Progress = Callable[[int, int], None]
-"""Called with (episodes finished, episodes planned) whenever one ends."""
+"""Called with (episodes finished, episodes planned) after each episode."""
 
 
 @dataclass(frozen=True)
 class Drivers:
-    """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
+    """The drivers of a run: policies that go to the worlds, and models that get the pictures.
 
-    Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
-    is the run's, and ``answers`` the space of their replies. ``silent`` are the kinds of failure at which
-    the fail-safe is executed; every other one that may pass leaves the episode unfinished. Models of one of the
-    ``turns`` drive one after another, each closed before the next is asked; without turns all do at once.
-    ``mirror_axis`` is that of the world where models are asked about the reflection of each picture too, which decides
-    nothing; else None.
+    Models are called with ``prompt`` and see pictures through ``view``, if any. ``space`` is the
+    space of actions, ``answers`` that of replies, and ``seed`` the run's. ``silent`` are the kinds
+    of failure that execute the fail-safe; any other passing failure leaves the episode unfinished.
+    The models of one of the ``turns`` drive one after another, and each is closed before the next
+    call; without turns all drive at once. ``mirror_axis`` is the world's if models also get each
+    picture's reflection, which decides nothing; else None.
     """
 
     policies: Mapping[str, Policy]
@@ -58,11 +58,11 @@ class Drivers:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How much at once, and at most.
+    """The bounds of a run.
 
-    ``processes`` hold the worlds, ``concurrency`` episodes of a model are under way, a call is tried ``attempts``
-    times, and ``limits`` end the run. ``sequential`` lets models drive one after another, each closed before the next
-    is asked; by default those of one machine.
+    ``processes`` hold the worlds, ``concurrency`` episodes of a model run at once, a call is tried
+    ``attempts`` times, and ``limits`` end the run. With ``sequential``, models drive one after
+    another, and each is closed before the next; by default this applies to those of one machine.
     """
 
     processes: int = 1
@@ -84,10 +84,11 @@ def drive(
     ledger: Ledger | None = None,
     bounds: Bounds = USUAL,
 ) -> Outcome:
-    """Drive episodes, in seeded random order, and ``keep`` each when it is over.
+    """Drive episodes in seeded random order, and ``keep`` each at its end.
 
-    ``open_worker`` starts a worker; models need a ``ledger``. A call that it holds finished is not made again. An
-    episode that a limit or a passing error cuts is not kept: driven again, its finished calls are replayed.
+    ``open_worker`` starts a worker; models need a ``ledger``. A finished call in it is not
+    repeated. An episode that a limit or a passing error cuts is not kept. When it is driven again,
+    its finished calls are replayed.
     """
     todo = sorted(todo)
     random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
@@ -98,7 +99,7 @@ def drive(
 def calls_of(
     todo: Sequence[EpisodeKey], drivers: Drivers, ledger: Ledger | None
 ) -> dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]:
-    """Return, by episode, the finished calls of cut episodes, each with its reply and the digest of what was asked."""
+    """Return the finished calls of cut episodes, with reply and request digest, by episode."""
     by_frame = {(key.policy, key.world, key.condition): key for key in todo if key.policy in drivers.models}
     found: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]] = {}
     if ledger is None:
@@ -114,22 +115,22 @@ def calls_of(
 
 
 class Recorded:
-    """Stands for a model whose replies are all in the record: whoever asks it gets no answer."""
+    """A stand-in for a model whose replies are all in the record."""
 
     version: str = ""
     facts: Mapping[str, str] = {}
 
     async def answer(self, query: Query) -> Reply:
-        """Answer nothing; nobody asks, because what the record does not hold ends its episode."""
+        """Return an error; without a reply in the record an episode ends before this is called."""
         del query
         return Reply(error="exception", error_detail="only the record answers")
 
     async def close(self) -> None:
-        """Let go of nothing."""
+        """Do nothing: there are no resources."""
 
 
 Unlike = Callable[[EpisodeKey, CallKey, str, str], None]
-"""Called with a call whose world shows something else now than was sent: what was, and what is shown, by digest."""
+"""Called with an episode, a call, and the digests of the request as sent and as it is now."""
 
 
 def drive_again(
@@ -142,10 +143,10 @@ def drive_again(
     unlike: Unlike,
     bounds: Bounds = USUAL,
 ) -> None:
-    """Drive episodes again, in order: worlds and policies anew, models answered from their finished ``calls`` alone.
+    """Drive episodes again, in order, with models answered from their finished ``calls`` alone.
 
-    Nothing is asked and nothing written. Where a world shows another picture than a call was about, ``unlike`` is told
-    and the drive goes on; where there is no reply, the episode ends in an error that says so.
+    There are no calls and no files. If a world shows another picture than a call had, ``unlike`` is
+    called and the drive goes on. Without a reply, the episode ends in an error that says so.
     """
     coordinator = _Coordinator(drivers, open_worker, keep, calls, unlike=unlike)
     to_the_end(coordinator.run(todo, None, bounds))
@@ -156,7 +157,7 @@ class _CutError(Exception):
 
 
 class _StoppedError(Exception):
-    """No further call of the model is made: a limit, or the model was set aside."""
+    """No further calls of the model are made: a limit was met, or the model was set aside."""
 
 
 class _NotRepeatedError(EyechartError):
@@ -165,7 +166,7 @@ class _NotRepeatedError(EyechartError):
 
 @dataclass
 class _Slot:
-    """The place of one worker, where another takes over when it dies."""
+    """The place of one worker, and of its successor after its death."""
 
     worker: Worker
     worlds: int = 0
@@ -173,7 +174,7 @@ class _Slot:
 
 @dataclass
 class _Coordinator:
-    """One event loop over the episodes that remain; worlds are driven in their workers, models asked here."""
+    """One event loop over the remaining episodes; workers drive worlds, models are called here."""
 
     drivers: Drivers
     open_worker: Callable[[], Worker]
@@ -212,7 +213,7 @@ class _Coordinator:
     async def _take_turn(
         self, turn: Sequence[str], asked: Mapping[str, Sequence[EpisodeKey]], concurrency: int
     ) -> None:
-        """Let models drive one after another, and let each go before the next is asked."""
+        """Let models drive one after another, and close each before the next call."""
         for spec in turn:
             self.paces[spec] = Pace(concurrency)
             waiting = iter(asked[spec])
@@ -223,7 +224,7 @@ class _Coordinator:
                 await close(self.drivers.models[spec])
 
     async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
-        """Let one worker drive one episode after another, none of whose steps comes here."""
+        """Let one worker drive its episodes one after another, without the coordinator."""
         for key in queue:
             self.keep(await self._survive(key, slot, partial(self._drive_alone, key)))
 
@@ -233,7 +234,7 @@ class _Coordinator:
         return episode
 
     async def _model(self, queue: Iterator[EpisodeKey]) -> None:
-        """Drive one episode of a model after another, each in the worker with the fewest of them."""
+        """Drive a model's episodes one after another, each in the worker with the fewest."""
         for key in queue:
             slot = min(self.slots, key=lambda one: one.worlds)
             slot.worlds += 1
@@ -248,7 +249,7 @@ class _Coordinator:
             self.finished.pop(key, None)
 
     async def _survive(self, key: EpisodeKey, slot: _Slot, drive: Callable[[Worker], Awaitable[Episode]]) -> Episode:
-        """Drive an episode; where its worker dies, once more in a worker of its own, and then it is an error."""
+        """Drive an episode; after a worker's death once more alone, and then as an error."""
         try:
             return await drive(slot.worker)
         except WorkerDiedError:
@@ -265,7 +266,7 @@ class _Coordinator:
                 worker.close()
 
     async def _ask_through(self, key: EpisodeKey, worker: Worker) -> Episode:
-        """Drive an episode of a model: a picture comes, is asked about, and the decision goes back."""
+        """Drive an episode of a model: each picture makes a call, and the decision goes back."""
         shown = await worker.ask("open", key)
         while isinstance(shown, Shown):
             try:
@@ -308,14 +309,13 @@ class _Coordinator:
         if self.unlike is None:
             step = int(call.frame.rpartition("/")[2])
             raise _NotRepeatedError(
-                f"at step {step} the world shows another picture than when the model was asked: "
-                "it does not repeat itself"
+                f"at step {step} the world shows another picture than in the model's call: it does not repeat itself"
             )
         self.unlike(key, call, sent, shown)
 
 
 def _reflected(shown: Shown, axis: str) -> Stimulus:
-    """Return what is shown, flipped across the lane axis."""
+    """Return the stimulus, flipped across the lane axis."""
     flipped = {
         name: encode(np.ascontiguousarray(flip(decode(image, shown.frame), axis)))
         for name, image in shown.stimulus.images.items()
@@ -324,7 +324,7 @@ def _reflected(shown: Shown, axis: str) -> Stimulus:
 
 
 def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
-    """Return the decision of a reply: the action that it names, or where a scene was asked for its safe action."""
+    """Return the decision of a reply: its action, or the safe action of a scene."""
     found = drivers.answers.read(reply)
     action = None if found.action is None else drivers.answers.symbol(found.action)
     return Decision(action, found.missing, found.why)
@@ -332,9 +332,9 @@ def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the run as SIGINT does: workers are closed, and what is finished is kept.
+    """Let SIGTERM end the run as SIGINT does: workers are closed, and finished work is kept.
 
-    Where the program has a way of its own to end at SIGTERM, as the command line has, it goes that way.
+    A program with its own handler of SIGTERM, such as the command line, uses that one.
     """
     loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
     task, usual = asyncio.current_task(), here and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

@@ -1,6 +1,6 @@
-"""A worker holds worlds in a process of its own; the coordinator asks it, and learns when it has died.
+"""Workers: processes that hold worlds, and their connection to the coordinator.
 
-Both ends stand here: what the coordinator asks, and the program that answers until nobody asks any more.
+Both ends are here: the coordinator's calls, and the program that answers until the connection ends.
 """
 
 import os
@@ -28,26 +28,29 @@ _PROGRAM = "from eyechart.episodes.workers import main; main()"
 
 
 class WorkerDiedError(EyechartError):
-    """The process that held a world ended, or did not answer in time; with it went every world that it held."""
+    """The process of a worker ended or did not answer in time; all its worlds are lost."""
 
 
 class Worker(Protocol):
-    """The door to a worker that holds worlds, wherever it is."""
+    """The interface of a worker that holds worlds, wherever it is."""
 
     dead: bool
 
     async def ask(self, method: str, *given: object) -> object:
-        """Call a method of the worker's ``Worlds``; raises WorkerDiedError, and EyechartError for what it raised."""
+        """Call a method of the worker's ``Worlds``.
+
+        Raises WorkerDiedError, and EyechartError for the method's own errors.
+        """
 
     def close(self) -> None:
-        """End the worker and what it holds, whatever it is doing."""
+        """End the worker and its worlds at once."""
 
 
 class LocalWorker:
     """A process of this machine, which ends with this one.
 
-    It is a new interpreter, not a fork: it shares no locks, threads or open files, and runs none of the program that
-    began the run.
+    It is a new interpreter, not a fork. It shares no locks, threads or open files, and runs no part
+    of the program that began the run.
     """
 
     def __init__(self, setup: Setup, *, patience_s: float = PATIENCE_S) -> None:
@@ -59,17 +62,17 @@ class LocalWorker:
                 [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno()), str(os.getpid())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,  # what a library prints is no output of ours
+                stdout=subprocess.DEVNULL,  # libraries must not print into our output
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 process_group=0,  # an interrupt from the terminal is the coordinator's to handle
             )
         self._connection: Connection[Any, Any] = Connection(ours.detach())
         self._thread = ThreadPoolExecutor(1)
-        with suppress(OSError):  # the first question will tell
+        with suppress(OSError):  # the first call will report it
             self._connection.send(setup)
 
     async def ask(self, method: str, *given: object) -> object:
-        """Ask, one question after another."""
+        """Call a method of the worlds; calls run one after another."""
         if self.dead:
             raise WorkerDiedError("its process had ended")
         kind, value = await asyncio.get_running_loop().run_in_executor(self._thread, self._exchange, method, given)
@@ -81,7 +84,7 @@ class LocalWorker:
         return value
 
     def close(self) -> None:
-        """Kill the process: what it holds can be made again."""
+        """Kill the process; its worlds can be made again."""
         self.dead = True
         self._process.kill()
         self._process.wait()
@@ -91,7 +94,7 @@ class LocalWorker:
     def _exchange(self, method: str, given: tuple[object, ...]) -> tuple[str, object]:
         try:
             self._connection.send((method, given))
-            # an interpreter that only starts, on a busy machine, is no world that hangs
+            # On a busy machine a starting interpreter is slow, but no world hangs.
             while self._connection.poll(self._patience_s if self._begun else max(PATIENCE_S, self._patience_s)):
                 kind, value = self._connection.recv()
                 self._begun = True
@@ -106,7 +109,7 @@ class LocalWorker:
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """Say "alive" and answer: first comes the setup, then a method's name with what it is given, again and again."""
+    """Serve a connection: receive the setup, then calls of the worlds' methods, and answer each."""
     _send(connection, ("alive", None))
     setup = connection.recv()
     assert isinstance(setup, Setup)
@@ -119,13 +122,13 @@ def serve(connection: "Connection[Any, Any]") -> None:
             answer = "ok", getattr(worlds, method)(*given, *((alive,) if method == "drive" else ()))
         except _GoneError:
             raise
-        except Exception as error:  # noqa: BLE001 - the coordinator must hear of it, or it waits for ever
+        except Exception as error:  # noqa: BLE001 - without an answer the coordinator waits for ever
             answer = "failed", f"{type(error).__name__}: {error}"
         _send(connection, answer)
 
 
 class _GoneError(Exception):
-    """Nobody is at the other end any more."""
+    """The other end of the connection is closed."""
 
 
 def _send(connection: "Connection[Any, Any]", answer: tuple[str, object]) -> None:
@@ -136,7 +139,7 @@ def _send(connection: "Connection[Any, Any]", answer: tuple[str, object]) -> Non
 
 
 def _every(seconds: float, tell: Callable[[], None]) -> Callable[[], None]:
-    """Return a function that tells at most once in so many seconds, however often it is called."""
+    """Return a function that calls ``tell`` at most once in ``seconds``."""
     last = time.monotonic()
 
     def maybe() -> None:
@@ -149,7 +152,7 @@ def _every(seconds: float, tell: Callable[[], None]) -> Callable[[], None]:
 
 
 def main() -> None:
-    """Serve the socket whose number is the first argument, while the coordinator lives, whose number is the second."""
+    """Serve the socket of the first argument while the coordinator of the second lives."""
     end_with(int(sys.argv[2]))
     try:
         serve(Connection(int(sys.argv[1])))

@@ -1,4 +1,4 @@
-"""Worlds live in a worker: each drives one episode on, shows its camera's picture, and keeps the record of it."""
+"""Worlds in a worker: each drives one episode, shows its camera's picture, and keeps its record."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,8 @@ from eyechart.spaces.space import Decision
 
 MAX_STEPS = 1000
 POOL_SEEDS = (1000, 1001, 1002)
-"""The worlds whose pictures ``shuffled`` shows; an episode in one of them is shown those of the others."""
+"""The seeds of worlds whose pictures ``shuffled`` shows; an episode in one of them gets those of
+the others."""
 
 _POOL_STEPS = 60
 _DETAIL = 500
@@ -30,12 +31,13 @@ _DETAIL = 500
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """The worlds of a run, as a worker must know them to make them.
+    """The settings from which a worker makes a run's worlds.
 
-    ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
-    of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
-    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing. ``reflected`` asks
-    models about the reflection of each picture too; a run that goes on does as it was begun.
+    ``simulators`` is the registry of the process that began the run, and ``seed`` the run's. After
+    ``max_steps`` decisions, an episode that has not ended is an error. ``actions`` is the action
+    map of ``gym:``. ``silence`` is one of `SILENCES`: whether a model's silence executes the
+    fail-safe. With ``reflected``, models also get each picture's reflection; a resumed run keeps
+    its first setting.
     """
 
     simulator: str
@@ -49,7 +51,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What a model is shown at one moment, under the episode's condition."""
+    """A moment's stimulus for a model, under the episode's condition."""
 
     frame: str
     step: int
@@ -67,7 +69,7 @@ class Worlds:
         self._pool = _Pool(self._simulator, setup.seed)
 
     def drive(self, key: EpisodeKey, policy: Policy, alive: Callable[[], None] = lambda: None) -> Episode:
-        """Let a policy that is no model drive an episode to its end; ``alive`` is called at every step."""
+        """Let a policy that is no model drive an episode; ``alive`` is called at every step."""
         rollout = self._begin(key)
         while rollout.over is None:
             alive()
@@ -75,24 +77,24 @@ class Worlds:
         return rollout.over
 
     def open(self, key: EpisodeKey) -> Shown | Episode:
-        """Begin an episode whose decisions come from elsewhere; return the first picture, or how it failed."""
+        """Begin an episode with outside decisions; return the first picture, or its failure."""
         self._rollouts[key] = self._begin(key)
         return self._shown(key)
 
     def act(self, key: EpisodeKey, decision: Decision[str], error: str = "") -> Shown | Episode:
-        """Execute a decision; return the next picture, or the episode where it is over.
+        """Execute a decision; return the next picture, or the episode if it is over.
 
-        ``error`` is the kind of failure of the call that brought no decision.
+        ``error`` is the kind of failure of a call without a decision.
         """
         self._rollouts[key].decide(lambda: decision, error)
         return self._shown(key)
 
     def fail(self, key: EpisodeKey, detail: str) -> Episode:
-        """End an episode as an error that arose elsewhere."""
+        """End an episode with an error from outside."""
         return self._rollouts.pop(key).end("error", detail)
 
     def close(self, key: EpisodeKey) -> None:
-        """Leave an episode that is not to be driven on; one that is not under way is none."""
+        """Leave an episode that is not driven on; an unknown key is ignored."""
         if key in self._rollouts:
             self.fail(key, "left")
 
@@ -107,7 +109,7 @@ class Worlds:
 
 
 class _Rollout:
-    """An episode under way. Whatever its world or its policy raises ends it as an error, and nothing else."""
+    """An episode under way. Any error of its world or its policy ends it as an error."""
 
     def __init__(self, key: EpisodeKey, simulator: Simulator, pool: "_Pool", setup: Setup) -> None:
         self.over: Episode | None = None
@@ -135,7 +137,7 @@ class _Rollout:
         )
 
     def shown(self) -> Shown | Episode:
-        """Return the moment as a model gets it, or the episode where it is over."""
+        """Return the moment as a model gets it, or the episode if it is over."""
         if self.over is not None:
             return self.over
         try:
@@ -144,7 +146,7 @@ class _Rollout:
             return self.end("error", _words(error))
 
     def decide(self, decide: Callable[[], Decision[str]], error: str = "") -> None:
-        """Take a decision and drive on; the fail-safe is executed where there is none."""
+        """Take a decision and drive on; without a decision the fail-safe is executed."""
         if self.over is not None:
             return
         try:
@@ -197,7 +199,7 @@ class _Rollout:
         self._truth = rounded_truth(self._drive.truth(), self._key.frame(len(self._steps)))
 
     def _stimulus(self) -> Stimulus:
-        """Return what the episode's condition shows of this moment."""
+        """Return this moment's stimulus under the episode's condition."""
         assert self._drive is not None
         key, drive, step = self._key, self._drive, len(self._steps)
         cameras = alone(self._simulator.declared.mirror_axis)
@@ -206,14 +208,14 @@ class _Rollout:
         return show(key.condition, now, _Moment(now, real, self._first, self._pool, key), self._setup.seed)
 
     def _pixels(self) -> RGB | None:
-        """Return the picture of this moment as a policy gets it, or None where the condition shows none."""
+        """Return this moment's picture for a policy, or None if the condition shows none."""
         image = self._stimulus().images.get(MAIN)
         return None if image is None else decode(image, "the camera's picture")
 
 
 @dataclass(frozen=True)
 class _Moment:
-    """One moment of a drive as a source of pictures: now, the first one, and those of other worlds of the scenario."""
+    """One moment of a drive as a source of pictures: now, the first one, and other worlds'."""
 
     now: Frame
     real: Callable[[], RGB]
@@ -240,7 +242,7 @@ class _Moment:
 
 
 class _Pool:
-    """Pictures of other worlds of a scenario, driven by the oracle, or at random where a world tells no scene."""
+    """Pictures of a scenario's other worlds, driven by the oracle, or at random without scenes."""
 
     def __init__(self, simulator: Simulator, seed: int) -> None:
         self._simulator, self._seed = simulator, seed
@@ -275,12 +277,12 @@ class _Pool:
 
 
 def _checked(picture: object, *, first: bool = False) -> RGB:
-    """Return a camera's picture; raises SpecError where it is none, or shows nothing at all."""
+    """Return a camera's picture; raises SpecError if it is none, or shows nothing."""
     if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         found = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
         raise SpecError(f"the camera's picture is no RGB picture of shape (h, w, 3) and uint8, but {found}")
     if not picture.size or not picture.any():
-        raise SpecError("the camera shows black only; a renderer without a display does (unset SDL_VIDEODRIVER)")
+        raise SpecError("the camera shows black only, as a renderer without a display does (unset SDL_VIDEODRIVER)")
     if first and (picture == picture[0, 0]).all():
         raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
     return picture

@@ -1,4 +1,4 @@
-"""A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
+"""Frame banks: Hugging Face imagefolders with a manifest that fixes geometry and pictures."""
 
 from eyechart.frames.drawn import APART, EXCHANGE, LEAD, Draws, Span, draws_of, exchanged
 from eyechart.frames.folder import (

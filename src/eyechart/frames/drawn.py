@@ -1,8 +1,9 @@
-"""Where control pictures put a vehicle: distances drawn by a seed over all that a world can show, and drawn again.
+"""The distances of vehicles in control pictures, drawn by a seed over the visible range.
 
-The lead alone is put anywhere in the range. In the exchange the distance keeps away from the ends, and a factor apart
-from that of the lead alone. Both are spread evenly in the logarithm, and stratified over a bank's frames. A distance
-that cannot be shown of a frame makes room for others of the whole range, so that it is drawn over what is allowed.
+The distance of the lead alone covers the whole range. The distance of the exchange keeps away from
+the ends, and differs from the lead's by a factor. Both are spread evenly in the logarithm, and
+stratified over a bank's frames. If a frame cannot show a distance, others of the whole range are
+tried, so the distances shown are drawn from the possible ones.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,25 +16,28 @@ from eyechart.seeds import key_seed
 
 LEAD, EXCHANGE = "lead_drawn_m", "exchange_m"
 APART = 1.5
-"""The two distances of a frame differ by this factor at least."""
+"""The least factor between the two distances of a frame."""
 
 NEAREST, FARTHEST = 1.12, 0.82
-"""The exchange is drawn from this much beyond the lowest distance to this much of the farthest."""
+"""The limits of the exchange, as factors of the lowest and of the farthest distance."""
 
 TRIES = 60
-"""So many distances are tried of a frame, until one can be shown."""
+"""The number of distances that are tried for a frame."""
 
 Span = tuple[float, float]
 
 
 def exchanged(span: Span) -> Span:
-    """Return the range of the distances of the exchange, of that of the lead's."""
+    """Return the range of the exchange's distances for the lead's range."""
     return NEAREST * span[0], FARTHEST * span[1]
 
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """The distances to try of one frame, the first of them its own share of the range (0 to 1); none without."""
+    """The distances to try for one frame; the first is at the frame's own share (0 to 1).
+
+    Without a span there are none.
+    """
 
     seed: int
     frame: str
@@ -46,7 +50,7 @@ class Draws:
             yield from self._spread(LEAD, self.span, self.shares[0])
 
     def exchange(self, lead_m: float | None) -> Iterator[float]:
-        """Yield the distances of the exchange, of a frame that shows the lead alone at ``lead_m``, None: nowhere."""
+        """Yield the distances of the exchange that are apart from the lead's ``lead_m``, if any."""
         found = () if self.span is None else self._spread(EXCHANGE, exchanged(self.span), self.shares[1])
         yield from (one for one in found if lead_m is None or _is_apart(one, lead_m))
 
@@ -61,7 +65,7 @@ def _is_apart(one: float, other: float) -> bool:
 
 
 def draws_of(seed: int, span: Span | None, frames: Sequence[str]) -> dict[str, Draws]:
-    """Return the distances to try of each of a bank's frames; each of them has a share of the range to itself."""
+    """Return the distances to try for each frame; each has its own share of the range."""
     rng, count = np.random.default_rng(key_seed("drawn", seed, *frames)), len(frames)
     lead, exchange = ((rng.permutation(count) + rng.random(count)) / count for _ in range(2))
     return {
@@ -71,7 +75,7 @@ def draws_of(seed: int, span: Span | None, frames: Sequence[str]) -> dict[str, D
 
 
 def drawn_otherwise(bank: FrameBank) -> list[str]:
-    """Return where a bank's distances are not those that its seed draws, one line each; none of a bank without."""
+    """Return one line for each distance that the bank's seed does not draw."""
     controls, span = bank.manifest.controls, bank.manifest.span
     if controls.seed is None or span is None:
         return []

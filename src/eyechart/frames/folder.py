@@ -1,4 +1,4 @@
-"""A bank as a folder: written all of it or nothing, and read back, held against what its manifest recorded."""
+"""Banks as folders: written completely or not at all, and compared with the manifest on reading."""
 
 import errno
 import hashlib
@@ -35,25 +35,25 @@ from eyechart.records import LARGEST, build, parse_json, picked, plain, shown
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
-"""The column of logged motions, in a bank that declares what they are."""
+"""The column of logged motions, in a bank that declares its motions."""
 
 
 _LOCK = ".lock"
 _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP}
-"""What the system says where a file cannot be locked, whoever asks."""
+"""The system's error codes for a file system without locks."""
 
 
 @contextmanager
 def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
-    """Yield an empty folder beside ``out`` in which what takes its place is made; it is gone when the block ends.
+    """Yield an empty work folder beside ``out``, which is removed at the end of the context.
 
-    What a process left there that was killed is cleared. Raises ``error`` where another process writes there now, or
-    the name is somebody else's.
+    Files of a killed process are removed from it. Raises ``error`` if another process writes there
+    now, or if the folder with that name is not eyechart's.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_name(f".{out.name[:50]}.part")
     if work.is_symlink() or (work.exists() and not (work / _LOCK).is_file()):
-        raise error(f"{work} is in the way, and eyechart did not make it: remove it, or choose another place")
+        raise error(f"{work} exists, and eyechart did not make it: remove it, or choose another place")
     fresh = not work.exists()
     work.mkdir(exist_ok=True)
     taken = error(f"another process is writing {out}; wait for it, or choose another place")
@@ -62,14 +62,14 @@ def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
             _clear(work, keep=_LOCK)
             yield work
         finally:
-            with suppress(OSError):  # the lock goes last: without it, what cannot be removed would be somebody else's
+            with suppress(OSError):  # the lock goes last: it marks files that cannot be removed as eyechart's
                 _clear(work, keep=_LOCK)
                 shutil.rmtree(work)
 
 
 @contextmanager
 def _removed_unless_locked(work: Path, *, fresh: bool) -> Iterator[None]:
-    """Remove a fresh folder that could not be locked: without a lock in it, it would be taken for somebody else's."""
+    """Remove a fresh folder without a lock; a later call would not recognise it as eyechart's."""
     try:
         yield
     finally:
@@ -80,11 +80,11 @@ def _removed_unless_locked(work: Path, *, fresh: bool) -> Iterator[None]:
 
 @contextmanager
 def locked(file: Path, taken: EyechartError) -> Iterator[None]:
-    """Hold a lock while the block lasts; raises ``taken`` where another process does.
+    """Hold a lock for the context; raises ``taken`` if another process holds it.
 
-    Raises an error of its kind where the file system has no locks, as some that are mounted over a network.
+    Raises an error of the same class if the file system has no locks, as some network mounts do.
     """
-    from filelock import FileLock, Timeout  # noqa: PLC0415 - what only reads holds nothing
+    from filelock import FileLock, Timeout  # noqa: PLC0415 - only writers need it
 
     lock = FileLock(file, timeout=0)
     try:
@@ -103,10 +103,10 @@ def locked(file: Path, taken: EyechartError) -> Iterator[None]:
 
 @contextmanager
 def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
-    """Yield a folder beside ``out`` that takes its place when the block ends well; no part of it is left otherwise.
+    """Yield a folder that replaces ``out`` after success; after an error nothing of it stays.
 
-    ``out`` is not there, or an empty folder, or a link to either. Raises ``error`` as `own_folder` does, and where
-    nothing can take its place.
+    ``out`` does not exist, or is an empty folder, or a link to either. Raises ``error`` as
+    `own_folder` does, and if ``out`` cannot be replaced.
     """
     place = _place(out, error)
     with own_folder(place, error) as work:
@@ -124,7 +124,7 @@ def _place(out: Path, error: type[EyechartError]) -> Path:
         raise error(f"{out} is a link that leads to itself; choose another place")
     if place.is_dir() and (place.is_mount() or place == Path.cwd()):
         stays = "a mount" if place.is_mount() else "the folder that this command runs in"
-        raise error(f"{out} is {stays}, whose place nothing can take: name a folder in it, such as {out / 'NAME'}")
+        raise error(f"{out} is {stays} and cannot be replaced: name a folder in it, such as {out / 'NAME'}")
     return place
 
 
@@ -137,9 +137,10 @@ def _clear(folder: Path, *, keep: str) -> None:
 
 
 def open_bank(root: Path) -> FrameBank:
-    """Open a bank from its manifest and metadata; raises BankError naming the file and line at fault.
+    """Open a bank from its manifest and metadata; raises BankError with the faulty file and line.
 
-    Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
+    Only text is read. The geometry is compared with the manifest's fingerprint here, the pictures
+    by ``check``.
     """
     bank = open_unchecked(root)
     if problems := _geometry_problems(bank):
@@ -151,7 +152,7 @@ def open_bank(root: Path) -> FrameBank:
 
 
 def read_bank_manifest(root: Path) -> BankManifest:
-    """Read what a bank declares of itself, without its frames; raises BankError naming the file at fault."""
+    """Read a bank's manifest without its frames; raises BankError with the file at fault."""
     path = root / "manifest.json"
     try:
         raw = _plain(text_file(path).read_text(encoding="utf-8"))
@@ -174,14 +175,14 @@ def read_bank_manifest(root: Path) -> BankManifest:
         raise BankError(f"{path}: the fingerprint does not match the geometry that the manifest lists")
     if declared != manifest.declaration:
         raise BankError(
-            f"{path}: what the bank declares of itself (picture, gap, actions or settings) was changed after it was "
-            "made; make it anew with what it should declare"
+            f"{path}: the bank's declaration (picture, gap, actions or settings) was changed after it was made; "
+            "make the bank again with the declaration that it should have"
         )
     return manifest
 
 
-def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its reader checks it
-    """Read JSON; raises ValueError also for a lone surrogate, which no file and no terminal can hold."""
+def _plain(text: str) -> Any:  # noqa: ANN401 - any value; the caller checks it
+    """Read JSON; raises ValueError also for a lone surrogate, which cannot be written as UTF-8."""
     value = parse_json(text)
     json.dumps(value, ensure_ascii=False).encode()
     return value
@@ -200,15 +201,15 @@ def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise BankError(f"{path}, line {number}: {error!r}") from error
     if not frames:
-        raise BankError(f"{path} holds no frame")
+        raise BankError(f"{path} has no frames")
     for frame_id, count in Counter(frame.id for frame in frames).items():
         if count > 1:
-            raise BankError(f"{path}: frame '{frame_id}' stands there {count} times")
+            raise BankError(f"{path}: frame '{frame_id}' occurs {count} times")
     return tuple(frames)
 
 
 def read_axis(value: Scalar) -> MirrorAxis:
-    """Return a word as a mirror axis; raises ValueError where it is none."""
+    """Return a word as a mirror axis; raises ValueError if it is none."""
     if value in get_args(MirrorAxis):
         return cast("MirrorAxis", value)
     raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
@@ -249,17 +250,17 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
 
 
 def read_motion(rows: object, space: MotionSpace) -> tuple[tuple[float, ...], ...]:
-    """Return a logged motion, none for an empty list; raises ValueError where it has another shape than the space."""
+    """Return a logged motion, empty for an empty list; raises ValueError for a wrong shape."""
     steps = rows if isinstance(rows, list | tuple) else [rows]
     found = tuple(read_state(row, f"step {number} of the logged motion") for number, row in enumerate(steps))
     shapes = {(len(found), len(row)) for row in found}
     if shapes - {space.shape}:
-        raise ValueError(f"the logged motion has the shape {sorted(shapes)}, and the bank's motions have {space.shape}")
+        raise ValueError(f"the logged motion has the shape {sorted(shapes)}, but the bank's motions have {space.shape}")
     return found
 
 
 def read_state(value: object, what: str) -> tuple[float, ...]:
-    """Return a list of numbers that a controller may see; raises ValueError, beginning with ``what``, for any other."""
+    """Return a state's numbers; raises ValueError, beginning with ``what``, for any other value."""
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"{what} is {value!r}, not a list of numbers")
     for one in value:
@@ -281,22 +282,23 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
         recorded |= dict.fromkeys(sorted(one.keys() - bank.manifest.geometry.keys()), "")
     problems += [f"{path}: frame '{frame_id}' of the manifest is missing" for frame_id in recorded]
     if not problems and [frame.id for frame in bank] != list(bank.manifest.geometry):
-        problems.append(f"{path}: the frames stand in another order than in the manifest")
+        problems.append(f"{path}: the frames are in another order than in the manifest")
     return problems
 
 
 def open_unchecked(root: Path) -> FrameBank:
-    """Open a bank whose ground truth and pictures may differ from what its manifest recorded; ``check`` says how."""
+    """Open a bank without comparing it with its manifest; ``check`` does that."""
     manifest = read_bank_manifest(root)
     frames = read_metadata(root / "metadata.jsonl", manifest)
     return FrameBank(root=root, frames=frames, manifest=manifest, unchecked=True)
 
 
 def check(root: Path, files: Collection[str] | None = None) -> list[str]:
-    """Recompute a bank's fingerprint and the hash of every picture, draw its distances again; return what differs.
+    """Recompute a bank's fingerprint, picture hashes and drawn distances; return differences.
 
-    Each line names what it is of. ``files`` are the pictures to look at, all if none are given. An empty list means
-    that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
+    Each line names its frame or file. ``files`` are the pictures to check, by default all. An empty
+    list means that the bank agrees with its manifest. Raises BankError if it cannot be opened at
+    all.
     """
     bank = open_unchecked(root)
     manifest, problems = bank.manifest, _geometry_problems(bank)
@@ -310,13 +312,13 @@ def check(root: Path, files: Collection[str] | None = None) -> list[str]:
         if file not in manifest.images:
             problems.append(f"'{file}' is not in the manifest")
         elif digest != manifest.images[file]:
-            problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
+            problems.append(f"'{file}' is not the picture in the manifest: its SHA-256 differs")
     problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
     return problems or _misplaced(bank) or drawn_otherwise(bank)
 
 
 def _misplaced(bank: FrameBank) -> list[str]:
-    """Return the first frame that shows another frame's picture: a digest of a file does not know whose it is."""
+    """Return the first frame with another frame's picture, which a file's digest cannot reveal."""
     recorded = iter(bank.manifest.images)
     for frame in bank:
         for file in files_of(frame):
@@ -327,10 +329,10 @@ def _misplaced(bank: FrameBank) -> list[str]:
 
 
 class BankWriter:
-    """Writes a bank into a folder beside its place and moves it there when all of it is written.
+    """Writes a bank into a work folder and moves it to its place when it is complete.
 
-    Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out`` exists and is
-    not an empty folder, and where what was added cannot be read back as it was given.
+    Use as a context manager; after an error nothing stays. Raises BankError if ``out`` exists and
+    is not an empty folder, and if the bank cannot be read back as it was given.
     """
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
@@ -351,22 +353,22 @@ class BankWriter:
     def add(
         self, frame: Frame, pictures: Mapping[str, bytes], counterfactuals: Mapping[str, Mapping[str, bytes]]
     ) -> None:
-        """Add a frame with its encoded pictures by camera; the frame's own mappings name the files where they go.
+        """Add a frame with its encoded pictures by camera, under the files that the frame names.
 
-        Raises BankError, naming the frame, where an id or a file is given twice, a picture is missing or leads out of
-        the bank, or the truth could not be read back as it is.
+        Raises BankError with the frame's id if an id or a file is given twice, or a picture is
+        missing or leads out of the bank. It does so too if the truth cannot be read back unchanged.
         """
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
         if (given := frame.fields.keys()) != set(self._manifest.prompt_columns) or given & frame.truth.keys():
             raise BankError(
-                f"frame '{frame.id}' has the prompt columns {sorted(given)}, the manifest declares "
-                f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
+                f"frame '{frame.id}' has the prompt columns {sorted(given)}, but the manifest declares "
+                f"{sorted(self._manifest.prompt_columns)}; give each once, and none as ground truth"
             )
         truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
         logged = self._logged(frame)
         if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name) or name in logged):
-            raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
+            raise BankError(f"frame '{frame.id}': ground truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():
             raise BankError(
                 f"frame '{frame.id}' names the counterfactuals {sorted(frame.counterfactuals)}, "
@@ -393,7 +395,7 @@ class BankWriter:
         self._geometry[frame.id] = frame.geometry()
 
     def _put_aside(self, frame: Frame, truth: dict[str, Scalar]) -> Frame:
-        """Keep what belongs to the manifest, of ``truth`` the distances, and return the frame that says which are."""
+        """Move distances and strata to the manifest; return the frame with its distances' names."""
         names = [*(name for name in DISTANCES if name in truth), *sorted(frame.placed - {*DISTANCES})]
         if distances := {name: truth.pop(name) for name in names}:
             self._distances[frame.id] = _numbers(distances, frame.id)
@@ -410,7 +412,7 @@ class BankWriter:
         return self._images[file]
 
     def leave_out(self, frame: Frame) -> None:
-        """Take a frame that was added, as it was given, and its pictures out of the bank."""
+        """Remove an added frame and its pictures from the bank."""
         del self._rows[frame.id], self._geometry[frame.id]
         self._distances.pop(frame.id, None)
         self._strata.pop(frame.id, None)
@@ -418,29 +420,29 @@ class BankWriter:
             del self._images[file]
             path = self._work / file
             path.unlink()
-            with suppress(OSError):  # other pictures lie there
+            with suppress(OSError):  # the folder holds other pictures
                 path.parent.rmdir()
 
     def _logged(self, frame: Frame) -> dict[str, object]:
-        """Return a frame's logged motion as its row has it, nothing where the manifest declares no motions."""
+        """Return the motion column of a frame's row, empty if the manifest declares no motions."""
         if self._manifest.motion is None:
             return {}
         with raising(BankError, f"frame '{frame.id}'", of=ValueError):
             return {MOTION: read_motion(frame.motion, self._manifest.motion)}
 
     def note(self, name: str, value: object) -> None:
-        """Add to the bank's settings what is known only when all was added; it has no part in the fingerprint."""
+        """Add a setting that is known only after all frames; the fingerprint leaves it out."""
         self._manifest = replace(self._manifest, settings={**self._manifest.settings, name: value})
 
     def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
-        """Raise BankError unless a frame has the cameras and the state that its manifest declares, and all pictures."""
+        """Raise BankError unless a frame has the declared cameras and state, and all pictures."""
         declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)
         names = [one.name for one in declared]
         told = frame.truth.keys() | frame.fields
         if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & told:
             raise BankError(
                 f"frame '{frame.id}' has the cameras {[one.name for one in frame.cameras]} and the state "
-                f"{sorted(frame.state)}, the manifest declares {names} and {sorted(self._manifest.state)}"
+                f"{sorted(frame.state)}, but the manifest declares {names} and {sorted(self._manifest.state)}"
             )
         for one in (frame.pictures, *frame.counterfactuals.values(), *given):
             if list(one) != names:
@@ -448,7 +450,7 @@ class BankWriter:
 
     def _store(self, file: str, picture: bytes) -> None:
         if file in self._images:
-            raise BankError(f"'{file}' was written already; every picture needs a file of its own")
+            raise BankError(f"'{file}' is already written; every picture needs a file of its own")
         path = inside(self._work, file)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(picture)
@@ -478,7 +480,7 @@ class BankWriter:
 
 
 def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:
-    """Return the distances that there are; raises BankError, naming the frame, for one that is no number."""
+    """Return the known distances; raises BankError with the frame's id for a non-number."""
     found = {name: value for name, value in distances.items() if value is not None}
     for name, value in found.items():
         if isinstance(value, str | bool):
@@ -487,6 +489,6 @@ def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]
 
 
 def require_free(out: Path) -> None:
-    """Raise BankError where a bank's place is taken."""
+    """Raise BankError if the place of a bank is not free."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

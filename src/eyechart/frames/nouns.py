@@ -21,18 +21,20 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
-"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
+"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a
+forward camera."""
 
 Scalar = str | int | float | bool | None
 MAIN = "main"
-"""The name of the camera where there is one alone."""
+"""The name of an only camera."""
 IMPORTED = "import"
-"""The simulator's name in a bank whose pictures were taken from elsewhere."""
+"""The simulator's name in an imported bank."""
 
 FORMAT = "eyechart-bank/1"
 FILE_SUFFIX = "_file_name"
 DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m", "lead_drawn_m", "exchange_m")
-"""Columns that say where drawn controls put a vehicle; they belong to the pictures, not to the moment."""
+"""Columns with a vehicle's distance in drawn controls; they describe those pictures, not the
+moment."""
 
 RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 _EXACT = 2**53
@@ -41,7 +43,7 @@ _SMALLEST = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Which column of ground truth the battery's gap tests read, in what unit, and what counts as near."""
+    """The gap for the battery's tests: its column of ground truth, its unit, and the near limit."""
 
     column: str
     threshold: float
@@ -52,9 +54,9 @@ class Gap:
             raise ValueError(f"the gap's threshold is {self.threshold!r}, not a number")
 
     def of(self, frame: "Frame") -> float:
-        """Return a frame's gap, infinite where there is no lead; raises BankError where its column holds no number."""
+        """Return a frame's gap, infinite without a lead; raises BankError if it is no number."""
         if self.column not in frame.truth:
-            raise BankError(f"frame '{frame.id}' has no column '{self.column}', which the bank declares as its gap")
+            raise BankError(f"frame '{frame.id}' has no column '{self.column}', the gap that the bank declares")
         value = frame.truth[self.column]
         if isinstance(value, bool | str):
             raise BankError(f"frame '{frame.id}': the gap '{self.column}' is {value!r}, not a number")
@@ -66,14 +68,16 @@ class Gap:
 
 
 LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
-"""The gap to the lead vehicle, near below 18 m as in the paper; that it is centre to centre is ours."""
+"""The gap to the lead (the vehicle ahead). Below 18 m is near, as in the paper; measuring from
+centre to centre is eyechart's choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera: the axis of its reflection, and the other camera with which it exchanges there ("" for none).
+    """A camera: the axis of its reflection, and the camera with which it exchanges ("" for none).
 
-    A picture of a left wrist's camera, flipped, is what the reflected world shows in the right wrist's.
+    A flipped picture of a left wrist's camera is what the right wrist's camera shows in the
+    reflected world.
     """
 
     name: str
@@ -86,32 +90,33 @@ class Camera:
 
 
 def require_exchanged(cameras: Sequence[Camera]) -> None:
-    """Raise BankError where two cameras have one name, or one mirrors a camera that does not mirror it."""
+    """Raise BankError if two cameras share a name, or if a mirrored camera does not mirror back."""
     by_name = {one.name: one for one in cameras}
     if len(by_name) < len(cameras):
-        raise BankError(f"two cameras have one name: {', '.join(one.name for one in cameras)}")
+        raise BankError(f"two cameras have the same name: {', '.join(one.name for one in cameras)}")
     for one in cameras:
         if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
-            raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
+            raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must exist and mirror it too")
 
 
 @cache
 def alone(axis: MirrorAxis) -> tuple[Camera, ...]:
-    """Return the camera of frames that have one alone."""
+    """Return the camera of frames with only one."""
     return (Camera(MAIN, axis),)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A moment as cameras saw it, with its place in the bank and its ground truth, which no model sees.
+    """A moment as cameras saw it, with its place in the bank and its ground truth.
 
-    ``pictures`` maps each of its ``cameras`` to a file inside the bank, ``counterfactuals`` a name to the same.
-    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no
-    lead). ``fields`` maps the bank's prompt columns to what a prompt may say of the frame, ``state`` a name to numbers
-    that a controller may see, such as the angles of its joints; neither is ground truth. ``motion`` is what was done
-    from here on in the log, a row a step, and empty where nobody logged it; no controller sees it. ``placed`` are the
-    columns of ``truth`` that say where pictures with one thing changed put a vehicle, and ``strata`` what a claim may
-    be asked by besides the scenario, such as the colour of the lead.
+    No model sees the ground truth. ``pictures`` maps each of its ``cameras`` to a file inside the
+    bank. ``counterfactuals`` maps a name to such files. ``truth`` maps a name with its unit
+    (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no lead). ``fields``
+    maps the bank's prompt columns to values that a prompt may state. ``state`` maps a name to
+    numbers that a controller may see, such as joint angles. Neither is ground truth. ``motion`` is
+    the logged motion from here on, one row a step, and empty without a log; no controller sees it.
+    ``placed`` are the columns of ``truth`` with a vehicle's distance in counterfactuals. ``strata``
+    are further groups for a claim next to the scenario, such as the lead's colour.
     """
 
     id: str
@@ -135,18 +140,19 @@ class Frame:
 
     @property
     def mirror_axis(self) -> MirrorAxis:
-        """Return the axis of the first camera; none where any camera has none: the frame cannot be mirrored."""
+        """Return the first camera's axis, or none if any camera has none."""
         return "none" if any(one.mirror_axis == "none" for one in self.cameras) else self.cameras[0].mirror_axis
 
     @property
     def drive(self) -> str:
-        """Return the name of the frame's episode among all: names of episodes may recur in another scenario."""
+        """Return the episode's unique name; scenarios may use equal names of episodes."""
         return f"{self.scenario}/{self.episode}"
 
     def geometry(self) -> str:
-        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/banks.md).
+        """Return the digest of the frame's identity and ground truth to 3 decimals.
 
-        Where its pictures put a vehicle has no part in it: they may be drawn anew for the same moment.
+        See docs/decisions/banks.md. Distances in counterfactuals are left out: they may be drawn
+        again for the same moment.
         """
         truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth) if name not in self.placed}
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
@@ -163,9 +169,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """All that a condition may change of a query: encoded pictures by camera, what a prompt may say, and the state.
+    """Everything that a condition may change: pictures by camera, prompt values and the state.
 
-    Nobody can change it: one stimulus is shown to every model of a run, and again where a call is made again.
+    It is immutable: one stimulus is shown to every model of a run, and again in a repeated call.
     """
 
     images: Mapping[str, bytes] = field(default_factory=dict)
@@ -177,17 +183,17 @@ class Stimulus:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how a copy is made, also in another process: a read-only view cannot be pickled."""
+        """Return the recipe of a copy: a read-only view cannot be pickled."""
         return Stimulus, (dict(self.images), dict(self.fields), dict(self.state))
 
     @classmethod
     def of(cls, image: bytes | None) -> "Stimulus":
-        """Return the stimulus of one picture and nothing else, or of none."""
+        """Return the stimulus of one picture, or of none."""
         return cls({} if image is None else {MAIN: image})
 
 
 class Source(Protocol):
-    """Where a condition finds pictures: a bank of frames, or one moment of a world that is driven."""
+    """The source of a condition's pictures: a bank, or one moment of a world that is driven."""
 
     @property
     def frames(self) -> Sequence[Frame]:
@@ -199,11 +205,11 @@ class Source(Protocol):
 
     @property
     def said(self) -> tuple[str, ...]:
-        """The prompt columns that the prompt says of a frame."""
+        """The prompt columns that the prompt states for a frame."""
 
     @property
     def stores_noise(self) -> bool:
-        """Whether noise is made as a PNG that is not compressed: no compression makes it smaller."""
+        """Whether noise is stored as an uncompressed PNG, since compression makes it no smaller."""
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
@@ -213,14 +219,14 @@ class Source(Protocol):
 
 
 def _canonical(value: Scalar) -> Scalar | list[str]:
-    """Return a number as a list with its decimals, so that 5 is 5.0 and no word; all else as it is."""
+    """Return a number as a list with its decimals, so that 5 equals 5.0 and no word does."""
     if value is None or isinstance(value, bool | str):
         return value
     return [f"{value}.000" if isinstance(value, int) else f"{round(value, 3) + 0.0:.3f}"]
 
 
 def is_reserved(name: str) -> bool:
-    """Return whether a bank needs this column's name for itself."""
+    """Return whether a bank reserves this column name."""
     return name in RESERVED or name.endswith(FILE_SUFFIX)
 
 
@@ -240,7 +246,7 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
                 )
             value = round(value, 3) + 0.0
         if isinstance(value, int) and abs(value) > _EXACT:
-            raise BankError(f"frame '{frame_id}': truth '{name}' is too large a number to be exact; write it as a word")
+            raise BankError(f"frame '{frame_id}': truth '{name}' is too large to be exact; write it as a word")
         if not isinstance(value, str | int | float | bool | None):
             raise BankError(f"frame '{frame_id}': truth '{name}' is a {type(value).__name__}, not a plain value")
         rounded[name] = value
@@ -249,9 +255,9 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """Where pictures with one thing changed put a vehicle: by frame id the distances, and the seed of the controls'.
+    """Distances of vehicles in counterfactuals, by frame id, and the seed of the controls.
 
-    The seed is None where nobody drew them by one.
+    The seed is None if no seed drew them.
     """
 
     seed: int | None = None
@@ -260,17 +266,18 @@ class Controls:
 
 @dataclass(frozen=True, slots=True)
 class BankManifest:
-    """What a bank says of itself: where its pictures come from, and the digests that fix them.
+    """A bank's description of itself: the origin of its pictures, and the digests that fix them.
 
-    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
-    to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns that prompts may say,
-    ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
-    owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
-    ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
-    ``controls`` holds the truth of its control pictures. ``motion`` says what its logged motions are, and what a
-    controller of motions answers with; None where it has none. ``span`` is the range over which `drawn` distances were
-    drawn, in the gap's unit, None where none were. ``strata`` maps a frame id to what a claim may be asked by, and
-    ``added`` to the columns of pictures that came later than its row.
+    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a
+    frame id to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns
+    that prompts may state. ``absent`` are the places that the source did not record (scenario,
+    episode, step). ``independent`` is the owner's statement that the frames are independent draws.
+    ``cameras`` are those of every frame if there are several, and ``state`` the columns of numbers
+    that a controller may see. Older banks have none of these. ``controls`` holds the truth of the
+    control pictures. ``motion`` is the space of the logged motions and of a controller's answers,
+    None without motions. ``span`` is the range of drawn distances in the gap's unit, None without
+    them. ``strata`` maps a frame id to its further groups, and ``added`` to the columns of pictures
+    that were added after its row.
     """
 
     simulator: str
@@ -300,13 +307,13 @@ class BankManifest:
 
     @property
     def fingerprint(self) -> str:
-        """Return the digest of the geometry of every frame in order; pixels have no part in it."""
+        """Return the digest of every frame's geometry in order; it does not depend on pixels."""
         lines = "\n".join(f"{frame}\x1f{digest}" for frame, digest in self.geometry.items())
         return hashlib.sha256(lines.encode()).hexdigest()
 
     @property
     def declaration(self) -> str:
-        """Return the digest of what the bank declares of itself: its picture in words, gap, actions and settings."""
+        """Return the digest of the bank's declaration: picture, gap, actions and settings."""
         words = {name: value for name, value in self._declared().items() if name != "versions"}
         return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
 
@@ -329,11 +336,12 @@ class BankManifest:
 
 @dataclass(frozen=True)
 class FrameBank:
-    """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for.
+    """Frames on disk with their manifest. Opening reads text only; pictures are read on demand.
 
-    ``said`` are the prompt columns that the prompt of a run says of its frames. With ``plain`` all pictures are read as
-    8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's kind tells them apart. ``stores_noise``
-    says that noise is made as a PNG that is not compressed. ``unchecked`` pictures are read as they lie there.
+    ``said`` are the prompt columns that a run's prompt states. With ``plain``, all pictures are
+    read as 8-bit PNGs without metadata (`eyechart.frames.as_png`), so that no file's kind tells
+    them apart. ``stores_noise`` means that noise is stored as an uncompressed PNG. ``unchecked``
+    pictures are read without a comparison with the manifest.
     """
 
     root: Path
@@ -355,7 +363,7 @@ class FrameBank:
         return len(self.frames)
 
     def frame(self, frame_id: str) -> Frame:
-        """Return the frame of this id; raises BankError where the bank has none."""
+        """Return the frame of this id; raises BankError if the bank has none."""
         if frame_id not in self._by_id:
             raise BankError(f"the bank {self.root} has no frame '{frame_id}'")
         return self._by_id[frame_id]
@@ -367,7 +375,7 @@ class FrameBank:
     def images(self, frame: Frame, counterfactual: str | None = None) -> dict[str, bytes]:
         """Return the encoded pictures of a frame by camera, or those of one of its counterfactuals.
 
-        Raises BankError for a missing counterfactual, a file outside the bank, or one that is too large.
+        Raises BankError for a missing counterfactual, a file outside the bank, or a too large file.
         """
         files = frame.pictures if counterfactual is None else frame.counterfactuals.get(counterfactual)
         if files is None:
@@ -375,13 +383,13 @@ class FrameBank:
         return {camera: self.read(file) for camera, file in files.items()}
 
     def image(self, frame: Frame, counterfactual: str | None = None) -> bytes:
-        """Return the encoded picture of a frame's first camera, or that of one of its counterfactuals."""
+        """Return the encoded picture of the first camera, or that of a counterfactual."""
         return self.images(frame, counterfactual)[frame.cameras[0].name]
 
     def read(self, file: str) -> bytes:
-        """Return an encoded picture, read from disk; raises BankError where it is not the one that was recorded.
+        """Return an encoded picture from disk; raises BankError if it was changed.
 
-        A bank is checked when it is opened, and may change under a run.
+        A bank is checked when it is opened, and may change during a run.
         """
         picture = read_bounded(self.root, file) if self.unchecked else self._as_recorded(file)
         return as_png(picture, file) if self.plain else picture
@@ -390,18 +398,17 @@ class FrameBank:
         picture = read_bounded(self.root, file)
         if hashlib.sha256(picture).hexdigest() != self.manifest.images.get(file):
             raise BankError(
-                f"'{file}' of {self.root} is not the picture that the bank's manifest recorded: its SHA-256 "
-                "differs; restore it"
+                f"'{file}' of {self.root} is not the picture in the bank's manifest: its SHA-256 differs; restore it"
             )
         return picture
 
     def shapes(self, frame: Frame) -> dict[str, tuple[int, int, int]]:
-        """Return the shape (h, w, 3) of a frame's pictures by camera, as their headers say."""
+        """Return the shape (h, w, 3) of a frame's pictures by camera, from their headers."""
         sizes = {camera: size_of(self.read(file), file) for camera, file in frame.pictures.items()}
         return {camera: (high, wide, 3) for camera, (wide, high) in sizes.items()}
 
     def recorded(self, frame: Frame) -> bytes:
-        """Return the encoded picture of a frame; raises BankError where it is not the one that was recorded."""
+        """Return the encoded picture of a frame; raises BankError if it was changed."""
         return self._as_recorded(frame.file)
 
     @cached_property

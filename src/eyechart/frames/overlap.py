@@ -1,6 +1,7 @@
-"""Frames that two banks both have: whether they are the same moments, and how far their numbers lie apart.
+"""Frames that two banks share: whether the moments are equal, and how far their numbers differ.
 
-Source: paper, section Experimental Setup (the geometry fingerprint: both arms agree on all shared frames).
+Source: paper, section Experimental Setup (the geometry fingerprint: both arms agree on all shared
+frames).
 """
 
 from collections.abc import Mapping
@@ -11,10 +12,11 @@ from eyechart.frames.nouns import BankManifest, Frame, FrameBank
 
 @dataclass(frozen=True)
 class Shared:
-    """The frames of one name in two banks, in the order of the first.
+    """The frames with equal names in two banks, in the order of the first.
 
-    ``sizes`` are how many frames each bank has. ``unlike`` says of each shared frame whose geometry differs what does.
-    ``furthest`` maps each number of the ground truth that both have to the largest difference, in its own unit.
+    ``sizes`` are the numbers of frames of the banks. ``unlike`` maps each shared frame of different
+    geometry to the names of what differs. ``furthest`` maps each shared number of the ground truth
+    to its largest difference, in its own unit.
     """
 
     frames: tuple[str, ...]
@@ -34,7 +36,7 @@ class Shared:
 
 
 def shared(one: FrameBank, other: FrameBank) -> Shared:
-    """Return the frames of one name in two banks; geometry is equal where it is to 3 decimals, whatever the pixels."""
+    """Return the frames with equal names; geometry is compared to 3 decimals, pixels are not."""
     theirs = {frame.id: frame for frame in other}
     pairs = [(frame, theirs[frame.id]) for frame in one if frame.id in theirs]
     unlike = {mine.id: _unlike(mine, its) for mine, its in pairs if mine.geometry() != its.geometry()}
@@ -48,13 +50,13 @@ def shared(one: FrameBank, other: FrameBank) -> Shared:
 
 
 def same_moments(one: BankManifest, other: BankManifest) -> tuple[str, ...]:
-    """Return the frames of one name and of equal geometry in two banks, in the order of the first."""
+    """Return the frames with equal names and geometry in two banks, in the order of the first."""
     theirs = other.geometry
     return tuple(frame for frame, digest in one.geometry.items() if theirs.get(frame) == digest)
 
 
 def _unlike(one: Frame, other: Frame) -> tuple[str, ...]:
-    """Return the names of what differs between two frames."""
+    """Return the names of the parts that differ between two frames."""
     parts = ("scenario", "episode", "step", "cameras", "fields", "state", "motion")
     found = [name for name in parts if getattr(one, name) != getattr(other, name)]
     names = sorted(one.truth.keys() | other.truth.keys())

@@ -1,4 +1,4 @@
-"""Pictures on disk: their bytes are bounded before they are read, their pixels before they are decoded."""
+"""Pictures on disk, with limits on bytes before reading and on pixels before decoding."""
 
 import hashlib
 import io
@@ -37,9 +37,9 @@ T = TypeVar("T")
 
 
 class Kept(Generic[K, T]):
-    """The most recently used things by name, within a bound of bytes, by their ``size``, and of number.
+    """A cache of recent items by name, limited in bytes, by ``size``, and in number.
 
-    Threads may ask at once; one that makes a thing keeps the others waiting.
+    Threads may use it at once; while one makes an item, the others wait.
     """
 
     def __init__(self, size: Callable[[T], int], most_bytes: int, most: int) -> None:
@@ -48,7 +48,7 @@ class Kept(Generic[K, T]):
         self._bytes, self._alone = 0, RLock()
 
     def get(self, name: K, make: Callable[[], T]) -> T:
-        """Return the thing of a name, made where it is not kept."""
+        """Return the item of a name, and make it if it is not cached."""
         with self._alone:
             if name in self._kept:
                 self._kept.move_to_end(name)
@@ -62,25 +62,26 @@ class Kept(Generic[K, T]):
 
 
 _DECODED: Kept[bytes, RGB] = Kept(lambda pixels: pixels.nbytes, 32_000_000, 2_000)
-"""Small pictures that a run shows under many conditions, decoded once; of large ones only the last few are there."""
+"""Decoded pictures. Small ones, which a run shows under many conditions, stay; of large ones only
+the last few do."""
 
 
 def inside(root: Path, file: str) -> Path:
-    """Return the path of a bank's file; raises BankError where it would lead outside the bank."""
+    """Return the path of a bank's file; raises BankError if it leads outside the bank."""
     path = root / file
     try:
         home, real = _resolved(_absolute(str(root))), _real(str(path))
         within = real == home or real.startswith(home if home.endswith("/") else f"{home}/")
         outside = file.startswith("/") or ".." in file.split("/") or not within
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
-        raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
+        raise BankError(f"{file!r} is not a file of the bank {root}: {error}") from error
     if outside:
         raise BankError(f"'{file}' leads outside the bank {root}; a bank's pictures must lie inside it")
     return path
 
 
 def _real(path: str) -> str:
-    """Return where a path leads: its folder is remembered, and a link is followed whenever it is asked."""
+    """Return a resolved path; its folder is cached, a link in its last part is followed anew."""
     with suppress(OSError):
         if S_ISLNK(os.lstat(path).st_mode):
             return str(Path(path).resolve())
@@ -94,52 +95,56 @@ def _absolute(folder: str) -> str:
 
 @lru_cache(maxsize=64)
 def _resolved(folder: str) -> str:
-    """Return a bank's folder, given from the root on, without links; a bank does not move while it is read."""
+    """Return a bank's absolute folder without links; a bank does not move while it is read."""
     return str(Path(folder).resolve())
 
 
 def read_bounded(root: Path, file: str) -> bytes:
-    """Return a bank file's bytes; raises BankError if it is missing, no file, outside the bank, or above 64 MB."""
+    """Return a bank file's bytes.
+
+    Raises BankError if the file is missing, not a regular file, outside the bank, or above 64 MB.
+    """
     path = inside(root, file)
     with raising(BankError, f"'{file}' of the bank {root} cannot be read"):
         found = path.stat()
         if not S_ISREG(found.st_mode):
-            raise BankError(f"'{file}' of the bank {root} is no file")
+            raise BankError(f"'{file}' of the bank {root} is not a file")
         if found.st_size > MAX_IMAGE_BYTES:
             raise BankError(f"'{file}' has {found.st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
         return path.read_bytes()
 
 
 def media_type(picture: bytes) -> str:
-    """Return the media type of an encoded picture by its first bytes; PNG's where they are of none that is known."""
+    """Return a picture's media type by its first bytes; PNG's for an unknown one."""
     return next((kind for sign, kind in _TYPES.items() if picture.startswith(sign)), "image/png")
 
 
 def size_of(picture: bytes, name: str) -> tuple[int, int]:
-    """Return an encoded picture's width and height as its header says; no pixel is decoded.
+    """Return an encoded picture's width and height from its header, without decoding.
 
-    Raises BankError, naming the picture, if it is no picture.
+    Raises BankError with the picture's name if it is no picture.
     """
     with _opened(picture, name, _FORMATS) as found:
         return found.size
 
 
 def decode(picture: bytes, name: str) -> RGB:
-    """Decode a picture to RGB, shape (h, w, 3), uint8; its size is checked before a pixel is decoded.
+    """Decode a picture to RGB, shape (h, w, 3), uint8, after a check of its size.
 
-    Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
+    Raises BankError with the picture's name if it is no picture, is truncated, or has more than 25
+    megapixels.
     """
     with opened(picture, name, _FORMATS) as found:
         return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
 
 
 def pixels_of(picture: bytes, name: str) -> RGB:
-    """Return a picture's pixels as `decode` does, in an array of the caller's own; equal pictures are decoded once."""
+    """Return a picture's pixels as `decode` does, cached and copied for the caller."""
     return _DECODED.get(picture, lambda: decode(picture, name)).copy()
 
 
 def digest_of_sound(picture: bytes, name: str) -> str:
-    """Return the SHA-256 of a picture that can be decoded, in hex; equal pictures are decoded once in a process.
+    """Return the SHA-256, in hex, of a picture that can be decoded; each is decoded once.
 
     Raises BankError as `decode` does.
     """
@@ -157,15 +162,15 @@ _PHONES = {
     "HEIC": (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1"),
     "AVIF": (b"avif", b"avis"),
 }
-"""Formats of telephones' photographs, by the brand in their first box (ISO/IEC 23008-12)."""
+"""Formats of phones' photographs, by the brand in their first box (ISO/IEC 23008-12)."""
 
 
 @contextmanager
 def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
-    """Open a picture of one of these formats, of which no pixel is decoded yet and which is not too large.
+    """Open a picture of one of these formats and of allowed size, without decoding it.
 
-    What is done with it may raise as Pillow does: raises BankError, naming the picture, if it is no such picture, is
-    truncated, or has more than 25 megapixels.
+    Inside the context, errors of Pillow become BankErrors with the picture's name: it is no such
+    picture, is truncated, or has more than 25 megapixels.
     """
     with _opened(picture, name, formats) as found:
         width, height = found.size
@@ -178,7 +183,7 @@ def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Imag
 def _opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is odd in a picture; Pillow warns of it here, or later
+            warnings.simplefilter("ignore")  # Pillow warns of oddities in a picture, here or later
             _refuse_vast(picture)
             found = Image.open(io.BytesIO(picture), formats=formats)
             with found:
@@ -192,7 +197,7 @@ def _opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Ima
 
 
 def _unread(picture: bytes, formats: tuple[str, ...]) -> str:
-    """Return in words, which follow a picture's name, why it is of no format that is read."""
+    """Return, as words that follow a picture's name, why its format cannot be read."""
     brand = picture[8:12].lower() if picture[4:8] == b"ftyp" else b""
     kind = next((kind for kind, brands in _PHONES.items() if brand in brands), None)
     if kind is None:
@@ -201,9 +206,10 @@ def _unread(picture: bytes, formats: tuple[str, ...]) -> str:
 
 
 def _refuse_vast(picture: bytes) -> None:
-    """Raise DecompressionBombError where a WebP claims too many pixels: opening one makes room for all, twice.
+    """Raise DecompressionBombError if a WebP claims too many pixels.
 
-    Source: RFC 9649, sections 2.5 to 2.7, of the three kinds of first chunks.
+    Opening a WebP allocates memory for all of them, twice. Source: RFC 9649, sections 2.5 to 2.7,
+    on the three kinds of first chunks.
     """
     if picture[:4] != b"RIFF" or picture[8:12] != b"WEBP" or len(picture) < 30:
         return
@@ -219,7 +225,7 @@ def _refuse_vast(picture: bytes) -> None:
 
 
 def beside(images: Mapping[str, bytes], name: str) -> bytes | None:
-    """Return the encoded pictures of several cameras as one, side by side; the one alone, and None of none."""
+    """Return several cameras' pictures side by side as one; a single one as it is, else None."""
     if len(images) < 2:
         return next(iter(images.values()), None)
     seen = [decode(image, f"{name}, {camera}") for camera, image in images.items()]
@@ -228,15 +234,15 @@ def beside(images: Mapping[str, bytes], name: str) -> bytes | None:
 
 
 def as_png(picture: bytes, name: str) -> bytes:
-    """Return a picture as an 8-bit PNG of pixels alone, which is what `encode` writes; one that is such stays as it is.
+    """Return a picture as an 8-bit PNG without metadata, as `encode` writes it.
 
-    Raises BankError as `decode` does.
+    Such a PNG stays as it is. Raises BankError as `decode` does.
     """
     return picture if is_bare(picture) else encode(decode(picture, name))
 
 
 def is_bare(picture: bytes) -> bool:
-    """Return whether a picture is an 8-bit PNG of red, green and blue, not interlaced, with pixels alone in it."""
+    """Return whether a picture is an 8-bit RGB PNG, not interlaced, without metadata."""
     if picture[:8] != _PNG or picture[24:29] != _BARE:
         return False
     at, kinds = 8, set[bytes]()
@@ -254,7 +260,7 @@ def encode(rgb: RGB) -> bytes:
 
 
 def stored(rgb: RGB) -> bytes:
-    """Encode an RGB picture, shape (h, w, 3), uint8, as PNG without compression and filters (RFC 2083)."""
+    """Encode an RGB picture, shape (h, w, 3), uint8, as an uncompressed PNG (RFC 2083)."""
     high, wide, _ = rgb.shape
     rows = np.zeros((high, 1 + 3 * wide), dtype=np.uint8)
     rows[:, 1:] = rgb.reshape(high, 3 * wide)

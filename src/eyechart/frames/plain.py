@@ -1,6 +1,6 @@
-"""A picture is plain where every program shows the same of it: one upright still picture of 8-bit red, green and blue.
+"""Plain pictures, which every program shows alike: one upright still of 8-bit RGB.
 
-`require_plain` refuses any other, and `made_plain` makes a plain one of it, by rules that are written down.
+`require_plain` refuses all others, and `made_plain` converts them by documented rules.
 """
 
 from collections.abc import Iterator
@@ -13,16 +13,16 @@ from eyechart.frames.pictures import RGB, opened
 from eyechart.frames.whole import damages
 
 PLAIN_FORMATS = ("PNG", "JPEG", "WEBP")
-"""What may be kept as it is."""
+"""Formats that are kept unchanged."""
 FORMATS = (*PLAIN_FORMATS, "BMP", "GIF", "TIFF")
-"""What a plain picture may be made of."""
+"""Formats that can be converted to plain pictures."""
 MEDIA_TYPES = {"PNG": "image/png", "JPEG": "image/jpeg", "WEBP": "image/webp"}
 
 _ORIENTATION = 0x0112
 _DEPTH_OF_PNG = 24
-"""Where a PNG's header, which is always its first chunk, says how many bits a value has."""
+"""The place of the bit depth in a PNG's header, which is always its first chunk."""
 _WHITE_16 = 257
-"""What 16 bits are divided by: 65535 is white."""
+"""The divisor of 16-bit values: 65535 is white."""
 _WORDS = {
     "1": "is black and white",
     "L": "is grey",
@@ -32,11 +32,11 @@ _WORDS = {
 
 
 def require_plain(picture: bytes, name: str) -> str:
-    """Return the media type of a plain picture that decodes; raises BankError that says all in which it is none.
+    """Return a plain picture's media type; raises BankError with all that is not plain in it.
 
-    It must be a PNG, JPEG or WebP of one picture, 8 bits a channel, red, green and blue without transparency, not
-    above 25 megapixels, and not turned by a note (EXIF orientation) that some programs follow and others do not. It
-    must hold all pixels that it declares, and nothing behind them.
+    It must be a PNG, JPEG or WebP of one picture with 8 bits a channel, red, green and blue without
+    transparency, and at most 25 megapixels. It must not depend on an EXIF orientation, which some
+    programs ignore. It must hold all pixels that it declares, and nothing behind them.
     """
     with opened(picture, name, PLAIN_FORMATS) as found:
         if odd := [*_oddities(found, picture)]:
@@ -48,7 +48,7 @@ def require_plain(picture: bytes, name: str) -> str:
 
 
 def _oddities(found: Image.Image, picture: bytes) -> Iterator[str]:
-    """Yield in words, which follow a picture's name, what programs may show in different ways."""
+    """Yield, as words that follow a picture's name, what programs may show differently."""
     if (frames := getattr(found, "n_frames", 1)) > 1:
         yield f"holds {frames} pictures; save one still picture a frame"
     if _is_deep(found, picture):
@@ -56,11 +56,11 @@ def _oddities(found: Image.Image, picture: bytes) -> Iterator[str]:
     elif found.mode in _WORDS:
         yield f"{_WORDS[found.mode]}; save it as red, green and blue"
     elif _is_clear(found):
-        yield "has transparency, under which each program lays a colour of its own; save it without"
+        yield "has transparency, for which each program uses its own background; save it without"
     elif found.mode != "RGB":
         yield f"has the channels {found.mode}; save it as red, green and blue"
     if (turned := found.getexif().get(_ORIENTATION, 1)) not in {0, 1}:
-        yield f"is turned only by a note (EXIF orientation {turned}), which not every model follows; turn its pixels"
+        yield f"is turned only by EXIF orientation {turned}, which some models ignore; turn its pixels"
 
 
 def _is_deep(found: Image.Image, picture: bytes) -> bool:
@@ -73,21 +73,22 @@ def _is_clear(found: Image.Image) -> bool:
 
 
 def read_colour(words: str) -> tuple[int, int, int]:
-    """Return a colour (red, green, blue of 255) from its name or #rrggbb; raises SpecError where it is none."""
+    """Return a colour (red, green, blue of 255) from a name or #rrggbb; raises SpecError."""
     try:
         return ImageColor.getcolor(words, "RGB")[:3]  # type: ignore[index,return-value]
     except ValueError as error:
-        raise SpecError(f"'{words}' is no colour; give a name as white, or #rrggbb") from error
+        raise SpecError(f"'{words}' is not a colour; give a name such as white, or #rrggbb") from error
 
 
 def made_plain(
     picture: bytes, name: str, *, background: tuple[int, int, int] = (255, 255, 255), longest: int | None = None
 ) -> tuple[RGB, list[str]]:
-    """Return a picture as plain pixels, shape (h, w, 3), and what was done to it, in words.
+    """Return a picture as plain pixels, shape (h, w, 3), and the conversions in words.
 
-    It is turned as its note says; of several pictures the first is taken; 16 bits become 8, 65535 white; what is
-    transparent shows ``background``; a profile of colours is left out. ``longest`` is the most pixels of its longer
-    side. Nothing done gives no words. Raises BankError where it is no picture, or one of more than 16 bits.
+    The rules: it is turned by its EXIF orientation. Of several pictures the first is taken. 16 bits
+    become 8, with 65535 as white. Transparent parts show ``background``. A colour profile is
+    dropped. ``longest`` is the most pixels of its longer side. Without a conversion there are no
+    words. Raises BankError if it is no picture, or has more than 16 bits.
     """
     with opened(picture, name, FORMATS) as found:
         done = [f"first of {frames}"] if (frames := getattr(found, "n_frames", 1)) > 1 else []
@@ -97,7 +98,7 @@ def made_plain(
                 raise BankError(f"'{name}' {one.words}")
             done.append("bytes behind it")
         if found.mode == "F" or (found.mode == "I" and found.format != "PNG"):
-            raise BankError(f"'{name}' has more than 16 bits a channel, and nobody says what is white; save it with 8")
+            raise BankError(f"'{name}' has more than 16 bits a channel, and its white is unknown; save it with 8")
         if found.getexif().get(_ORIENTATION, 1) not in {0, 1}:
             done.append("turned")
         upright = ImageOps.exif_transpose(found)

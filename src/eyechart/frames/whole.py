@@ -1,7 +1,7 @@
-"""A picture is whole where it holds the pixels that it declares, and nothing behind them.
+"""Whole pictures: a picture must hold the pixels that it declares, and nothing behind them.
 
-A decoder fills what is missing with grey or black and says nothing, so that a few bytes can claim a whole road without
-a vehicle. So what a picture declares is held against what it holds.
+A decoder silently fills missing pixels with grey or black, so that a few bytes can claim a whole
+road without a vehicle. A picture's declaration is therefore compared with its data.
 """
 
 import io
@@ -18,24 +18,24 @@ from eyechart.errors import counted
 from eyechart.frames.pictures import RGB
 
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-"""Samples of a pixel by a PNG's kind of colour."""
+"""Samples of a pixel by a PNG's colour type."""
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
-"""Of each pass of an interlaced PNG: first column and row, and the steps between them."""
+"""For each pass of an interlaced PNG: first column and row, and the steps between them."""
 _FILLING = b"\x5a\xc3" * 32
-"""Bytes that a JPEG decoder takes for blocks where it still needs some, and else leaves aside."""
+"""Bytes that a JPEG decoder reads as blocks if some are missing, and ignores otherwise."""
 
 
 class Damage(NamedTuple):
-    """What is wrong with a picture's data, in words that follow its name, and whether pixels are lost."""
+    """A fault of a picture's data, in words that follow its name, and whether pixels are lost."""
 
     words: str
     lost: bool
 
 
 def damages(picture: bytes, kind: str, pixels: RGB) -> Iterator[Damage]:
-    """Yield what is wrong with the data of a picture that was decoded to these pixels; ``kind`` is Pillow's format.
+    """Yield the faults of a decoded picture's data; ``kind`` is Pillow's format.
 
-    Of other formats than PNG, JPEG and WebP nothing is known. libwebp itself refuses a WebP whose data end too early.
+    Only PNG, JPEG and WebP are checked. libwebp itself refuses a WebP whose data end too early.
     """
     if kind == "PNG":
         yield from _of_png(picture)
@@ -73,7 +73,7 @@ def _of_png(picture: bytes) -> Iterator[Damage]:
 
 
 def _unpacked(stream: "zlib._Decompress", packed: bytes, wanted: int) -> int:
-    """Return how many bytes a part of a stream unpacks to, not going far beyond what is wanted nor what is damaged."""
+    """Return the size of an unpacked part, stopped soon after ``wanted`` or at damage."""
     found = 0
     with suppress(zlib.error):
         while packed and found <= wanted:
@@ -83,7 +83,7 @@ def _unpacked(stream: "zlib._Decompress", packed: bytes, wanted: int) -> int:
 
 
 def _chunks(picture: bytes) -> Iterator[tuple[bytes, bytes, bool, int]]:
-    """Yield the parts of a PNG up to its end: name, data, whether the checksum fits, and where the part ends."""
+    """Yield a PNG's parts up to its end: name, data, whether the checksum fits, and its end."""
     place, name = 8, b""
     while name != b"IEND" and place + 12 <= len(picture):
         length, name = struct.unpack_from(">I4s", picture, place)
@@ -94,7 +94,7 @@ def _chunks(picture: bytes) -> Iterator[tuple[bytes, bytes, bool, int]]:
 
 
 def _passes(width: int, height: int, *, interlaced: bool) -> list[tuple[int, int]]:
-    """Return the widths and heights of the pictures that a PNG's rows are of."""
+    """Return the widths and heights of the pictures in a PNG's rows."""
     if not interlaced:
         return [(width, height)]
     return [(-(-(width - x) // across), -(-(height - y) // down)) for x, y, across, down in _ADAM7]
@@ -105,7 +105,7 @@ def _rows_bytes(width: int, height: int, bits: int) -> int:
 
 
 def _of_jpeg(picture: bytes, pixels: RGB) -> Iterator[Damage]:
-    """Yield what is wrong with a JPEG's data: where filling behind a scan changes a pixel, the scan was short."""
+    """Yield a JPEG's faults: if filling behind a scan changes a pixel, the scan was too short."""
     ends, end = _scans(picture)
     filled = bytearray()
     before = 0
@@ -120,7 +120,7 @@ def _of_jpeg(picture: bytes, pixels: RGB) -> Iterator[Damage]:
 
 
 def _scans(picture: bytes) -> tuple[list[int], int]:
-    """Return where the data of each scan of a JPEG ends, also before a restart, and where the picture does."""
+    """Return the end of each scan of a JPEG, also before a restart, and the picture's end."""
     ends, place, data = list[int](), 2, False
     while (place := picture.find(b"\xff", place)) >= 0 and place + 1 < len(picture):
         marker = picture[place + 1]

@@ -1,6 +1,7 @@
-"""Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset; and answers made elsewhere.
+"""Imports of other data: a folder with a table, a LeRobotDataset, or answers made elsewhere.
 
-What makes a bank is for Python here, and speaks of arguments; commands take it from the modules, and speak of options.
+These functions are for Python, and their messages name arguments. Commands call the modules
+themselves, whose messages name options.
 """
 
 from eyechart.errors import in_arguments, speaks_of_arguments
@@ -40,5 +41,5 @@ import_lerobot = speaks_of_arguments(lerobot.import_lerobot)
 
 
 def costs(imported: FrameBank) -> list[str]:
-    """Return what a bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
+    """Return one line for each test that a bank's missing columns make impossible."""
     return [in_arguments(line) for line in lacking.costs(imported)]

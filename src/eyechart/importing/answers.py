@@ -1,4 +1,4 @@
-"""Answers that were made elsewhere are read from a table, strictly: what is wrong is named with its row."""
+"""Answers from other programs, read strictly from a table; faults name their row."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,9 +18,9 @@ MOST_REPEATS = 1_000
 _NUMBERS = tuple(name for name in MOST if name not in {"status", "retry_after_s", "payload_bytes", "energy_j"})
 _WORDS = ("text", "finish_reason", "error", "reasoning", "served", "provider", "system_fingerprint")
 _LABELS = ("finish_reason", "served", "provider", "system_fingerprint")
-"""The words that name something, and are one short line."""
+"""The text fields that are names of one short line."""
 TOLD = (*_NUMBERS, *_LABELS, "reasoning")
-"""The fields of a reply that a row may tell beside its text and its error."""
+"""The fields of a reply that a row may have in addition to its text and its error."""
 _MOST_LABEL = 200
 _KEYS = ("call", "frame", "condition", "repeat")
 ALIASES: Mapping[str, str] = MappingProxyType(
@@ -35,16 +35,16 @@ ALIASES: Mapping[str, str] = MappingProxyType(
         "output_tokens": "completion_tokens",
     }
 )
-"""Other names of columns, which mean the same."""
+"""Other names of columns with the same meaning."""
 _KNOWN = (*_KEYS[1:], "request_sha256", *_WORDS, *_NUMBERS, *ALIASES)
-"""The columns that a row may have and another lack."""
+"""Columns that may be missing in some rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """An answer that came from elsewhere: the key of its call, what its row says of that, and the reply.
+    """An answer from another program: its call's key, what the row says of it, and the reply.
 
-    ``reply`` is None where the row holds no answer. ``where`` names the row.
+    ``reply`` is None if the row has no answer. ``where`` names the row.
     """
 
     where: str
@@ -57,10 +57,10 @@ class Answered:
 
 
 def read_answer_table(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
-    """Yield the answers of a CSV, JSON lines or Parquet file, in its order, a bounded part of it in memory at a time.
+    """Yield the answers of a CSV, JSON lines or Parquet file in order, in bounded memory.
 
-    A row that is wrong is noted among the ``faults`` and left out. Raises SourceError where the file cannot be read,
-    or lacks the columns ``call`` and ``text``.
+    A faulty row is added to ``faults`` and left out. Raises SourceError if the file cannot be read,
+    or has no columns ``call`` and ``text``.
     """
     table = open_table(path, progress, optional=_KNOWN)
     named = _named(path, table)
@@ -75,26 +75,26 @@ def read_answer_table(path: Path, faults: Faults, progress: Progress | None = No
 
 
 def meaning(column: str) -> str:
-    """Return what a column is, in whatever letters and with whatever between its words; its own name where unknown."""
+    """Return a column's meaning, whatever its case and separators; an unknown name stays."""
     plain = plain_name(column)
     return ALIASES.get(plain, plain if plain in (*_KEYS, *_KNOWN) else column)
 
 
 def _named(path: Path, table: Table) -> dict[str, str]:
-    """Return what each column means; raises SourceError where one that is needed is missing."""
+    """Return each column's meaning; raises SourceError if a required one is missing."""
     named = {name: meaning(name) for name in table.columns}
     unread = f"; of a type that is not read are {', '.join(table.unread)}" if table.unread else ""
     for needed in ("call", "text"):
         if needed not in named.values():
             raise SourceError(
-                f"{path} has no column '{needed}'; answers come back with the columns call and repeat of the export "
-                f"and text, and it has {printable(', '.join(table.columns) + unread)}"
+                f"{path} has no column '{needed}'; answers need the columns call and repeat of the export and a "
+                f"column text; it has {printable(', '.join(table.columns) + unread)}"
             )
     return named
 
 
 def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
-    """Return a row by what its columns mean; raises SourceError where two that mean the same are filled."""
+    """Return a row by its columns' meanings; raises SourceError if two filled ones coincide."""
     found: dict[str, Cell] = {}
     for name, cell in row.items():
         means = named.get(name) or meaning(name)
@@ -106,7 +106,7 @@ def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
 
 
 def _answered(where: str, row: Row) -> Answered:
-    """Return a row as an answer; raises SourceError, beginning with ``where``, for what is wrong in it."""
+    """Return a row as an answer; raises SourceError, beginning with ``where``, for a fault."""
     call = _word(row.get("call"), f"{where}: 'call'")
     if not call:
         raise SourceError(f"{where} has no call; keep that column of the export as it is")
@@ -126,7 +126,7 @@ def _repeat(cell: Cell, where: str) -> int:
 def _reply(row: Row, where: str) -> Reply | None:
     text, error = _verbatim(row.get("text"), where, "text"), _verbatim(row.get("error"), where, "error")
     if text.strip() and error.strip():
-        raise SourceError(f"{where} has a text and an error: it came, or it did not; leave one empty")
+        raise SourceError(f"{where} has a text and an error; leave one empty")
     told: dict[str, object] = {name: _number(row.get(name), f"{where}: '{name}'", name) for name in _NUMBERS}
     told |= {name: _word(row.get(name), f"{where}: '{name}'") or None for name in _LABELS}
     told["reasoning"] = _verbatim(row.get("reasoning"), where, "reasoning")
@@ -139,7 +139,7 @@ def _reply(row: Row, where: str) -> Reply | None:
 
 
 def made_reply(text: str, told: Mapping[str, object], where: str) -> Reply:
-    """Return a reply of these values; raises SourceError where one is not of its field's type."""
+    """Return a reply of these values; raises SourceError for a value of a wrong type."""
     reply = Reply(text, **told)  # type: ignore[arg-type]
     if wrong := misfit(reply):
         raise SourceError(f"{where}: {wrong}")
@@ -147,7 +147,7 @@ def made_reply(text: str, told: Mapping[str, object], where: str) -> Reply:
 
 
 def _filled(cell: Cell) -> Cell:
-    """Return a cell, or None for what tables of other programs have in an empty one: no number."""
+    """Return a cell, or None for NaN, which other programs write into empty cells."""
     return None if isinstance(cell, float) and math.isnan(cell) else cell
 
 
@@ -159,15 +159,15 @@ def _verbatim(cell: Cell, where: str, name: str) -> str:
 
 
 def _word(cell: Cell, what: str) -> str:
-    """Return a cell as a short line of text; raises SourceError, beginning with ``what``, where it is none."""
+    """Return a cell as a short line; raises SourceError, beginning with ``what``, if it is none."""
     text = "" if (cell := _filled(cell)) is None else str(cell).strip()
     if len(text) > _MOST_LABEL or not text.isprintable():
-        raise SourceError(f"{what} is no line of at most {_MOST_LABEL} printable characters")
+        raise SourceError(f"{what} is not one line of at most {_MOST_LABEL} printable characters")
     return text
 
 
 def _number(cell: Cell, what: str, name: str) -> float | int | None:
-    """Return a cell as a number that a reply can have; raises SourceError, beginning with ``what``, else."""
+    """Return a cell as a number of a reply; raises SourceError, beginning with ``what``, else."""
     number = read_number(_filled(cell), what)
     if number is None:
         return None

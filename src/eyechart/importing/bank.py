@@ -1,6 +1,6 @@
-"""Rows and pictures become a bank, or words that say all that is wrong; nothing half-written stays.
+"""Rows and pictures become a bank, or a list of all faults; no partial bank stays.
 
-A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
+A user's picture is copied unchanged, after a check that every program shows the same of it.
 """
 
 from bisect import bisect_left, bisect_right
@@ -63,40 +63,43 @@ MOST_FRAMES = 100_000
 MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
 SAID = "said"
-"""The setting of an imported bank with a line for each thing of the source that is not in it."""
+"""The setting of an imported bank with one line for each part of the source that is not in it."""
 KIND = "kind"
-"""The setting of an imported bank that says by what the kind of its motions was told."""
+"""The setting of an imported bank with the evidence for the kind of its motions."""
 GUESSED = "guessed"
-"""The setting of an imported bank that says which columns were taken by their usual name alone, by place."""
+"""The setting of an imported bank with the columns, by place, that were taken by their usual names
+alone."""
 ALL = "all"
-"""The name of the one scenario, and of the one episode, of a bank whose source records none."""
+"""The name of the only scenario and of the only episode if the source records none."""
 
 Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 """A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
 _MOVED = frozenset({*DISTANCES, *(f"{kind}_m" for kind in reading.PICTURED)})
-"""The columns with the distances of pictures in which one thing was moved; they are in the gap's unit."""
+"""The columns with distances in pictures that moved one thing, in the gap's unit."""
 _NUMBERS = ("gap", "state ", "motion ")
-"""What the places begin with whose cells are numbers."""
+"""The prefixes of the places whose cells are numbers."""
 UNDESCRIBED = "pictures of a camera"
-"""What pictures are where nobody says."""
+"""The default description of the pictures."""
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What the owner of the pictures says of them.
+    """The options of an import.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario, mirror; lead_near, lane_own and the other pictures
-    with one thing changed) to a column, an empty name to none; ``rig`` says which
-    are of several cameras and of the state, and else ``mirror`` is the axis of the one, unless a column says it of each
-    frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
-    frames without episodes to be independent draws, ``prompt_columns`` what a prompt may say, and ``strata`` the
-    columns by which a claim may be asked, besides the scenario. Every ``every``-th frame of an episode is taken.
-    ``convert`` says how pictures are made plain; without it those that are not are refused. With ``keep_repeats`` a
-    recording that is there twice is imported twice. ``numerals`` says how numbers are written and which mean "nothing
-    ahead"; ``strip`` is what the paths of another machine begin with.
-    ``wrong`` says what of this was given in ways that cannot be: faults, as those of the table.
+    ``columns`` maps a place to a column, or to an empty name for none. Places are file, gap,
+    episode, step, scenario, mirror, and the counterfactual pictures such as lead_near and lane_own.
+    ``rig`` declares several cameras and the state. Without it, ``mirror`` is the only camera's
+    axis, unless a column holds it for each frame. ``threshold`` and ``unit`` belong to the gap; a
+    column such as ``gap_m`` implies its unit. ``independent`` declares frames without episodes as
+    independent draws. ``prompt_columns`` are columns that a prompt may state, and ``strata``
+    further groups for a claim next to the scenario. Every ``every``-th frame of an episode is
+    taken. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
+    With ``keep_repeats``, a recording that occurs twice is imported twice. ``numerals`` declares
+    how numbers are written and which mean "nothing ahead". ``strip`` is the prefix of another
+    machine's paths. ``wrong`` lists impossible values among these options, as faults like those of
+    the table.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -124,11 +127,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class Source:
-    """Where pictures come from: the folder, what yields each frame with its own, in any order, and what to record.
-
-    ``settings`` are known before; meanwhile ``converted`` counts what is done to make pictures plain, and ``said``
-    takes a line for what is left out.
-    """
+    """The source of pictures: a folder, a generator of frames with pictures, and settings."""
 
     folder: Path
     pictures: Callable[[Sequence[Frame]], Iterator[Shown]]
@@ -139,7 +138,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Kept:
-    """The rows that become frames, with the number of each in its table, the column of each place, and faults."""
+    """The rows that become frames, with their numbers, the columns of places, and faults."""
 
     rows: list[Row]
     numbers: list[int]
@@ -149,11 +148,11 @@ class Kept:
     log: Log | None = None
 
     def named(self) -> Iterator[tuple[Row, str]]:
-        """Yield the rows with what a message calls each."""
+        """Yield the rows with their names for messages."""
         return zip(self.rows, (f"{self.table.name}, row {number}" for number in self.numbers), strict=True)
 
     def read(self, column: str, reader: Callable[[Cell, str], T], what: str) -> list[T]:
-        """Read the cells of a column, which are ``what``; one that is not is a fault, and left out."""
+        """Read the cells of a column of ``what``; an unreadable cell is a fault, and left out."""
         found = []
         for row, where in self.named():
             with self.faults.noted():
@@ -170,13 +169,13 @@ def import_table(
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
-    """Make a bank at ``out`` of the pictures in ``folder`` that a table (CSV, JSON lines, Parquet) lists.
+    """Make a bank at ``out`` from ``folder``'s pictures that a table lists.
 
-    ``reads`` counts the table as it is read, ``progress`` the frames written. Raises SourceError that names all that is
-    wrong, by row, and leaves nothing at ``out``.
+    The table is CSV, JSON lines or Parquet. ``reads`` counts the rows read, ``progress`` the frames
+    written. Raises SourceError with all faults, by row, and leaves nothing at ``out``.
     """
     if not folder.is_dir():
-        raise SourceError(f"{folder} is no folder, and the pictures are looked for there")
+        raise SourceError(f"{folder} is not a folder; give the folder of the pictures")
     photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip)
     return import_rows(_opened(table, reads, choices), photographs, out, choices, progress)
 
@@ -184,7 +183,7 @@ def import_table(
 def import_rows(
     table: Table, photographs: Photographs, out: Path, choices: Choices, progress: Progress | None = None
 ) -> FrameBank:
-    """Make a bank at ``out`` of the rows of a table that is open, whose pictures are files; see `import_table`."""
+    """Make a bank at ``out`` from an open table's rows and picture files; see `import_table`."""
     kept = keep(table, choices)
     cells = cells_of(kept, choices, photographs.locate)
     if kept.faults:
@@ -204,7 +203,7 @@ def import_rows(
                 yield shown
         kept.faults.require_none(table.name)
         said.extend(
-            [f"{counted(same, 'picture')} of {_RECOLOURED} repeat the file, and count as not taken"][: bool(same)]
+            [f"{counted(same, 'picture')} of {_RECOLOURED} repeat the file, and count as missing"][: bool(same)]
         )
 
     frames = frames_of(kept, choices, cells)
@@ -213,7 +212,7 @@ def import_rows(
 
 
 def _told(rig: reading.Rig | None, kept: Kept) -> dict[str, object]:
-    """Return what to record of the kind of a rig's motions: a warning where the data clearly say another."""
+    """Return the record of a rig's kind of motion, with a warning if the data contradict it."""
     if rig is None or rig.motion is None or kept.log is None:
         return {}
     columns = [column for many in rig.state.values() for column in many]
@@ -225,7 +224,7 @@ def _told(rig: reading.Rig | None, kept: Kept) -> dict[str, object]:
 
 
 def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
-    """Open a table; where it cannot be opened, what is wrong with the choices is said first."""
+    """Open a table; if that fails, faults of the options are reported first."""
     try:
         return open_table(table, reads)
     except SourceError:
@@ -236,7 +235,7 @@ def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
 
 
 def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices) -> Shown:
-    """Return a frame with its pictures, under the names that they get; raises SourceError where one is not plain."""
+    """Return a frame with its pictures and file names; raises SourceError if one is not plain."""
 
     def read(files: Mapping[str, str], under: Callable[[str], str]) -> tuple[dict[str, bytes], dict[str, str]]:
         found = {name: photographs.read(file.removeprefix(under(name)), where) for name, file in files.items()}
@@ -247,7 +246,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     images, files = read(frame.pictures, lambda name: _under(choices, name))
     drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
-    if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # no other picture was taken
+    if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # it is not a separate picture
         changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
     shown = {kind: one for kind, (one, _) in drawn.items()}
     _require_nudged(shown, where)
@@ -260,7 +259,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
 
 
 def _require_nudged(drawn: Mapping[str, Mapping[str, bytes]], where: str) -> None:
-    """Raise SourceError where a picture that is to be another with one value off by one is not."""
+    """Raise SourceError unless a nudged picture differs by one level in one value."""
     for name, of in NUDGES.items():
         for camera, picture in drawn.get(name, {}).items():
             if of not in drawn or not is_nudged(picture, drawn[of][camera]):
@@ -279,23 +278,23 @@ _UNLIKE = (
     ("exchange_beside", "exchange_apart"),
     ("lane_own", "lane_beside"),
 )
-"""Pictures of one moment between which something was moved; one that stays near may be any other."""
+"""Pairs of pictures of one moment that must differ because something was moved."""
 
 
 def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None:
-    """Raise SourceError where two pictures are one between which something was to be moved."""
+    """Raise SourceError if two pictures are equal although something must be moved between them."""
     for one, other in _UNLIKE:
         if one in shown and shown[one] == shown.get(other):
             raise SourceError(
-                f"{where}: {one} and {other} are one picture, and what stands between them is to be moved; leave the "
-                f"cell of a picture that was not taken empty, or the column out (--map {other}=)"
+                f"{where}: {one} and {other} are the same picture, but something must be moved between them. Leave "
+                f"the cell of a missing picture empty, or leave the column out (--map {other}=)"
             )
 
 
 def keep(table: Table, choices: Choices) -> Kept:
-    """Read the rows that become frames; raises SourceError where they are none, or too many to keep.
+    """Read the rows that become frames; raises SourceError if there are none, or too many.
 
-    What is wrong with the choices is a fault of what is returned.
+    Faults of the options are among the faults of the result.
     """
     faults = table.faults
     faults.take(choices.wrong)
@@ -339,15 +338,15 @@ def keep(table: Table, choices: Choices) -> Kept:
 
 
 def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
-    """Return the columns whose cells are words: files, names, what a prompt says."""
+    """Return the columns whose cells are words: files, names and prompt texts."""
     numbers = (*_NUMBERS, "step")
     return {*choices.prompt_columns, *(column for place, column in places.items() if not place.startswith(numbers))}
 
 
 def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str], faults: Faults) -> Row:
-    """Return a row whose distances are numbers without their unit; the gap is empty where a mark says so.
+    """Return a row with distances as plain numbers; the gap is None at a "nothing ahead" mark.
 
-    Another unit is a fault of the gap; the distances of what was moved are converted to the gap's.
+    Another unit is a fault of the gap; distances of moved things are converted to the gap's unit.
     """
     column, cells = places.get("gap"), dict(row)
     if column is None:
@@ -362,27 +361,27 @@ def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str],
 
 
 def _whole(table: Table) -> Iterator[Row]:
-    """Yield a table's rows as far as it can be read; where that ends too early is one fault among the others."""
+    """Yield a table's rows as far as possible; an early end is one fault among the others."""
     with table.faults.noted():
         yield from table.rows
 
 
 def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:
-    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow.
+    """Return the log of a rig's motions; None without motions, or without one of their columns.
 
-    None where a column of theirs is not in the table, which is a fault already.
+    A missing column is a fault already. Without episodes it is unknown which steps follow a row.
     """
     if choices.rig is None or choices.rig.motion is None:
         return None
     if "episode" not in places:
-        faults.add(f"--rig: a motion is of the steps that follow; say which column is the episode: {table.name}")
+        faults.add(f"--rig: a motion needs the steps that follow; name the episode's column of {table.name}")
     known = all(one.column in table.columns for one in choices.rig.motion.number)
     state = [column for many in choices.rig.state.values() for column in many]
     return Log(choices.rig.motion, state, faults, table.name) if known else None
 
 
 def _letters(row: Row, where: str, faults: Faults) -> int:
-    """Return the characters that a row takes, with an allowance for each cell; one that is too long is a fault."""
+    """Return a row's characters with an allowance for each cell; a too long cell is a fault."""
     for name, cell in row.items():
         if isinstance(cell, str) and len(cell) > MOST_CELL:
             faults.add(f"{where}: '{name}' has more than {MOST_CELL} characters")
@@ -398,12 +397,12 @@ def _check_count(table: Table, rows: int, frames: int) -> None:
 
 def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
     if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
-        faults.add(f"the gap '{places['gap']}' needs what counts as near: --threshold and --unit, for example 18 and m")
+        faults.add(f"the gap '{places['gap']}' needs a limit of near: --threshold and --unit, for example 18 and m")
     named = unit_of(places["gap"]) if "gap" in places else None
     if named and choices.unit and (unit_named(choices.unit) or choices.unit) != named:
         faults.add(
             f"--unit {choices.unit}: the gap's column '{places['gap']}' says {named}; leave out --unit, or rename the "
-            "column where its name is wrong"
+            "column if its name is wrong"
         )
     if "gap" not in places and choices.threshold is not None and not choices.columns.get("gap"):
         has = reading.no_column("gap", table.columns, table.name)
@@ -433,16 +432,16 @@ def _check_strata(choices: Choices, places: Mapping[str, str], table: Table, fau
 
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:
-    """Return the unit of the gap: that which was given, or that in its column's name."""
+    """Return the unit of the gap, as given or as in its column's name."""
     return choices.unit or unit_of(places["gap"]) or ""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """What the rows say, column by column, each as long as the rows where nothing in it is wrong.
+    """The cells by column; each column has a cell for every row if it has no faults.
 
-    ``pictures`` maps a camera to its files, ``changed`` a kind of pictures with one thing changed to the same, where an
-    empty name is a picture that was not taken.
+    ``pictures`` maps a camera to its files. ``changed`` maps a kind of counterfactual picture to
+    such a mapping, in which an empty name is a missing picture.
     """
 
     pictures: Mapping[str, list[str]]
@@ -455,16 +454,16 @@ class Cells:
     placed: tuple[list[str], list[str], list[int]]
 
     def files(self) -> Iterator[tuple[str, str]]:
-        """Yield every picture's file, and what a message calls its row; a file that is wrong is left out."""
+        """Yield every picture's file, and its row's name for messages, without faulty files."""
         for columns in (self.pictures, *self.changed.values()):
             for files in columns.values():
                 yield from ((where, file) for where, file in zip(self.named, files, strict=True) if file)
 
 
 def cells_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -> Cells:
-    """Read the cells of all columns; what is wrong is noted as a fault of ``kept``, by row.
+    """Read the cells of all columns; faults are noted in ``kept``, by row.
 
-    ``locate`` makes a path of a file's name; no picture is looked at.
+    ``locate`` makes a path of a file's name; no picture is opened.
     """
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
     first, *others = (one.name for one in cameras)
@@ -493,7 +492,7 @@ def cells_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) ->
 
 
 def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
-    """Return the columns of ground truth, the gap the last of them."""
+    """Return the columns of ground truth; the gap is last."""
     names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, Sequence[Scalar]] = {}
     numbers = [column for place, column in kept.places.items() if place.startswith(_NUMBERS)]
@@ -515,9 +514,9 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
 
 
 def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
-    """Note as faults the distances that no world has, of the gap and of pictures at a distance of their own."""
+    """Note impossible distances as faults, of the gap and of counterfactual pictures."""
     named, marks = [where for _, where in kept.named()], not kept.faults
-    if len(truth[gap]) == len(named):  # else some of its cells are faults
+    if len(truth[gap]) == len(named):  # else some of its cells have faults
         numbers = [one if isinstance(one, int | float) else None for one in truth[gap]]
         kept.faults.take(odd_gaps(numbers, named, choices.numerals, gap, marks=marks))
     for name in sorted(_MOVED & truth.keys()):
@@ -527,12 +526,12 @@ def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[
 
 
 def _read_moved(cell: Cell, what: str) -> float | None:
-    """Return a distance of what was moved, None where there is nothing; no mark is declared of it."""
+    """Return a moved thing's distance, None for an empty cell; marks do not apply here."""
     return None if is_nothing(cell, "none") else read_number(cell, what, marks=False)
 
 
 def _read_axis(cell: Cell, what: str) -> MirrorAxis:
-    """Return a cell as a mirror axis, none where it is empty; raises SourceError where it is none."""
+    """Return a cell as a mirror axis, none if empty; raises SourceError for another word."""
     try:
         return read_axis(str(cell).strip().lower() if cell is not None else "none")
     except ValueError as error:
@@ -540,7 +539,7 @@ def _read_axis(cell: Cell, what: str) -> MirrorAxis:
 
 
 def _check_taken(kept: Kept, changed: Mapping[str, Mapping[str, list[str]]]) -> None:
-    """Note as a fault where a picture with one thing changed was taken by some cameras of a rig, and not by others."""
+    """Note as a fault a counterfactual picture that only some cameras of a rig have."""
     for kind, columns in changed.items():
         for (_, where), files in zip(kept.named(), zip(*columns.values(), strict=True), strict=True):
             if any(files) and not all(files):
@@ -549,7 +548,7 @@ def _check_taken(kept: Kept, changed: Mapping[str, Mapping[str, list[str]]]) -> 
 
 
 def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
-    """Return the frames that the cells say, no picture looked at yet; raises SourceError where any was a fault."""
+    """Return the frames of the cells, without opening pictures; raises SourceError for a fault."""
     kept.faults.require_none(kept.table.name)
     scenarios, episodes, steps = cells.placed
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
@@ -591,17 +590,17 @@ def _states(rig: reading.Rig, kept: Kept) -> dict[str, list[tuple[float, ...]]]:
 
 
 def _under(choices: Choices, camera: str) -> str:
-    """Return the folder of the bank in which a camera's pictures lie, as they lie in their own."""
+    """Return the bank's folder for a camera's pictures."""
     return "images/" if choices.rig is None else f"images/{camera}/"
 
 
 def _beside(choices: Choices, kind: str, camera: str) -> str:
-    """Return the folder of the bank for pictures with one thing changed; they may be other frames' true ones."""
+    """Return the bank's folder for counterfactual pictures, which may also be other frames' own."""
     return f"counterfactuals/{kind}/" if choices.rig is None else f"counterfactuals/{kind}/{camera}/"
 
 
 def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str]:
-    """Return the file of each row, empty where a cell is that may be, or is wrong."""
+    """Return the file of each row, empty for an allowed empty cell and for a fault."""
     if role not in kept.places:
         return [""] * len(kept.rows)
     first: dict[str, int] = {}
@@ -614,7 +613,7 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
             with kept.faults.noted():
                 file = locate(read_key(cell, what), what)
         if file and file in first:
-            kept.faults.add(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
+            kept.faults.add(f"{where}: '{file}' is already in row {first[file]}; a picture is one frame")
             file = ""
         first[file] = number
         files.append(file)
@@ -622,9 +621,10 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
 
 
 def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], list[int]]:
-    """Return every frame's scenario, episode and step; those that the source does not record are made up here.
+    """Return every frame's scenario, episode and step, with defaults for missing columns.
 
-    Without episodes all frames are one, which no test can take for many; declared independent, each is its own.
+    Without episodes all frames are one episode, which no test counts as many. Frames that are
+    declared independent are an episode each.
     """
 
     def read(place: str, reader: Callable[[Cell, str], T]) -> list[T]:
@@ -641,7 +641,7 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
         if place in kept.places:
             _check_alike(kept, place, labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
-        return scenarios, episodes, steps  # some of their cells are faults
+        return scenarios, episodes, steps  # some of their cells have faults
     if {"scenario", "episode"} <= kept.places.keys() and len(set(zip(scenarios, episodes, strict=True))) > len(
         set(episodes)
     ):
@@ -653,10 +653,11 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
 
 
 def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
-    """Note as a fault where an episode goes through several scenarios: its parts would count as so many drives.
+    """Note as a fault an episode in several scenarios: its parts would count as separate drives.
 
-    Where a step of one name stands in two scenarios, or other episodes lie between its parts, as where frames are
-    counted through, its names recur, and are other drives; without steps nobody knows.
+    Repeated names of different drives are no fault. They show by a step that occurs in two
+    scenarios, or by other episodes between the parts, as in frames that are numbered throughout.
+    Without steps there is no decision.
     """
     where: dict[tuple[str, int], str] = {}
     rows = [*zip(episodes, steps, scenarios, strict=False)]
@@ -669,25 +670,25 @@ def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], 
     within = {one: scenario for one, _, scenario in reversed(rows)}
     one, scenario = next((one, scenario) for one, _, scenario in rows if within[one] != scenario)
     kept.faults.add(
-        f"{kept.table.name}: episode '{one}' goes through the scenarios '{within[one]}' and '{scenario}', and whole "
-        "episodes are exchanged within a scenario, so that its parts would count as so many drives: leave the scenario "
-        "out with --map scenario=, or, where these are other drives of one name, give each its own"
+        f"{kept.table.name}: episode '{one}' goes through the scenarios '{within[one]}' and '{scenario}'. Whole "
+        "episodes are exchanged within a scenario, so its parts would count as separate drives: leave the scenario "
+        "out with --map scenario=, or give different drives different names"
     )
 
 
 def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:
-    """Note as faults the names of a place that look the same, and would be two; see `costs` for other letters."""
+    """Note names of a place that look the same as faults; `costs` reports other spellings."""
     first: dict[str, str] = {}
     for label in dict.fromkeys(labels):
         if (other := first.setdefault(alike(label), label)) != label:
             kept.faults.add(
                 f"{kept.table.name}: the {place} '{kept.places[place]}' is {label!a} in some rows and {other!a} in "
-                f"others: if that is one {place}, write it alike; if it is two, call them otherwise"
+                f"others: if that is one {place}, use one spelling; if it is two, use two distinct names"
             )
 
 
 def _check_steps(kept: Kept) -> None:
-    """Note as a fault where a step of an episode stands twice; a row with a cell that cannot be read says nothing."""
+    """Note as a fault a step that occurs twice in an episode; unreadable rows are skipped."""
     if not {"episode", "step"} <= kept.places.keys():
         return
     scenario, seen = kept.places.get("scenario"), set[tuple[str, str, int]]()
@@ -699,12 +700,12 @@ def _check_steps(kept: Kept) -> None:
                 read_step(row.get(kept.places["step"]), ""),
             )
             if key in seen:
-                kept.faults.add(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
+                kept.faults.add(f"{where}: step {key[2]} of episode '{key[1]}' occurs twice; a step is one frame")
             seen.add(key)
 
 
 def _described(picture: str, frames: Sequence[Frame]) -> str:
-    """Return what the pictures are: in the words that were given, else by their cameras where there are several."""
+    """Return the description of the pictures: as given, or by their cameras if several."""
     names = [one.name for one in frames[0].cameras] if frames else []
     if picture != UNDESCRIBED or len(names) < 2:
         return picture
@@ -756,9 +757,9 @@ def write(
 
 
 def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:
-    """Note the episodes that are others again, and leave them out, but where they are to be kept.
+    """Note repeated episodes, and leave them out unless they are to be kept.
 
-    Raises SourceError where one would be left out whose gap is another: nobody knows which of both is right.
+    Raises SourceError if a repeated moment has another gap: it is unknown which one is right.
     """
     found = repeats(added, writer.read, writer.digest)
     column = "" if gap is None else gap.column
@@ -767,10 +768,10 @@ def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, k
         if None in (told, before) or told == before:
             continue
         same = [[*map(writer.digest, frame.pictures.values())] for frame in (one, other)]
-        if same[0] == same[1]:  # moments of a standstill have one state, and may be others
+        if same[0] == same[1]:  # moments of a standstill share a state, and may still differ
             raise SourceError(
-                f"'{one.id}' shows what '{other.id}' does, in a recording that is there twice, and the gap '{column}' "
-                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other: correct it, leave one "
+                f"'{one.id}' and '{other.id}' show the same, in a recording that occurs twice, but the gap '{column}' "
+                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other. Correct it, leave one "
                 "recording out of the table, or import both with --keep-repeats"
             )
     if found:
@@ -784,7 +785,7 @@ def _said_gap(cell: Scalar) -> str:
 
 
 def _declared(kept: Kept, choices: Choices) -> dict[str, object]:
-    """Return what to record of how the table was read, where it was not the usual way."""
+    """Return the record of unusual ways in which the table was read."""
     numerals, marks = choices.numerals, choices.numerals.no_lead
     guessed = {
         place: column

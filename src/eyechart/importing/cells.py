@@ -1,4 +1,4 @@
-"""A cell of a table, and how one is read as what its place needs: a number, a step, a name, ground truth."""
+"""Cells of a table, read as a number, a step, a name or ground truth."""
 
 import math
 import re
@@ -14,26 +14,27 @@ from eyechart.records import LARGEST
 Cell = str | int | float | bool | None
 Row = Mapping[str, Cell]
 Progress = Callable[[int, int], None]
-"""Called with (done, in all) while a long work goes on."""
+"""Called with (done, total) during long work."""
 
 MOST_CELL = 100_000
-"""Characters of one cell."""
+"""The most characters of one cell."""
 
 _NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?([eE][+-]?\d+)?|[+-]?\.\d+([eE][+-]?\d+)?")
 _ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
-"""Zeros at the head of a number, as counters are padded; a column that nobody named as a number keeps them as words."""
+"""Leading zeros of a padded counter. A column that was not declared as numbers keeps them as
+text."""
 _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
 
 _NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
-"""What programs write in place of a cell that is empty, in small letters."""
+"""Lower-case words that programs write into empty cells."""
 
 
 def is_nothing(cell: Cell, *words: str) -> bool:
-    """Return whether a cell has no value: it is blank, no number, or a word that programs write for that.
+    """Return whether a cell is empty: blank, NaN, or a word that programs write for that.
 
-    Such are ``words`` too, in small letters.
+    ``words`` are further such words, in lower case.
     """
     if isinstance(cell, float):
         return math.isnan(cell)
@@ -42,7 +43,10 @@ def is_nothing(cell: Cell, *words: str) -> bool:
 
 
 def alike(label: str) -> str:
-    """Return what names that look the same have in common: no invisible sign, no blank to pad, no point at the end."""
+    """Return the common form of names that look the same.
+
+    It has no invisible characters, no extra spaces, and no trailing decimal point.
+    """
     seen = (one for one in unicodedata.normalize("NFKC", label) if unicodedata.category(one) != "Cf")
     text = " ".join("".join(seen).split())
     number = re.fullmatch(r"[+]?(\d+)(?:\.0*)?", text)
@@ -50,37 +54,38 @@ def alike(label: str) -> str:
 
 
 def loosely_alike(label: str) -> str:
-    """Return what names have in common that differ in small letters and leading zeros alone."""
+    """Return the common form of names that differ only in case and leading zeros."""
     text = alike(label).casefold()
     return text.lstrip("0") or "0" if text.isdigit() else text
 
 
 def plain_name(column: str) -> str:
-    """Return a column's name as it is compared: in small letters, with '_' for blanks and hyphens."""
+    """Return a column's name for comparisons: in lower case, with '_' for spaces and hyphens."""
     return re.sub(r"[\s-]+", "_", column.strip().lower())
 
 
 def read_number(cell: Cell, what: str, *, marks: bool = True) -> float | None:
-    """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
+    """Return a cell as a finite number, None if empty.
 
-    Zeros at its head are no part of a number. With ``marks`` the message says how a mark is declared.
+    ``what`` names row and column in the SourceError. Leading zeros are ignored. With ``marks`` the
+    message says how to declare a mark for "nothing ahead".
     """
     advice = _marked(cell) if marks else ""
     if cell is None:
         return None
     number = _number(cell)
     if number is None:
-        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none{advice}")
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty if there is none{advice}")
     return _held(number, what, advice)
 
 
 def _marked(cell: Cell) -> str:
-    """Return how a cell is declared to mean "nothing ahead", where it is short enough to be a mark."""
+    """Return the advice that declares a cell as "nothing ahead", if it is short enough."""
     return f", or say --no-lead {cell}" if len(str(cell)) <= 30 and " " not in str(cell) else ""
 
 
 def read_part(cell: Cell, what: str) -> float:
-    """Return a cell as one number of a state; raises SourceError, beginning with ``what``, where it is none."""
+    """Return a cell as one number of a state; raises SourceError, beginning with ``what``."""
     number = _number(cell)
     if number is None:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; every row needs all numbers of a state")
@@ -88,14 +93,14 @@ def read_part(cell: Cell, what: str) -> float:
 
 
 def _held(number: float, what: str, advice: str = "") -> float:
-    """Return a number that a bank can hold; raises SourceError, beginning with ``what``, for a greater one."""
+    """Return a number that a bank can hold; raises SourceError for a greater one."""
     if not abs(number) <= LARGEST:
         raise SourceError(f"{what} is {number:g}, not a number up to {LARGEST:g}{advice}")
     return number
 
 
 def _number(cell: Cell) -> float | None:
-    """Return a cell as a finite number, None where it is none."""
+    """Return a cell as a finite number, None if it is none."""
     if isinstance(cell, str) and _NUMBER.fullmatch(_ZEROS.sub("", cell.strip(), count=1)):
         cell = float(cell)
     if cell is None or isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
@@ -104,23 +109,23 @@ def _number(cell: Cell) -> float | None:
 
 
 def read_step(cell: Cell, what: str) -> int:
-    """Return a cell as a whole number; raises SourceError, beginning with ``what``, where it is none."""
+    """Return a cell as a whole number; raises SourceError, beginning with ``what``."""
     number = _number(cell)
     if number is not None and number == int(number) and abs(number) > _EXACT:
         raise SourceError(
-            f"{what} is {_quoted(cell)}, too large for a step, which counts the frames of an episode; a time in "
-            "nanoseconds is none: leave the column out with --map step=, and the rows count in their order"
+            f"{what} is {_quoted(cell)}, too large for a step, which counts the frames of an episode. A time in "
+            "nanoseconds is not a step: leave the column out with --map step=, and the rows count in their order"
         )
     if number is None or number != int(number):
         raise SourceError(
-            f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode: every row needs "
-            "one, or none: leave the column out with --map step="
+            f"{what} is {_quoted(cell)}, not a whole number. A step counts the frames of an episode, and every row "
+            "needs one; else leave the column out with --map step="
         )
     return int(number)
 
 
 def read_label(cell: Cell, what: str) -> str:
-    """Return a cell as a name; 3.0 is '3'. Raises SourceError, beginning with ``what``, where it is empty."""
+    """Return a cell as a name (3.0 is '3'); raises SourceError if empty."""
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )
@@ -130,7 +135,7 @@ def read_label(cell: Cell, what: str) -> str:
 
 
 def read_key(cell: Cell, what: str) -> str:
-    """Return a cell as the name of a file or an episode, which is none that programs write for nothing."""
+    """Return a cell as a file's or an episode's name; words for an empty cell are refused."""
     text = read_label(cell, what)
     if is_nothing(text, "none"):
         raise SourceError(_lacking(what, repr(text)))
@@ -138,21 +143,22 @@ def read_key(cell: Cell, what: str) -> str:
 
 
 def _lacking(what: str, said: str) -> str:
-    return f"{what} is {said}; every row needs one, or none: leave the column out with an empty --map"
+    return f"{what} is {said}; every row needs one; else leave the column out with an empty --map"
 
 
 def read_said(cell: Cell, what: str) -> Scalar:
-    """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
+    """Return a cell unchanged as a prompt states it; raises SourceError if it is empty."""
     blank = isinstance(cell, str) and cell != "" and cell.strip().lower() in {"", "nan"}
     if cell is None or blank or (isinstance(cell, float) and not math.isfinite(cell)):
-        raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
+        raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs a value in every row")
     return cell
 
 
 def read_truth(cells: Sequence[Cell], named: Iterable[str], *, typed: bool, faults: Faults) -> list[Scalar]:
-    """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides.
+    """Return a column of ground truth, all numbers or all words.
 
-    ``named`` says what a message calls each cell; one that no bank can hold is a fault.
+    In a column that is not ``typed``, the text of its cells decides. ``named`` names each cell for
+    messages; a cell that no bank can hold is a fault.
     """
     have = [cell for cell in cells if cell is not None]
     if not typed and (read := _numbers(have)) is not None:
@@ -170,7 +176,7 @@ def read_truth(cells: Sequence[Cell], named: Iterable[str], *, typed: bool, faul
 
 
 def _numbers(cells: Sequence[Cell]) -> list[float] | None:
-    """Return cells of text as exact numbers, whole ones where all are; None where they are no such."""
+    """Return texts as exact numbers, integers if all are; None if any is not a number."""
     texts = [str(cell).strip() for cell in cells]
     if not all(map(_NUMBER.fullmatch, texts)) or not all(abs(float(text)) < _EXACT for text in texts):
         return None

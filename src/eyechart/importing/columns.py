@@ -1,4 +1,4 @@
-"""Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
+"""The places of columns: picture, gap, episode and so on; the others become ground truth."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -18,7 +18,7 @@ from eyechart.spaces.discrete import read_toml
 from eyechart.spaces.motion import MotionSpace
 
 PICTURED = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
-"""Places of pictures of the same moment with one thing changed; a cell may be empty."""
+"""Places of counterfactual pictures, which change one thing of the moment; a cell may be empty."""
 
 ROLES: dict[str, tuple[str, ...]] = {
     "file": ("file", "file_name"),
@@ -29,7 +29,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "mirror": ("mirror_axis",),
     **{name: (name, f"{name}{FILE_SUFFIX}") for name in PICTURED},
 }
-"""The places of a bank, each with the columns that are its own."""
+"""The places of a bank, each with its own column names."""
 
 USUAL: dict[str, tuple[str, ...]] = {
     "file": (
@@ -45,9 +45,10 @@ USUAL: dict[str, tuple[str, ...]] = {
     "step": ("frame_index", "frame_number", "tick", "timestep", "time_step", "frame_no", "frame_idx", "step_index"),
     "scenario": ("scenario_name", "place", "environment", "location", "scene"),
 }
-"""Columns that are usually called so, taken in this order where the table has none of the place's own.
+"""Usual names of columns, in this order, for a table without a place's own name.
 
-None is here that is as often something else: a column ``frame`` may be a number, a name or a file.
+A name that is as often something else is left out: a column ``frame`` may be a number, a name or a
+file.
 """
 
 _DISTANCE = re.compile(r"(?:^|_)(gap|distance|dist|range|headway|clearance|lidar|radar|sonar|ultrasonic)(?:_|$)")
@@ -60,9 +61,9 @@ def is_distance(column: str) -> bool:
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera of a rig, the column of its pictures, and those of its pictures with one thing changed.
+    """A camera of a rig, the column of its pictures, and the columns of its counterfactuals.
 
-    Of a LeRobotDataset the name is that of its camera, and there is no column.
+    In a LeRobotDataset the name is that of its camera, and there is no column.
     """
 
     name: str
@@ -73,9 +74,9 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The cameras of a table, the columns of each state's numbers, and those of the motion that was logged.
+    """The cameras of a table, and the columns of its states and of its logged motion.
 
-    And what state and motion are in the reflected world, where somebody says it.
+    ``reflection`` declares state and motion in the reflected world.
     """
 
     camera: Annotated[tuple[Column, ...], msgspec.Meta(min_length=1)]
@@ -90,16 +91,16 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def space(self) -> MotionSpace | None:
-        """Return what the logged motions are, None where there are none."""
+        """Return the space of the logged motions, None without motions."""
         return None if self.motion is None else self.motion.space(self.state, self.reflection)
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Return which pictures with one thing changed it has, the same of every camera."""
+        """Return the kinds of counterfactual pictures, which are equal for all cameras."""
         return tuple(self.camera[0].changed)
 
     def places(self) -> dict[str, str]:
-        """Return the columns that it takes by what they are; the first camera's is the file."""
+        """Return the columns by their places; the first camera's is the file."""
         first, *others = self.camera
         taken = {"file": first.column, **{f"camera {one.name}": one.column for one in others}}
         taken |= {f"{kind} {one.name}": column for one in self.camera for kind, column in one.changed.items()}
@@ -110,12 +111,13 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_rig(path: Path, *, of_table: bool = True) -> Rig:
-    """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
+    """Read a rig from a TOML file.
 
-    ``[camera.changed]`` names the columns of its pictures with one thing changed. ``[motion]`` says what was logged
-    (`Logged`), each number a ``[[motion.number]]``, and ``[reflection]`` what the reflected world has (`Reflection`).
-    One that is not ``of_table`` has cameras and ``[reflection]`` alone. Raises SpecError naming the file and what is
-    wrong in it.
+    Each ``[[camera]]`` has name, column, mirror_axis and mirrors. ``[camera.changed]`` names the
+    columns of its counterfactual pictures, and ``[state]`` those of each state. ``[motion]``
+    declares the log (`Logged`), with a ``[[motion.number]]`` for each number, and ``[reflection]``
+    the reflected world (`Reflection`). A rig that is not ``of_table`` has cameras and
+    ``[reflection]`` alone. Raises SpecError with the file and the fault.
     """
     with raising(SpecError, f"{path} is no rig of cameras", of=(msgspec.ValidationError, BankError, SpecError)):
         rig = msgspec.convert(read_toml(path), Rig)
@@ -131,20 +133,20 @@ def read_rig(path: Path, *, of_table: bool = True) -> Rig:
 def _require_columns(rig: Rig) -> None:
     for one in rig.camera:
         if not one.column:
-            raise SpecError(f"camera '{one.name}' has no column: which one of the table names its pictures?")
+            raise SpecError(f"camera '{one.name}' has no column; name the table's column of its pictures")
     if rig.reflection is not None and rig.motion is None:
-        raise SpecError("[reflection] says what a reflected motion is, and there is no [motion]")
+        raise SpecError("[reflection] declares a reflected motion, but there is no [motion]")
 
 
 def _require_no_columns(rig: Rig) -> None:
     own = [f"camera '{one.name}': column" for one in rig.camera if one.column or one.changed]
     own += [name for name, there in (("[state]", rig.state), ("[motion]", rig.motion)) if there]
     if own:
-        raise SpecError(f"{own[0]} is for a --table; a LeRobotDataset says itself where its pictures and numbers are")
+        raise SpecError(f"{own[0]} is for a --table; a LeRobotDataset declares its pictures and numbers itself")
 
 
 def _require_axes(rig: Rig) -> None:
-    """Raise SpecError where a reflection is declared, and a camera says not how its pictures are reflected."""
+    """Raise SpecError if a reflection is declared and a camera has no mirror axis."""
     lacking = [one.name for one in rig.camera if one.mirror_axis == "none"]
     if rig.reflection is not None and lacking:
         raise SpecError(f"[reflection] needs the mirror_axis of every camera; '{lacking[0]}' has none")
@@ -167,11 +169,10 @@ def places(
     kept: Collection[str] = (),
     own: Collection[str] = (),
 ) -> dict[str, str]:
-    """Return the column of each place that has one, and those that a rig takes; an empty name leaves a place without.
+    """Return the column of each place that has one, with a rig's; an empty name means none.
 
-    A column that is only usually called so is not taken for a place of ``own``, nor where it is one of ``kept``. An
-    unknown place, a column that the table has not (with the nearest that it has), and one that is two places is a
-    fault.
+    A usual name is not taken for a place of ``own``, nor if it is one of ``kept``. An unknown
+    place, an unknown column and a column with two places are faults.
     """
     roles = {place: names for place, names in ROLES.items() if rig is None or place not in {*PICTURED, "mirror"}}
     of_rig = {} if rig is None else rig.places()
@@ -190,11 +191,11 @@ def places(
 
 
 def _require_one(place: str, column: str, table: Table, faults: Faults) -> None:
-    """Note as a fault where a column was taken by its name, and another has the same one in other letters."""
+    """Note as a fault a column taken by its name if another has the same name in other letters."""
     same = [one for one in table.columns if column and plain_name(one) == plain_name(column)]
     if len(same) > 1:
         named = "' and '".join(same)
-        faults.add(f"{table.name} has the columns '{named}': say with --map {place}=COLUMN which of them is meant")
+        faults.add(f"{table.name} has the columns '{named}': choose one with --map {place}=COLUMN")
 
 
 def _given(
@@ -213,7 +214,7 @@ def _given(
     for place, column in of_rig.items():
         if column not in table.columns:
             faults.add(
-                f"--rig: the {place} is to be in column '{column}': {no_column(column, table.columns, table.name)}"
+                f"--rig: the {place} is declared as column '{column}': {no_column(column, table.columns, table.name)}"
             )
         else:
             found[place] = column
@@ -221,21 +222,21 @@ def _given(
 
 
 def _require_once(found: Mapping[str, str], faults: Faults) -> None:
-    """Note as a fault where a column has several places."""
+    """Note as a fault a column with several places."""
     for column in dict.fromkeys(found.values()):
         if len(several := [place for place, one in found.items() if one == column]) > 1:
             faults.add(f"column '{column}' cannot be {' and '.join(several)} at once")
 
 
 def _called(own: Sequence[str], usual: Sequence[str], columns: Sequence[str], taken: Collection[str]) -> str:
-    """Return the column that is called so, or usually so in whatever letters and not taken; "" where none is."""
+    """Return the column with a place's own name, or with a usual name that is free; else ""."""
     by_name = {plain_name(column): column for column in reversed(columns) if column not in taken}
     named = [*(one for one in own if one in columns), *(by_name[one] for one in usual if one in by_name)]
     return next(iter(named), "")
 
 
 def no_column(column: str, columns: Sequence[str], table: str) -> str:
-    """Say that a table has no such column, which one may be meant, and which there are."""
+    """Return the message of an unknown column, with the nearest and with all columns."""
     return f"{table} has no column '{column}';{meant(column, columns)} {_has(columns)}"
 
 
@@ -245,6 +246,6 @@ def _has(columns: Sequence[str]) -> str:
 
 
 def others(taken: Mapping[str, str], said: Sequence[str], columns: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the columns that are kept as ground truth, and those left out because a bank needs their names."""
+    """Return the columns kept as ground truth, and those left out as reserved names."""
     free = [name for name in columns if name and name not in {*taken.values(), *said}]
     return [name for name in free if not is_reserved(name)], [name for name in free if is_reserved(name)]

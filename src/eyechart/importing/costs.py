@@ -1,4 +1,4 @@
-"""What an import took of a source, and what the columns that are missing or were guessed cost the verdict."""
+"""What an import took from a source, and the tests that missing or guessed columns cost."""
 
 import math
 import re
@@ -20,26 +20,26 @@ from eyechart.importing.repeats import REPEATS, in_words
 from eyechart.spaces.motion import PLACES, MotionSpace
 
 _LARGE = 3_000_000
-"""Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
+"""Pixels above which a picture is sent as 5 MB or more, at 1.7 bytes a pixel of a photograph."""
 _SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
 LEAST_BOUNDED = 6
-"""Episodes below which no share of a policy's channel is bounded (docs/decisions/policies.md)."""
+"""The fewest episodes for a bound on a policy channel's share (docs/decisions/policies.md)."""
 _PRICES = {
     "gap": "decisions are held to it as the distance",
     "episode": "its frames are one draw, and are exchanged whole",
     "step": "it orders the frames of an episode",
     "scenario": "other frames are shown within a scenario, and across",
 }
-"""What a place that was guessed means for the verdict."""
+"""The effect of a guessed place on the verdict."""
 _LEAST_WAYS = 200
-"""Ways to exchange episodes below which the test of distance cannot reach its level of .01 on two sides."""
+"""The fewest ways to exchange episodes for the distance test's two-sided level of .01."""
 _MANY = 12
 
 
 def taken(bank: FrameBank) -> list[str]:
-    """Return what an imported bank took: columns of other names, how pictures changed, what its motions are.
+    """Return what an imported bank took: renamed columns, conversions, motions and repeats.
 
-    And which episodes are others again.
+    One line for each.
     """
     settings = bank.manifest.settings
     lines = [*_columns_taken(bank)]
@@ -55,14 +55,14 @@ def taken(bank: FrameBank) -> list[str]:
 
 
 def _said(settings: Mapping[str, object]) -> Iterator[str]:
-    """Yield what an import said of the kind of its motions, and of what it left out."""
+    """Yield an import's notes on the kind of its motions and on the parts left out."""
     told = settings.get(KIND)
     for many in (told.get("said") if isinstance(told, dict) else None, settings.get(SAID)):
         yield from map(str, many if isinstance(many, list) else ())
 
 
 def _columns_taken(bank: FrameBank) -> Iterator[str]:
-    """Yield which columns of other names than their places were taken: those that were given, and those guessed."""
+    """Yield the columns with other names than their places: given ones, and guessed ones."""
     columns = bank.manifest.settings.get("columns")
     own = {(place, of) for place, names in reading.ROLES.items() for of in names}
     found = {} if not isinstance(columns, dict) else {one: columns[one] for one in columns if one in reading.ROLES}
@@ -93,16 +93,16 @@ _PLACED = {
     "exchange_own": EXCHANGE,
     "exchange_beside": EXCHANGE,
 }
-"""The pictures that are at a distance of their own, and its column."""
+"""The counterfactual pictures with a distance of their own, and its column."""
 
 
 def costs(bank: FrameBank) -> list[str]:
-    """Return what the bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
+    """Return one line for each test that the bank's missing columns make impossible."""
     manifest, lines = bank.manifest, []
     if manifest.motion is not None:
         return _costs_of_policies(bank, manifest.motion)
     if manifest.gap is None:
-        lines.append("no gap: whether decisions follow distance is not tested (depth_observational cannot say)")
+        lines.append("no gap: the test of distance is not run (depth_observational cannot say)")
         lines += _like_a_gap(bank)
     elif "episode" in manifest.absent and not manifest.independent:
         lines.append("no episodes, and not declared --independent: the gap tests cannot say")
@@ -114,12 +114,12 @@ def costs(bank: FrameBank) -> list[str]:
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
-        f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
+        f"{name}: {lacking} of {len(bank)} frames have no such picture, and are left out of its tests"
         for name, lacking in undrawn_controls(bank).items()
     ]
     lines += _moved_in(bank)
     lines += [
-        f"no {column} for some pictures of {name}: these are in no range of distances that is tested"
+        f"no {column} for some pictures of {name}: these are left out of the tests by distance"
         for name, column in _PLACED.items()
         if any(name in one.counterfactuals and one.truth.get(column) is None for one in bank)
     ]
@@ -136,22 +136,22 @@ def costs(bank: FrameBank) -> list[str]:
 
 
 def _moved_in(bank: FrameBank) -> Iterator[str]:
-    """Yield in what unit the distances of what was moved are, where their columns' names end with another."""
+    """Yield the unit of moved things' distances if their columns' names end with another."""
     gap, moved = bank.manifest.gap, sorted({name for one in bank for name in one.placed})
     if gap is not None and moved and unit_named(gap.unit) != "m":
-        yield f"{', '.join(moved)}: read in {gap.unit}, as the gap"
+        yield f"{', '.join(moved)}: read in {gap.unit}, like the gap"
 
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:
-    """Yield which names of episodes recur in other scenarios, and which moments stand there in two drives."""
+    """Yield repeated names of episodes, and moments that occur in two drives."""
     absent = bank.manifest.absent
     drives = Counter(episode for episode, _ in {(frame.episode, frame.scenario) for frame in bank})
     again = 0 if "episode" in absent else sum(count > 1 for count in drives.values())
-    recur = len({(frame.episode, frame.step) for frame in bank}) < len(bank)  # a step of one name, twice
+    recur = len({(frame.episode, frame.step) for frame in bank}) < len(bank)  # a step occurs twice
     if again and ("step" in absent or not recur):
         yield (
-            f"{counted(again, 'episode name', 'stand')} in several scenarios: another drive in each; where one drive "
-            "went through several, --map scenario= leaves them out"
+            f"{counted(again, 'episode name', 'occur')} in several scenarios, and count as a drive in each; if one "
+            "drive went through several, --map scenario= leaves the scenarios out"
         )
     images, first, twice = bank.manifest.images, dict[object, Frame](), list[tuple[Frame, Frame]]()
     for frame in bank:
@@ -160,37 +160,37 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
             twice.append((frame, other))
     if twice:
         yield (
-            f"{len(twice)} of {len(bank)} frames show the very picture of another drive's, such as '{twice[0][0].id}' "
-            f"that of '{twice[0][1].id}': each counts as a moment of its own"
+            f"{len(twice)} of {len(bank)} frames have the same picture as a frame of another drive, such as "
+            f"'{twice[0][0].id}' and '{twice[0][1].id}': each counts as a separate moment"
         )
 
 
 def _nearly_one(bank: FrameBank) -> Iterator[str]:
-    """Yield which names, and which columns beside those taken, differ in small letters or leading zeros alone."""
+    """Yield names and columns that differ from others only in case or leading zeros."""
     for place, names in (("episode", {one.episode for one in bank}), ("scenario", {one.scenario for one in bank})):
         first: dict[str, str] = {}
         pairs = [(other, one) for one in sorted(names) if (other := first.setdefault(loosely_alike(one), one)) != one]
         if pairs and place not in bank.manifest.absent:
             more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
             yield (
-                f"the {place}s {pairs[0][0]!a} and {pairs[0][1]!a} differ in capital letters or leading zeros alone, "
+                f"the {place}s {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
                 f"and count as two{more}"
             )
     columns = bank.manifest.settings.get("columns")
     for place, column in columns.items() if isinstance(columns, dict) else ():
         beside = [one for one in bank.frames[0].truth if one != column and plain_name(one) == plain_name(str(column))]
         if beside and column in reading.ROLES.get(place, ()):
-            yield f"{place} is '{column}', not '{beside[0]}' beside it; --map {place}={beside[0]} takes that"
+            yield f"{place} is '{column}', not the column '{beside[0]}'; --map {place}={beside[0]} takes that one"
 
 
 def _guessed(bank: FrameBank) -> Mapping[str, object]:
-    """Return the columns that were taken for a place by their usual name alone, by place."""
+    """Return the columns that were taken by their usual name alone, by place."""
     found = bank.manifest.settings.get(GUESSED)
     return found if isinstance(found, dict) else {}
 
 
 def _like_a_gap(bank: FrameBank) -> Iterator[str]:
-    """Yield which columns of numbers look like the distance that nobody named."""
+    """Yield numeric columns that look like the distance if no gap was named."""
     for name in bank.frames[0].truth if bank.frames else ():
         numbers = [one for frame in bank if isinstance(one := frame.truth.get(name), int | float)]
         if reading.is_distance(name) and len({*numbers}) > 1:
@@ -199,7 +199,7 @@ def _like_a_gap(bank: FrameBank) -> Iterator[str]:
 
 
 def _others_like(bank: FrameBank, column: str) -> str:
-    """Return which other columns look like the distance than the one that was guessed, in words."""
+    """Return, in words, the other columns that look like the guessed distance."""
     names = [
         name
         for name, one in bank.frames[0].truth.items()
@@ -209,7 +209,7 @@ def _others_like(bank: FrameBank, column: str) -> str:
 
 
 def _prices(bank: FrameBank) -> Iterator[str]:
-    """Yield what each column that was guessed means for the verdict, and how it is left out."""
+    """Yield the effect of each guessed column on the verdict, and how to leave it out."""
     for place, column in _guessed(bank).items():
         if place == "scenario" and bank.manifest.gap is not None and "episode" not in bank.manifest.absent:
             yield _price_of_scenarios(bank, str(column))
@@ -219,7 +219,7 @@ def _prices(bank: FrameBank) -> Iterator[str]:
 
 
 def _price_of_scenarios(bank: FrameBank, column: str) -> str:
-    """Return what scenarios that were guessed cost the test of distance, which exchanges episodes within each."""
+    """Return the cost of guessed scenarios for the distance test, which exchanges within each."""
     inside = [*Counter(scenario for scenario, _ in {(one.scenario, one.episode) for one in bank}).values()]
     ways, over = (math.prod(math.factorial(min(one, _MANY)) for one in many) for many in (inside, [sum(inside)]))
     lost = ways < _LEAST_WAYS <= over
@@ -227,13 +227,13 @@ def _price_of_scenarios(bank: FrameBank, column: str) -> str:
     many = f"{len(inside)} scenarios of {each}"
     cost = f"that is {ways} ways, too few to test distance" if lost else "distance is tested within each"
     return (
-        f"guessed: scenario is '{column}': whole episodes are exchanged within a scenario only, {many}: {cost}; "
-        "--map scenario= exchanges them over all, and then a place that is always near is not told from distance"
+        f"guessed: scenario is '{column}': whole episodes are exchanged only within a scenario, {many}: {cost}. "
+        "--map scenario= exchanges them over all, but then a place that is always near looks like distance"
     )
 
 
 def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
-    """Return what a bank for policies has of motions, what it cannot show, and what looks wrong in its log."""
+    """Return a policy bank's motions, the tests that it cannot support, and oddities of its log."""
     steps, wide = motion.shape
     relative = sum(one.state is not None for one in motion.dimensions)
     rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
@@ -242,11 +242,11 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     if lacking := sum(not frame.motion for frame in bank):
         lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
     if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:
-        lines.append(f"{episodes} episodes: nothing is bounded below {LEAST_BOUNDED}")
+        lines.append(f"{episodes} episodes: no share can be bounded with fewer than {LEAST_BOUNDED}")
     if INSTRUCTION not in channels_of(bank):
-        lines.append("no instruction: whether a policy follows it is not asked (no_power)")
+        lines.append("no instruction: following it cannot be tested (no_power)")
     if STATE not in channels_of(bank):
-        lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
+        lines.append("no state: pictures at a similar state are not shown, so the use of pictures stays undecided")
     unshown = {name: why for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why}
     return [
         *lines,
@@ -258,13 +258,13 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
 
 
 def _costs_of_reflection(bank: FrameBank, motion: MotionSpace) -> Iterator[str]:
-    """Yield why the mirrored moment is not shown, or what its instructions may say wrongly."""
+    """Yield why the mirrored moment is not shown, or a possible error in its instructions."""
     if (why := conditions_of(bank)[1].get("mirrored")) is not None:
-        yield f"mirrored: {why}" + ("" if motion.mirrored else "; [reflection] of a --rig says it")
+        yield f"mirrored: {why}" + ("" if motion.mirrored else "; declare it in [reflection] of a --rig")
         return
     said = {str(one) for frame in bank for one in frame.fields.values()}
     sided = sorted(one for one in said if _SIDES.search(one) and motion.reflect_text(one) == one)
     if sided:
-        words = '[reflection.words] says what is exchanged, as left = "right"'
+        words = 'declare exchanged words in [reflection.words], such as left = "right"'
         named = f"{len(sided)} instructions name a side, such as '{sided[0][:60]}', and stay as they are"
         yield f"mirrored: {named}; {words}"

@@ -1,4 +1,4 @@
-"""All that is wrong with a source, said at once and not one fault a round."""
+"""A collection of all faults of a source, which are reported together."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from eyechart.errors import BankError, SourceError, SpecError, printable
 
 MOST_SHOWN = 40
-"""So many faults are said, the others counted."""
+"""The number of faults that are shown; the others are counted."""
 
 
 class Faults:
-    """Takes note of faults while a source is read on, and raises them together."""
+    """Collects faults while a source is read on, and raises them together."""
 
     def __init__(self) -> None:
         self._lines: list[str] = []
@@ -20,36 +20,36 @@ class Faults:
         return self._count > 0
 
     def add(self, words: str) -> None:
-        """Take note of a fault; it is kept as one line."""
+        """Add a fault as one line."""
         self._count += 1
         if len(self._lines) < MOST_SHOWN:
             self._lines.append(printable(words))
 
     def take(self, lines: Iterable[str]) -> None:
-        """Take note of several faults."""
+        """Add several faults."""
         for words in lines:
             self.add(words)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Return the faults that are said."""
+        """Return the faults that are shown."""
         return tuple(self._lines)
 
     def join(self, other: "Faults") -> None:
-        """Take note of the faults that another took note of."""
+        """Add the faults of another collection."""
         self._count += other._count  # noqa: SLF001 - of its own kind
         self._lines += other._lines[: MOST_SHOWN - len(self._lines)]  # noqa: SLF001
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """Take note of a fault that is raised inside, which ends there."""
+        """Add a fault that is raised in the context, and end the context there."""
         try:
             yield
         except (SourceError, BankError, SpecError) as error:
             self.add(str(error))
 
     def require_none(self, what: str) -> None:
-        """Raise SourceError where there was a fault: a line each, and above several how many ``what`` has."""
+        """Raise SourceError if there was a fault: one line each, below a line with their number."""
         if self._count > 1:
             more = self._count - len(self._lines)
             above = f"{what} has {self._count} faults, and nothing was written:"

@@ -1,6 +1,7 @@
-"""Answers in a log of Inspect AI, ``.eval`` or ``.json``, are read without Inspect, a sample in memory at a time.
+"""Answers from a log of Inspect AI, ``.eval`` or ``.json``, read without Inspect in bounded memory.
 
-A log in ``.eval`` is a ZIP file with a JSON file a sample; their compression is Zstandard, which pyarrow unpacks.
+A log in ``.eval`` is a ZIP file with one JSON file a sample. They are compressed with Zstandard,
+which pyarrow unpacks.
 """
 
 import json
@@ -23,7 +24,7 @@ from eyechart.records import parse_json
 
 ENDINGS = (".eval", ".json")
 MOST_SAMPLE = 64_000_000
-"""Bytes of one sample, whose pictures may stand in it."""
+"""Bytes of one sample, which may include its pictures."""
 MOST_JSON = 1_000_000_000
 """Bytes of a log in JSON, which is read at once."""
 MOST_UNPACKED = 50_000_000_000
@@ -31,12 +32,12 @@ _FAR = 1e300
 _ZSTD = 93
 _LOCAL = struct.Struct("<4sHHHHHIIIHH")
 _FINISH = {"max_tokens": "length", "model_length": "length", "unknown": None}
-"""How Inspect says how a reply ended, where that is not OpenAI's word."""
+"""Inspect's finish reasons that differ from OpenAI's."""
 
 
 @dataclass(frozen=True)
 class Log:
-    """A log: the model that Inspect asked, Inspect's version, and how many samples it holds."""
+    """A log: the evaluated model, Inspect's version, and the number of samples."""
 
     path: Path
     model: str
@@ -44,7 +45,7 @@ class Log:
     count: int
 
     def answers(self, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
-        """Yield the answer of each sample; a sample that is wrong is noted among the ``faults`` and left out."""
+        """Yield the answer of each sample; a faulty one is added to ``faults`` and left out."""
         for number, (name, sample) in enumerate(_samples(self.path), 1):
             made: list[Answered] = []
             with faults.noted():
@@ -55,7 +56,7 @@ class Log:
 
 
 def open_log(path: Path) -> Log:
-    """Open a log of Inspect AI; raises SourceError where it is none, or not read within bounds."""
+    """Open a log of Inspect AI; raises SourceError if it is none, or is too large."""
     if not path.is_file():
         raise SourceError(f"{path} does not exist or is no file")
     if path.suffix == ".json":
@@ -71,14 +72,14 @@ def open_log(path: Path) -> Log:
             count = sum(map(_is_sample, names))
     about = header.get("eval")
     if not isinstance(about, dict) or not isinstance(about.get("model"), str):
-        raise SourceError(f"{path} is no log of Inspect AI: it does not say which model was evaluated")
+        raise SourceError(f"{path} is no log of Inspect AI: it does not name the evaluated model")
     packages = about.get("packages")
     version = packages.get("inspect_ai") if isinstance(packages, dict) else None
     return Log(path, printable(about["model"])[:200], printable(str(version or "of unknown version"))[:40], count)
 
 
 def _samples(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each sample with its name; raises SourceError where one cannot be read."""
+    """Yield each sample with its name; raises SourceError if one cannot be read."""
     if path.suffix == ".json":
         for number, sample in enumerate(_list(_whole(path).get("samples"), path), 1):
             yield str(number), sample if isinstance(sample, dict) else {}
@@ -99,7 +100,7 @@ def _is_sample(name: str) -> bool:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, IO[bytes]]]:
-    """Open a ZIP file, and the file itself; what is wrong with it is a SourceError that names it."""
+    """Open a ZIP file and the file itself; its errors become SourceErrors with its name."""
     try:
         with path.open("rb") as file, zipfile.ZipFile(path) as archive:
             if len(archive.filelist) > MOST_ROWS:
@@ -110,7 +111,7 @@ def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, IO[bytes]]]:
 
 
 def _read(archive: zipfile.ZipFile, file: IO[bytes], entry: zipfile.ZipInfo, path: Path) -> bytes:
-    """Return what a file of a log unpacks to, within the bound."""
+    """Return the unpacked bytes of a log's file, within the bound."""
     if entry.compress_type == _ZSTD:
         found = _unpacked(file, entry)
     else:
@@ -122,7 +123,7 @@ def _read(archive: zipfile.ZipFile, file: IO[bytes], entry: zipfile.ZipInfo, pat
 
 
 def _unpacked(file: IO[bytes], entry: zipfile.ZipInfo) -> bytes:
-    """Return what a file of Zstandard unpacks to, at most a byte more than the bound; raises OSError where damaged."""
+    """Return unpacked Zstandard data, at most a byte above the bound; raises OSError for damage."""
     pa = require("pyarrow", "pyarrow", "parquet")
     file.seek(entry.header_offset)
     sign, *_, name, extra = _LOCAL.unpack(file.read(_LOCAL.size))
@@ -140,14 +141,14 @@ def _whole(path: Path) -> Mapping[str, Any]:
     with raising(SourceError, f"{path} cannot be read"):
         if path.stat().st_size > MOST_JSON:
             raise SourceError(
-                f"{path} has more than {MOST_JSON} bytes; 'inspect log convert' makes a log in .eval of it, which is "
+                f"{path} has more than {MOST_JSON} bytes; convert it with 'inspect log convert' to .eval, which is "
                 "read sample by sample"
             )
         return _object(path.read_bytes(), path, "it")
 
 
 def _object(text: bytes, path: Path, name: str) -> Mapping[str, Any]:
-    """Return JSON that is an object; raises SourceError where it is none, or holds what no file can."""
+    """Return a JSON object; raises SourceError for another value, or text that is not UTF-8."""
     try:
         found = parse_json(text)
         if b"\\u" in text:
@@ -166,13 +167,13 @@ def _list(value: object, path: Path) -> list[object]:
 
 
 def _answered(where: str, sample: Mapping[str, Any]) -> Answered:
-    """Return a sample as an answer; raises SourceError, beginning with ``where``, for what is wrong in it."""
+    """Return a sample as an answer; raises SourceError, beginning with ``where``, for a fault."""
     told = sample.get("metadata")
     asked = told if isinstance(told, dict) else {}
     call = asked.get("call", sample.get("id"))
     epoch = sample.get("epoch", 1)
     if not isinstance(call, str) or not call or not call.isprintable():
-        raise SourceError(f"{where} has no call in its metadata: was it asked by the task eyechart/battery?")
+        raise SourceError(f"{where} has no call in its metadata: is it a sample of the task eyechart/battery?")
     if not isinstance(epoch, int) or isinstance(epoch, bool) or not 1 <= epoch <= MOST_REPEATS:
         raise SourceError(f"{where}: its epoch is {str(epoch)[:40]!r}, not a whole number from 1 to {MOST_REPEATS}")
     frame, condition = (one if isinstance(one := asked.get(name), str) else None for name in ("frame", "condition"))
@@ -198,12 +199,12 @@ def _reply(sample: Mapping[str, Any], where: str) -> Reply | None:
 
 
 def _told(output: Mapping[str, Any]) -> dict[str, object]:
-    """Return what a sample says of its call; a number that nobody can have measured is not reported."""
+    """Return a sample's numbers of its call; impossible numbers count as not reported."""
     usage = _part(output, "usage")
     sent = [usage.get(name) for name in ("input_tokens", "input_tokens_cache_read", "input_tokens_cache_write")]
     counted = [one for one in map(_whole_number, sent) if one is not None]
     told: dict[str, object] = {
-        "prompt_tokens": sum(counted) or None,  # 0 is Inspect's word for a usage that nobody reported
+        "prompt_tokens": sum(counted) or None,  # Inspect writes 0 for an unreported usage
         "completion_tokens": _whole_number(usage.get("output_tokens")) or None,
         "reasoning_tokens": _whole_number(usage.get("reasoning_tokens")),
         "cost_usd": _number(usage.get("total_cost")),
@@ -215,7 +216,7 @@ def _told(output: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _said(content: object) -> tuple[str, str]:
-    """Return the text of a message and what was thought, of one text or of parts."""
+    """Return the text and the reasoning of a message of one text or of parts."""
     if isinstance(content, str):
         return content, ""
     parts = [one for one in content if isinstance(one, dict)] if isinstance(content, list) else []

@@ -1,6 +1,7 @@
-"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos or from those files."""
+"""Imports of a LeRobotDataset: rows from Parquet files, pictures from videos or from those files."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,6 +14,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED, Column, Rig
+from eyechart.importing.episode_files import EpisodeFiles
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, given_name, vectors_of, whole
 from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
@@ -24,17 +26,19 @@ from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
-FILE = "file"
-"""The column that names each frame's picture; the data set has none of its own."""
-TASK, STATE, ACTION = "task", "observation.state", "action"
-OBSERVED = "observation."
+FILE, STEP = "file", PLACES["step"]
+"""The column of each frame's picture, which the data set itself does not have; and of its step."""
+TASK, OBSERVED = "task", "observation."
+STATE, ACTION = ("observation.state", "state"), ("action", "actions")
+"""The usual names of both vectors. Features such as ``action.arm`` are parts of the first name."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set: its files, what info.json says, the reels of its cameras, its episodes, and words of tasks.
+    """A data set: its files, its description, its cameras' reels, its episodes and its tasks.
 
-    ``timeline`` takes note of its rows as they are read, ``said`` of what is left out.
+    ``timeline`` records its rows as they are read; ``said`` collects the parts that are left out.
+    ``task`` is the column with the number of each row's task.
     """
 
     layout: Layout
@@ -43,6 +47,7 @@ class Dataset:
     episodes: Episodes
     tasks: Mapping[int, str]
     timeline: Timeline
+    task: str = "task_index"
     said: list[str] = field(default_factory=list)
 
     @property
@@ -58,10 +63,15 @@ class Dataset:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the data."""
+    """The motions to make from a log: their steps, and their kind, which the data show if it is None.
+
+    ``state`` and ``action`` name the features of both, in order; empty: the usual ones.
+    """
 
     horizon: int
     kind: Kind | None = None
+    state: Sequence[str] = ()
+    action: Sequence[str] = ()
 
 
 def import_lerobot(
@@ -74,13 +84,14 @@ def import_lerobot(
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
-    """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
+    """Make a bank at ``out`` of a LeRobotDataset v2.0, v2.1 or v3, with its episodes and steps.
 
-    With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. What kind of
-    motions these are is told by the data where ``ahead`` does not say it. Without, it is of one camera. The columns are
-    those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
-    of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
+    With ``ahead`` the bank is for policies. It then has all cameras, or the named one, the state,
+    the task as the instruction, and the actions of the steps ahead of each frame. A rig declares
+    the reflection. The kind of motion is inferred from the data if ``ahead`` does not give it.
+    Without ``ahead`` the bank has one camera. The columns are those of the data files. Components
+    of vectors become ``observation.state.NAME`` (or ``.0``, ``.1``, …), and the words of the task
+    ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
     wrong = Faults()
     wrong.take(choices.wrong)
@@ -88,13 +99,13 @@ def import_lerobot(
     data = read_dataset(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
-            raise SpecError("--rig of a LeRobotDataset says what is reflected in a bank for policies: give --horizon")
+            raise SpecError("--rig of a LeRobotDataset declares a reflection in a bank for policies: give --horizon")
         _require_cameras(data, choices.rig)
     if drawn := set(PICTURED) & choices.columns.keys():
         raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
     if own:
-        raise SourceError(f"--map {min(own)}=…: a LeRobotDataset says itself which {min(own)} a frame is")
+        raise SourceError(f"--map {min(own)}=…: a LeRobotDataset declares the {min(own)} of a frame itself")
     columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
@@ -104,22 +115,25 @@ def import_lerobot(
         data.timeline.needed += _numbers(rig)
     kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     if TASK in chosen.prompt_columns:
-        _require_words(kept)
+        _require_words(kept, data)
     elif data.tasks:
-        data.said.extend(_wordless(kept))
+        data.said.extend(_wordless(kept, data))
     frames = _frames(kept, chosen, data.timeline)
-    settings: dict[str, object] = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    settings: dict[str, object] = {
+        "format": f"lerobot {data.info.codebase_version.partition('.')[0]}",
+        "camera": ", ".join(data.reels),
+    }
     if ahead is not None and chosen.rig is not None:
         rig, settings[KIND] = _told(chosen.rig, kept, ahead)
         chosen = replace(chosen, rig=rig)
-        data.said.extend(_left_of_state(data, rig))
+        data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
     source = Source(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
 def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
-    """Return the frames of the rows that were kept; what is wrong says too which rows were left out."""
+    """Return the frames of the kept rows; an error also lists the rows that were left out."""
     cells = cells_of(kept, choices, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     try:
         return frames_of(kept, choices, cells)
@@ -128,32 +142,33 @@ def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
 
 
 def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
-    """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown.
+    """Read the ``meta`` folder; raises SourceError for an unread version or an unknown camera.
 
-    Of several cameras ``every`` one is taken where none is named, but those of depths and those without any file, which
-    are said.
+    With ``every``, all cameras are taken if none is named, except depth cameras and cameras without
+    files. The exceptions are noted.
     """
-    layout, said = Layout(folder), list[str]()
-    info = layout.info()
+    said, info = list[str](), Layout(folder).info()
+    layout = EpisodeFiles(folder) if info.is_of_episodes else Layout(folder)
     cameras = _cameras(info.features, layout.root / "meta/info.json", said)
     videos = [name for name in cameras if info.features[name].dtype == "video"]
-    episodes = layout.episodes(videos, info.video_path)
+    episodes = layout.episodes(videos, info)
     lacking = {name: why for name in cameras if (why := _lacks(layout, info, episodes, name))}
     chosen = _chosen(cameras, lacking, camera, layout, every=every)
     said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
     tasks = layout.tasks()
-    timeline = Timeline(given_name(layout.root), info.fps, ["task_index"] if tasks else [], [])
+    task = layout.task_column(open_parquet(layout.parquets("data")[0], extra="lerobot").columns)
+    timeline = Timeline(given_name(layout.root), info.fps, [task] if tasks else [], [])
     reels: dict[str, Reel] = {}
     for name in chosen:
         if info.features[name].dtype == "video":
             reels[name] = Videos(layout, episodes.clips[name], timeline)
         else:
             reels[name] = Embedded(layout.parquets("data"), name)
-    return Dataset(layout, info, reels, episodes, tasks, timeline, said)
+    return Dataset(layout, info, reels, episodes, tasks, timeline, task, said)
 
 
 def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> list[str]:
-    """Return the cameras but those of depths; which these are, and what only looks like one, is ``said``."""
+    """Return the cameras except depth cameras; exceptions and doubtful cases go into ``said``."""
     found = [name for name, one in features.items() if one.is_picture]
     cameras = [name for name in found if not features[name].is_depth]
     if not cameras:
@@ -163,8 +178,8 @@ def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> li
         raise SourceError(f"{path} lists {len(cameras)} cameras; the limit is {MOST_CAMERAS}")
     said += [f"camera '{name}' is left out: its pictures are marked as depths" for name in found if name not in cameras]
     said += [
-        f"camera '{name}' looks like one of depths by its name or its one channel, and is not marked as one "
-        "(is_depth_map): it is taken for pictures of colours"
+        f"camera '{name}' looks like a depth camera by its name or its one channel, but is not marked as one "
+        "(is_depth_map): it is read as a colour camera"
         for name in cameras
         if features[name].is_grey or "depth" in name.lower()
     ]
@@ -172,21 +187,21 @@ def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> li
 
 
 def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
-    """Return why a camera that info.json lists has no picture at all; nothing where it has some."""
+    """Return why a listed camera has no picture at all, empty if it has some."""
     if info.features[camera].dtype == "image":
         there = any(has_column(path, camera, extra="lerobot") for path in layout.parquets("data"))
-        return "" if there else "info.json lists it, and no data file has a column of it"
+        return "" if there else "info.json lists it, but no data file has a column of it"
     clips = episodes.clips[camera]
     if not clips:
-        return "info.json lists it, and meta/episodes does not say where its videos are"
+        return f"info.json lists it, but {layout.EPISODES} has no places of its videos"
     there = any(layout.file(video) is not None for video in sorted({one.video for one in clips.values()}))
-    return "" if there else "info.json lists it, and none of its videos is there"
+    return "" if there else "info.json lists it, but none of its videos exists"
 
 
 def _chosen(
     cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: Layout, *, every: bool
 ) -> Sequence[str]:
-    """Return the cameras to take: the one that is named, else all that have pictures, or their one."""
+    """Return the cameras to take: the named one, else all that have pictures, or the only one."""
     path, have = layout.root / "meta/info.json", [name for name in cameras if name not in lacking]
     if camera is not None:
         of_name = [name for name in cameras if name == camera] or [name for name in cameras if _short(name) == camera]
@@ -207,24 +222,19 @@ def _chosen(
 
 
 def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
-    """Return the cameras, the state and the motions of a data set, these as far as names say what they are."""
-    state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
+    """Return the cameras, the state and the motions of a data set, as far as its names show."""
+    names, done = (_numbered(data.features, many) for many in _features_of(data, ahead))
+    state, action = tuple(names.values()), tuple(done.values())
     if not action:
         raise SourceError(_no_action(data))
-    names = dict(zip(_labels(data.features, STATE), state, strict=True))
-    done = dict(zip(_labels(data.features, ACTION), action, strict=True))
-    known = names if len(names) == len(state) and len(done) == len(action) else {}
-    kind = ahead.kind or ("absolute" if done.keys() <= known.keys() else "delta")
-    numbers = [
-        Number(column, name, state=known.get(name, ""))
-        for column, name in zip(action, _labels(data.features, ACTION), strict=True)
-    ]
+    kind = ahead.kind or ("absolute" if done.keys() <= names.keys() else "delta")
+    numbers = [Number(column, name, state=names.get(name, "")) for name, column in done.items()]
     by_name = [one | {column: column for column in one.values()} for one in (names, done)]
     reflection = None if choices.rig is None else choices.rig.reflection
     return Rig(
         tuple(_named(name, choices) for name in data.reels),
         {"state": tuple(state)} if state else {},
-        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION),
+        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION[0]),
         None if reflection is None else reflection.by_column(*by_name),
     )
 
@@ -236,12 +246,12 @@ def _numbers(rig: Rig) -> list[str]:
 
 
 def _no_action(data: Dataset) -> str:
-    """Return that there is no action that can be read, and which features of numbers there are."""
+    """Return the message that no action can be read, with the features that are numbers."""
     there = [f"'{name}' ({_sized(one)})" for name, one in data.features.items() if one.size not in {(), (1,)}]
     has = f"; of numbers it has {', '.join(there[:20])}" if there else ""
     return (
-        f"{data.about} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers, and a policy is held against "
-        f"what was done{has}"
+        f"{data.about} lists no feature '{ACTION[0]}' of up to {MOST_COMPONENTS} numbers, but a policy is compared "
+        f"with the logged actions{has}; name the feature, or its parts with commas, with --action"
     )
 
 
@@ -249,24 +259,23 @@ def _sized(feature: Feature) -> str:
     return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
 
 
-def _left_of_state(data: Dataset, rig: Rig) -> list[str]:
-    """Return which numbers that were observed are not in the state that a policy gets."""
-    taken = {STATE} if rig.state else set[str]()
+def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
+    """Return the observed numbers that are not in the policy's state."""
     left = [
         f"'{name}' ({_sized(one)})"
         for name, one in data.features.items()
         if name.startswith(OBSERVED) and one.size and not one.is_picture and name not in taken
     ]
     more = f", and {len(left) - 20} more" if len(left) > 20 else ""
-    has = f"'{STATE}'" if rig.state else "nothing"
+    has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
     return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
 
 
 def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
-    """Return a rig with the kind of motion that the data tell, and why it was taken.
+    """Return a rig with its kind of motion, and the evidence for it.
 
-    A place is relative to the number of the state that it is paired with. Where somebody gave a kind, that is taken.
-    Raises SourceError where neither the data nor the names say it.
+    A place is relative to its paired number of the state. A kind that was given wins. Raises
+    SourceError if neither the data nor the names show the kind.
     """
     motion, columns = rig.motion, [column for many in rig.state.values() for column in many]
     assert motion is not None
@@ -278,7 +287,7 @@ def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
-        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}), and --kind says it"]
+        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
     pairs = [*told.pairs] if told.kind in RELATIVE else named
     number = tuple(
         msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
@@ -292,10 +301,10 @@ _BY_NAMES = "the names say"
 
 
 def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, str]:
-    """Return the kind of the motions and what says it: its owner, the data, or that they have the state's names.
+    """Return the kind of the motions and its source: the user, the data, or the state's names.
 
-    Names say it only of numbers that are no farther from those of the state than their spread: one name may have two
-    units.
+    Names count only for numbers that are no farther from the state's than their spread: one name
+    may have two units.
     """
     if ahead.kind is not None:
         return ahead.kind, "--kind says"
@@ -304,13 +313,13 @@ def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, 
     if None not in named and (told.ratio is None or told.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not tell what the numbers of '{ACTION}' are ({told.why()}): say it with --kind delta, absolute, "
-        "velocity or waypoints"
+        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({told.why()}): give it with "
+        "--kind delta, absolute, velocity or waypoints"
     )
 
 
 def _named(camera: str, choices: Choices) -> Column:
-    """Return a camera by its short name, with the axis and the partner that are declared of it."""
+    """Return a camera by its short name, with its declared axis and partner."""
     for one in () if choices.rig is None else choices.rig.camera:
         if one.name == _short(camera):
             return msgspec.structs.replace(one, column=camera)
@@ -318,7 +327,7 @@ def _named(camera: str, choices: Choices) -> Column:
 
 
 def _require_cameras(data: Dataset, rig: Rig) -> None:
-    """Raise SpecError where a rig names a camera that the bank has not, or a reflection leaves one out."""
+    """Raise SpecError if a rig names an unknown camera, or a reflection leaves one out."""
     there, named = [_short(name) for name in data.reels], [one.name for one in rig.camera]
     for name in named:
         if name not in there:
@@ -328,77 +337,110 @@ def _require_cameras(data: Dataset, rig: Rig) -> None:
 
 
 def _short(camera: str) -> str:
-    """Return a camera's name without the words that all have, and of letters that a name may have."""
+    """Return a camera's name without the common prefix, in allowed characters."""
     return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
 
 
+def _features_of(data: Dataset, ahead: Ahead) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the features of the state and of the action: the named ones, else the usual ones.
+
+    Raises SourceError if a named feature is not a vector of numbers.
+    """
+    for option, names in (("--state", ahead.state), ("--action", ahead.action)):
+        for name in names:
+            if not _columns(data.features, name):
+                numbers = [one for one in data.features if _columns(data.features, one)]
+                near = meant(name, numbers)
+                raise SourceError(
+                    f"{option} {name}: {data.about} lists no such feature of up to {MOST_COMPONENTS} numbers;{near} "
+                    f"there are {', '.join(numbers)}"
+                )
+    return ahead.state or _usual(data.features, STATE), ahead.action or _usual(data.features, ACTION)
+
+
+def _usual(features: Mapping[str, Feature], names: Sequence[str]) -> Sequence[str]:
+    """Return the first of the ``names`` that is a feature, else all parts of the first name."""
+    known = [name for name in names if _columns(features, name)]
+    return known[:1] or [name for name in features if name.startswith(f"{names[0]}.") and _columns(features, name)]
+
+
+def _numbered(features: Mapping[str, Feature], names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of features by the names of their components; equal names get their feature's."""
+    labels = [(name, label) for name in names for label in _labels(features, name)]
+    often = Counter(label for _, label in labels)
+    said = [label if often[label] == 1 else f"{name.rpartition('.')[2]}.{label}" for name, label in labels]
+    columns = [column for name in names for column in _columns(features, name)]
+    return dict(zip(said if len(set(said)) == len(said) else columns, columns, strict=True))
+
+
 def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
-    """Return what the data set calls the components of a vector; their numbers where it has no such names."""
-    names, count = features.get(name, Feature()).names, len(_columns(features, name))
+    """Return the names of a vector's components, or their numbers without names."""
+    names, columns = features[name].names, _columns(features, name)
     if isinstance(names, dict) and len(names) == 1:
         (names,) = names.values()
-    if isinstance(names, list) and len(names) == 1 != count:
+    if isinstance(names, list) and len(names) == 1 != len(columns):
         (names,) = names
-    if isinstance(names, list) and len({*map(str, names)}) == len(names) == count:
+    if isinstance(names, list) and len({*map(str, names)}) == len(names) == len(columns):
         return [*map(str, names)]
-    return [f"{name}.{place}" for place in range(count)]
+    return [f"{name}.{place}" for place in range(len(columns))]
 
 
 def _columns(features: Mapping[str, Feature], name: str) -> tuple[str, ...]:
-    """Return the columns of a feature's numbers; none where it has no feature of this name, or too many of them."""
+    """Return the columns of a feature's numbers; empty without the feature, or for too many."""
     if name in features and features[name].size == (1,):
         return (name,)
     return dict(vectors_of(features)).get(name, ())
 
 
 def _instruction(data: Dataset) -> tuple[str, ...]:
-    """Return the column of what a policy is told, none where the data set has no tasks.
+    """Return the column of the instruction, empty if the data set has no tasks.
 
-    Raises SourceError where its rows have tasks and nobody has their words.
+    Raises SourceError if its rows have tasks without words.
     """
-    path, first = data.layout.root / "meta/tasks.parquet", data.layout.parquets("data")[0]
-    numbered = "task_index" in open_parquet(first, extra="lerobot").columns
+    path, first = data.layout.root / data.layout.TASKS, data.layout.parquets("data")[0]
+    numbered = data.task in open_parquet(first, extra="lerobot").columns
     if len(data.tasks) > 1 and not numbered:
         raise SourceError(
-            f"{path} has the words of {len(data.tasks)} tasks, and {first} no column 'task_index' that says which of "
-            "them a row is of; name what a policy is told with --prompt-columns"
+            f"{path} has the words of {len(data.tasks)} tasks, but {first} has no column '{data.task}' with each "
+            "row's task; name the instruction's column with --prompt-columns"
         )
     if not data.tasks and numbered:
         lacking = "holds no words of tasks" if path.is_file() else "does not exist"
         raise SourceError(
-            f"{path} {lacking}, and every row has a task_index: without their words no policy is told what to do; "
-            "download the data set again with its whole meta folder, or name what a policy is told with "
+            f"{path} {lacking}, but every row has a {data.task}. Without words there is no instruction: "
+            "download the data set again with its whole meta folder, or name the instruction's column with "
             "--prompt-columns"
         )
     return (TASK,) if data.tasks else ()
 
 
-def _require_words(kept: Kept) -> None:
-    """Note as a fault, once a task, where a row's task has no words."""
-    first = {row.get("task_index"): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
+def _require_words(kept: Kept, data: Dataset) -> None:
+    """Note as a fault, once a task, a row whose task has no words."""
+    first = {row.get(data.task): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
     for number, where in reversed(first.items()):
-        kept.faults.add(f"{where}: meta/tasks.parquet has no words of task {number}; download the data set again")
+        kept.faults.add(f"{where}: {data.layout.TASKS} has no words of task {number}; download the data set again")
 
 
-def _wordless(kept: Kept) -> list[str]:
-    """Return how many frames are of tasks without words, and of which, where nobody is told them."""
-    lacking = [str(row.get("task_index")) for row in kept.rows if not row.get(TASK)]
+def _wordless(kept: Kept, data: Dataset) -> list[str]:
+    """Return a note of the frames whose tasks have no words, if no prompt needs them."""
+    lacking = [str(row.get(data.task)) for row in kept.rows if not row.get(TASK)]
     if not lacking:
         return []
     said, which = f"{len(lacking)} of {len(kept.rows)} frames have no words of their task", [*dict.fromkeys(lacking)]
-    return [f"{said}: meta/tasks.parquet has none of {', '.join(which[:20])}"]
+    return [f"{said}: {data.layout.TASKS} has none of {', '.join(which[:20])}"]
 
 
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
-    """Return the rows of all data files, with what names each frame's picture in the columns ``pictured``."""
+    """Return the rows of all data files, with picture names in the columns ``pictured``."""
     vectors = dict(vectors_of(data.features))
     files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
     for place in PLACES.values():
-        if place not in files[0].columns:
+        if place not in files[0].columns and not (place == STEP and data.info.is_of_episodes):
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
     task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
     count = sum(one.count for one in files)
-    columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
+    counted = (STEP,) if data.info.is_of_episodes and STEP not in files[0].columns else ()
+    columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *counted, *task)
     for many in (data.timeline.needed, data.timeline.counted):
         many[:] = [name for name in many if name in columns]
     return Table(data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count)
@@ -407,47 +449,57 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
 def _data_rows(
     data: Dataset, files: Sequence[ParquetTable], count: int, reads: Progress | None, pictured: Sequence[str]
 ) -> Iterator[Row]:
-    """Yield the rows, with the words of their tasks and the names of their pictures; one that is left out is empty."""
+    """Yield the rows with tasks and picture names; a row that is left out is empty."""
     done, timeline = 0, data.timeline
     for file in files:
         if file.columns != files[0].columns:
             raise SourceError(f"{file.path} has other columns than {files[0].path}")
-        for raw in file.rows():
+        for raw in _numbered_rows(file) if STEP not in file.columns else file.rows():
             done += 1
             if reads is not None and done % 5000 == 0:
                 reads(done, count)
             if row := timeline.add(raw):
                 episode, step = (whole(row[name]) for name in PLACES.values())
-                task = {TASK: _words(data.tasks, row)} if data.tasks else {}
-                _require_one_task(task, row, f"{file.path}, row {done}")
+                task = {TASK: _words(data, row)} if data.tasks else {}
+                _require_one_task(task, row, f"{file.path}, row {done}", data)
                 yield {**task, **row, **dict.fromkeys(pictured, f"episode-{episode}/frame-{step}.png")}
             else:
                 yield row
     clips = {name: reel.clips for name, reel in data.reels.items() if isinstance(reel, Videos)}
-    timeline.require(data.episodes.lengths, clips, data.layout.root / "meta/episodes")
+    timeline.require(data.episodes.lengths, clips, data.layout.root / data.layout.EPISODES)
 
 
-def _require_one_task(task: Row, row: Row, where: str) -> None:
-    """Raise SourceError where a row has words of its own for its task, and its task_index says others."""
+def _numbered_rows(file: ParquetTable) -> Iterator[Row]:
+    """Yield the rows of an episode's file with their numbers; raises SourceError for two episodes."""
+    first: Row = {}
+    for number, row in enumerate(file.rows()):
+        first = first or row
+        if row.get(PLACES["episode"]) != first.get(PLACES["episode"]):
+            raise SourceError(f"{file.path} has rows of several episodes, but no column '{STEP}' with their steps")
+        yield {**row, STEP: number}
+
+
+def _require_one_task(task: Row, row: Row, where: str, data: Dataset) -> None:
+    """Raise SourceError if a row's own words of its task differ from those of its task's number."""
     own, said = row.get(TASK), task.get(TASK)
     if isinstance(own, str) and own and said and own != said:
         raise SourceError(
-            f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its task_index "
-            f"{row.get('task_index')} and meta/tasks.parquet; one of both is wrong"
+            f"{where}: its task is '{own[:60]}' by its own column, and '{str(said)[:60]}' by its {data.task} "
+            f"{row.get(data.task)} and {data.layout.TASKS}; one of them is wrong"
         )
 
 
-def _words(tasks: Mapping[int, str], row: Row) -> str:
-    """Return the words of a row's task; those of the only one where no row says which it is of."""
-    if "task_index" not in row:
-        return next(iter(tasks.values())) if len(tasks) == 1 else ""
-    return tasks.get(whole(row["task_index"]) or 0, "")
+def _words(data: Dataset, row: Row) -> str:
+    """Return the words of a row's task, or of the only task if rows have no number of it."""
+    if data.task not in row:
+        return next(iter(data.tasks.values())) if len(data.tasks) == 1 else ""
+    return data.tasks.get(whole(row[data.task]) or 0, "")
 
 
 def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:
-    """Yield each frame with the pictures of its cameras; ``rows`` are the numbers of their rows.
+    """Yield each frame with its cameras' pictures; ``rows`` are the numbers of their rows.
 
-    A frame without the picture of a camera is left out, and said.
+    A frame without a camera's picture is left out and noted.
     """
     reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[Missing]]()
     for frame, *pictures in zip(frames, *reels, strict=True):

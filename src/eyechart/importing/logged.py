@@ -1,4 +1,4 @@
-"""What a robot did, row by row of its log, becomes the motion that was logged from each moment on."""
+"""Logged motions: the actions in a robot's log, row by row, from each moment on."""
 
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,30 +16,33 @@ from eyechart.importing.faults import Faults
 from eyechart.spaces.motion import PLACES, Dimension, Floats, Kind, MotionSpace
 
 MOST_NUMBERS = 50_000_000
-"""Numbers of all rows' motions together."""
+"""The most numbers in all rows' motions together."""
 LEAST_TOLD = 10
-"""Rows with a motion and a state below which the data do not tell what a motion is."""
+"""The fewest rows with a motion and a state that show the kind of a motion."""
 PLACES_BELOW, CHANGES_ABOVE = 0.5, 1.0
-"""Numbers that stay this near to the state, in units of their spread, are places; farther away they are none of it."""
+"""Limits of the distance from the state, in units of the numbers' spread. Nearer numbers are
+places; farther ones have no relation to the state."""
 MOST_TOLD = 100_000
-"""Rows by which it is told; the log goes on."""
+"""The most rows that are used to find the kind; the log may be longer."""
 LEAST_WALKED = 30
-"""Steps with a state before and behind below which the data do not tell whether numbers are its changes."""
+"""The fewest steps, each with a state before and after, that show whether numbers are its
+changes."""
 FOLLOWS, ALIKE, LEAST_SHARE = 0.6, 0.9, 0.3
-"""Correlations from which on numbers go along with the state's changes, and with the state itself within an episode;
-and the share of numbers that have to do the one for the log to be one of changes."""
+"""Three limits. The least correlation with the state's changes. The least correlation with the
+state itself within an episode. The least share of numbers that follow the changes in a log of
+changes."""
 WINDOWS = (1, 4)
-"""Steps over which changes are compared: an arm lags behind what it is told."""
+"""Widths, in steps, over which changes are compared: an arm lags behind its command."""
 _STILL = 1e-9
-"""A number whose spread is no more than this share of the largest does not vary."""
+"""A number does not vary if its spread is at most this share of the largest."""
 
 Rows = tuple[tuple[float, ...], ...]
 
 
 class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One number of a motion's step: its column, and what `eyechart.spaces.motion.Dimension` says of it.
+    """One number of a motion's step: its column and its `eyechart.spaces.motion.Dimension`.
 
-    ``state`` is the column of the number of the state that it is measured relative to, where it is a place.
+    ``state`` is the column of the state's number to which a place is relative.
     """
 
     column: str
@@ -51,7 +54,7 @@ class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reflected(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a number is in the reflected world: that of ``mirrors``, its own without, times ``sign`` about ``about``."""
+    """A number's reflection: that of ``mirrors``, else its own, times ``sign`` about ``about``."""
 
     mirrors: str = ""
     sign: float = 1.0
@@ -59,19 +62,21 @@ class Reflected(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the reflected world has of a state and a motion: what is not in ``numbers`` stays as it is there.
+    """The reflection of a state and a motion; numbers that are not in ``numbers`` stay.
 
-    ``words`` are what an instruction exchanges, such as left and right. Names are those of columns, or of numbers.
+    ``words`` are exchanged in an instruction, such as left and right. Names are those of columns or
+    of numbers.
     """
 
     numbers: dict[str, Reflected] = {}
     words: dict[str, str] = {}
 
     def by_column(self, *parts: Mapping[str, str]) -> "Reflection":
-        """Return the same by columns; each of the ``parts`` (the motion, the state) maps names to its columns.
+        """Return the same by columns; each of ``parts`` (motion, state) maps names to columns.
 
-        A name that several have is of each. Of two numbers that exchange places it is enough to name one. Raises
-        SpecError where a name is of no part, or what it mirrors is not of the same.
+        A name that several parts have applies to each. Of two numbers that exchange places, one
+        entry is enough. Raises SpecError if no part has a name, or if a name and its mirror are in
+        different parts.
         """
         found: dict[str, Reflected] = {}
         for name, one in self.numbers.items():
@@ -91,7 +96,7 @@ class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The columns of a log that are motions: what was done in the step of each row, in this order."""
+    """The columns of a log that are motions: the action of each row's step, in this order."""
 
     number: Annotated[tuple[Number, ...], msgspec.Meta(min_length=1)]
     horizon: Annotated[int, msgspec.Meta(ge=1)]
@@ -100,15 +105,15 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str = "action"
 
     def space(self, state: Mapping[str, Sequence[str]], reflection: Reflection | None = None) -> MotionSpace:
-        """Return the motions of a bank; ``state`` maps each state to the columns of its numbers.
+        """Return the motion space of a bank; ``state`` maps each state to its numbers' columns.
 
-        Raises SpecError where a number belongs to a column that no state has, or the reflection is none.
+        Raises SpecError if a number belongs to a column of no state, or the reflection is invalid.
         """
         columns = [column for many in state.values() for column in many]
         for one in self.number:
             if one.state and one.state not in columns:
                 has = ", ".join(columns) or "no number"
-                raise SpecError(f"the motion's '{one.column}' belongs to '{one.state}', and the state has {has}")
+                raise SpecError(f"the motion's '{one.column}' belongs to '{one.state}', but the state has {has}")
         names = {one.column: one.name or one.column for one in self.number}
         done = {name: column for column, name in names.items()} | {column: column for column in names}
         known = (reflection or Reflection()).by_column(done, {column: column for column in columns})
@@ -143,30 +148,31 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Walk:
-    """What was done in the steps of an episode that follow each other, (n, numbers), each from its state, (n, d)."""
+    """The actions of consecutive steps of an episode, (n, numbers), and their states, (n, d)."""
 
     done: Floats
     states: Floats
 
     def moved(self, width: int) -> tuple[Floats, Floats]:
-        """Return the sums of so many steps, and how the state changed in them."""
+        """Return the sums over ``width`` steps, and the changes of the state in them."""
         total = np.concatenate([np.zeros((1, self.done.shape[1])), np.cumsum(self.done, axis=0)])
         return (total[width:] - total[:-width])[: len(self.done) - width], self.states[width:] - self.states[:-width]
 
     def stood(self, later: int) -> tuple[Floats, Floats]:
-        """Return the steps and the state so many steps later, each less its mean."""
+        """Return the actions and the states ``later`` steps later, each less its mean."""
         done, states = self.done[: len(self.done) - later], self.states[later:]
         return done - done.mean(axis=0), states - states.mean(axis=0)
 
 
 @dataclass(frozen=True)
 class Told:
-    """What the data say of logged numbers.
+    """The evidence of the data on the kind of logged numbers.
 
-    ``ratio`` is how far they are from the numbers of the state that they are paired with, in units of their own spread
-    (root mean square; the median of the ``count`` numbers whose partner varies), None where nothing can be paired.
-    ``pairs`` has the place of each one's number in the state, None where it has none. ``follows`` and ``alike`` are the
-    shares of the numbers that go along with the changes of the state, and with the state itself, over ``walked`` steps.
+    ``ratio`` is their distance from the paired numbers of the state, in units of their own spread.
+    It is a root mean square, and the median of the ``count`` numbers whose partner varies; None
+    without pairs. ``pairs`` has the place of each number's partner in the state, or None.
+    ``follows`` is the share of numbers that correlate with the changes of the state, and ``alike``
+    with the state itself, over ``walked`` steps.
     """
 
     ratio: float | None
@@ -178,16 +184,16 @@ class Told:
 
     @property
     def kind(self) -> Kind | None:
-        """Return what they are, places or changes; None where the data do not tell.
+        """Return the kind: places, changes, or None if the data do not show it.
 
-        Changes have evidence of their own: that they are no places says nothing of what else they are.
+        Changes need evidence of their own: numbers that are not places may be anything.
         """
         if self.ratio is not None and self.ratio < PLACES_BELOW:
             return "absolute"
         return "delta" if self.follows >= LEAST_SHARE and self.follows > self.alike else None
 
     def why(self) -> str:
-        """Return in words what was measured."""
+        """Return the measurements in words."""
         far = "no state that varies can be paired with them"
         if self.ratio is not None:
             far = (
@@ -202,21 +208,21 @@ class Told:
         return f"{far}; {self.follows:.0%} of the numbers go along with the changes of the state{alike}"
 
     def against(self, kind: Kind) -> bool:
-        """Return whether the data clearly say that they are not of this kind."""
+        """Return whether the data clearly contradict this kind."""
         return self.kind is not None and (kind in PLACES) != (self.kind in PLACES)
 
     def warning(self, kind: Kind, by: str) -> str:
-        """Return what to say where somebody declares another kind ``by`` an option."""
+        """Return the warning for another kind that is declared ``by`` an option."""
         other = "places" if self.kind in PLACES else "changes"
         return f"warning: these numbers look like {other}: {self.why()}; taken for {kind} as {by} says"
 
 
 def tell(walks: Iterable[Walk], named: Sequence[int | None]) -> Told:
-    """Return what was done in the rows of a log, by the states from which it was done.
+    """Return the evidence on the kind of logged numbers, from stretches with states.
 
-    ``named`` has the place in the state that each number names. The others are paired by their place, where there are
-    as many; where they do not follow that, or there are not, with the number of the state that each follows most
-    closely.
+    ``named`` has the place in the state that each number names. The others are paired by their own
+    place if the counts agree. If they do not follow that number, or the counts differ, they are
+    paired with the number that each follows most closely.
     """
     every: list[Walk] = []
     for one in walks:
@@ -243,16 +249,16 @@ def _near(walks: Sequence[Walk], named: Sequence[int | None]) -> Told:
 
 
 def _apart(one: Floats, states: Floats) -> Floats:
-    """Return how far a number is from each one of the state, in units of its spread; infinitely from a constant."""
+    """Return a number's distance to each of the state in its spread; infinite to a constant."""
     far = np.sqrt(((one[:, None] - states) ** 2).mean(axis=0)) / one.std()
     still = states.std(axis=0) <= _STILL * np.maximum(1, np.abs(states).max(axis=0))
     return np.where(still, np.inf, far)
 
 
 def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Mapping[int, int]) -> Told:
-    """Return what numbers are that are paired as they are named, or else as the ``others``.
+    """Return the evidence for numbers paired as they are named, or else as the ``others``.
 
-    Of these, one that is as far away as its spread follows no number of the state, and is paired with none.
+    Among the others, a number as far away as its spread follows none, and stays unpaired.
     """
     pairs = {number: others[number] if (own := named[number]) is None else own for number in apart}
     near = {number: place for number, place in pairs.items() if apart[number][place] < CHANGES_ABOVE}
@@ -262,10 +268,11 @@ def _paired(apart: Mapping[int, Floats], named: Sequence[int | None], others: Ma
 
 
 def _followed(walks: Sequence[Walk]) -> dict[str, Any]:
-    """Return which share of the numbers goes along with the changes of the state, and which with the state itself.
+    """Return the shares of numbers that follow the state's changes, and the state itself.
 
-    Changes are compared as they are, summed over each of the `WINDOWS`; places within their episode: in one that goes
-    one way, the place goes along with the changes while its mean is kept.
+    Changes are compared as they are, summed over each of the `WINDOWS`. Places are compared within
+    their episode, without its mean: an episode in one direction would let a place correlate with
+    the changes.
     """
     long = [one for one in walks if len(one.done) > max(WINDOWS) and one.states.shape[1]]
     walked = sum(len(one.done) - 1 for one in long)
@@ -282,14 +289,14 @@ def _followed(walks: Sequence[Walk]) -> dict[str, Any]:
 
 
 def _closest(ways: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
-    """Return each number's highest correlation with one of the state, in whichever way they are put beside it."""
+    """Return each number's highest correlation with one of the state, over all ways of pairing."""
     together = [tuple(np.concatenate(many) for many in zip(*parts, strict=True)) for parts in ways]
     found: Floats = np.max([_alike(done, states) for done, states in together], axis=0).max(axis=1)
     return found
 
 
 def _alike(done: Floats, states: Floats) -> Floats:
-    """Return the correlation of each number with each one of the state, shape (numbers, d); 0 of what does not vary."""
+    """Return the correlations, shape (numbers, d), of numbers and states; 0 for constants."""
     one, other = (many - many.mean(axis=0) for many in (done, states))
     norms = np.sqrt((one**2).sum(axis=0))[:, None] * np.sqrt((other**2).sum(axis=0))[None]
     found: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
@@ -297,7 +304,7 @@ def _alike(done: Floats, states: Floats) -> Floats:
 
 
 class Log:
-    """What was done in every row of a table, by episode, and from which state; also in the rows that become no frame.
+    """The actions and states of every row of a table by episode, also of rows without a frame.
 
     ``state`` are the columns of the state's numbers.
     """
@@ -311,9 +318,10 @@ class Log:
         self._count = 0
 
     def add(self, row: Row, number: int, places: Mapping[str, str], *, kept: bool) -> None:
-        """Take note of a row, which becomes a frame where it is ``kept``; a cell that is no number is a fault.
+        """Add a row, which becomes a frame if ``kept``; a cell that is no number is a fault.
 
-        ``places`` has the columns of scenario, episode and step; names of episodes may recur in another scenario.
+        ``places`` has the columns of scenario, episode and step; scenarios may use equal names of
+        episodes.
         """
         episode = tuple(row.get(places.get(place, "")) for place in ("scenario", "episode"))
         step = row.get(places.get("step", ""))
@@ -331,7 +339,7 @@ class Log:
             self._places.append((episode, len(steps) - 1))
 
     def motions(self) -> Iterator[Rows]:
-        """Yield for each frame what was done from there on; nothing where the episode ends, or skips a step, before."""
+        """Yield each frame's motion; empty if the episode ends or skips a step too early."""
         wide, ahead = len(self._logged.number), self._logged.horizon
         whole = {episode: self._unbroken(steps) for episode, steps in self._steps.items()}
         for episode, place in self._places:
@@ -342,7 +350,7 @@ class Log:
             yield tuple(tuple(numbers[step * wide : (step + 1) * wide]) for step in range(place, place + ahead))
 
     def walks(self) -> Iterator[Walk]:
-        """Yield the stretches of all episodes in which rows follow each other, each with a state of numbers."""
+        """Yield all stretches of consecutive rows in an episode, each with a state of numbers."""
         for episode, steps in self._steps.items():
             if len(self._numbers[episode]) != len(steps) * len(self._logged.number):
                 continue  # a cell of it is a fault
@@ -358,24 +366,24 @@ class Log:
 
     @staticmethod
     def _unbroken(steps: "array[float]") -> list[int]:
-        """Return how many rows follow each other from each on, itself counted, a step apart each."""
+        """Return how many consecutive rows, a step apart, begin at each row, itself included."""
         found = [1] * len(steps)
         for place, (one, after) in reversed(list(enumerate(pairwise(steps)))):
             found[place] = found[place + 1] + 1 if after == one + 1 else 1
         return found
 
     def require_some(self) -> None:
-        """Raise SourceError where no frame has a motion of the whole horizon."""
+        """Raise SourceError if no frame has a motion of the whole horizon."""
         if self._places and not any(self.motions()):
             longest = max(len(steps) for steps in self._steps.values())
             raise SourceError(
-                f"{self._table}: nowhere do {self._logged.horizon} steps follow each other, and the longest episode "
-                f"has {longest}; choose a shorter horizon"
+                f"{self._table}: no episode has {self._logged.horizon} consecutive steps, and the longest one has "
+                f"{longest}; choose a shorter horizon"
             )
 
 
 def _finite(cell: Cell) -> float:
-    """Return a cell of the state as a number, NaN where it is none; what is wrong with it is said where it is read."""
+    """Return a cell of the state as a number, else NaN; its fault is noted where it is read."""
     try:
         return read_part(cell, "")
     except SourceError:

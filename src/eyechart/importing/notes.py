@@ -1,4 +1,4 @@
-"""What in a log of a robot looks like a fault of it, or makes what is measured by it another thing than it seems."""
+"""Oddities of a robot's log that look like faults or change the meaning of measurements."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,20 +13,21 @@ from eyechart.spaces.motion import MotionSpace
 from eyechart.stats.outliers import outlying, recurs
 
 LEAST_FRAMES = 3
-"""Of fewer frames of an episode it is no wonder that a camera shows the same in all of them."""
+"""The fewest frames of an episode in which one unchanged picture is suspicious."""
 ONE_VALUE = 1e-9
-"""A dimension whose spread is no more than this has one value, as `MotionSpace.scales` has it."""
+"""A dimension with at most this spread has one value, as in `MotionSpace.scales`."""
 SMALL = 1e-3
-"""A dimension that varies by less of what the others do is named: it counts as much as they do."""
+"""A dimension that varies by less than this share of the others is reported, because it counts as
+much as they do."""
 
 Floats = npt.NDArray[np.float64]
 
 
 def notes(bank: FrameBank) -> list[str]:
-    """Return what looks wrong in the log of a bank that says what a motion is, a line each; nothing of another bank.
+    """Return one line for each oddity in the log of a bank with motions, else none.
 
-    Numbers far from all others, dimensions of a motion that stay or hardly vary, and cameras that show one and the same
-    picture all through an episode.
+    Oddities are numbers far from all others, dimensions of a motion that hardly vary, and cameras
+    that show one picture all through an episode.
     """
     space = bank.manifest.motion
     if space is None:
@@ -35,26 +36,26 @@ def notes(bank: FrameBank) -> list[str]:
 
 
 def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
-    """Yield which dimensions have a few numbers far from all others: those of faults, and those that recur."""
+    """Yield the dimensions with a few far numbers: faults, and numbers that recur."""
     frames, names, left = logs(bank), [one.name for one in space.dimensions], far_off(bank)
     logged = [frame for frame in bank if frame.motion]
     faults = {name for many in left.values() for name in many}
     if faults:
         said = _far(logged, space, [place for place, name in enumerate(names) if name in faults])
         yield (
-            f"motion {said}, in {len(left)} of {len(logged)} logged motions: these are left out of what answers are "
-            "measured by; correct them, or declare the scale if it is a move that is rare"
+            f"motion {said}, in {len(left)} of {len(logged)} logged motions: answers are not compared with these; "
+            "correct them, or declare the scale if it is a rare move"
         )
     recur = [place for place, one in enumerate(space.dimensions) if one.name in rare(bank) - faults and not one.scale]
     if recur:
         yield (
-            f"motion {_far(frames, space, recur)}, in several episodes: a move that is rare, or wrong rows, which "
-            "would be the scale of all others; correct them, or declare the scale"
+            f"motion {_far(frames, space, recur)}, in several episodes: a rare move, or wrong rows, which "
+            "would set the scale of all others; correct them, or declare the scale"
         )
 
 
 def _far(frames: Sequence[Frame], space: MotionSpace, places: Sequence[int]) -> str:
-    """Return in words that some dimensions have numbers far from all others, and how far."""
+    """Return a note, with distances, on dimensions with numbers far from all others."""
     names = [space.dimensions[place].name for place in places]
     said = _as_far(relative_log(frames, space)[..., places].reshape(-1, len(places)), names)
     return f"{_quoted(names)}: a few numbers lie far from all others ({said})"
@@ -73,13 +74,13 @@ def _far_in_state(bank: FrameBank) -> Iterator[str]:
     count = int(far.any(axis=1).sum())
     yield (
         f"state {_quoted(names[place] for place in places)}: a few numbers lie far from all others ({said}), in "
-        f"{count} of {len(bank)} moments: partners at a similar state are chosen by its spread, and places are "
+        f"{count} of {len(bank)} moments. Partners at a similar state are chosen by its spread, and places are "
         "measured from it; correct them"
     )
 
 
 def _as_far(numbers: Floats, names: Sequence[str]) -> str:
-    """Return how far off the farthest of some numbers is, shape (n, d), beside how far the others of its column are."""
+    """Return the farthest number's distance, shape (n, d), next to the usual one of its column."""
     away = np.abs(numbers - np.median(numbers, axis=0))
     usual = np.quantile(away, 0.95, axis=0)
     worst = int((away.max(axis=0) / usual).argmax())
@@ -88,7 +89,7 @@ def _as_far(numbers: Floats, names: Sequence[str]) -> str:
 
 
 def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
-    """Yield which dimensions of the motion have one value, and which vary by next to nothing and count all the same."""
+    """Yield the dimensions of the motion that have one value, or hardly vary but still count."""
     frames = logs(bank)
     if not frames:
         return
@@ -97,7 +98,7 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     if still := [place for place, spread in spreads.items() if spread <= ONE_VALUE]:
         values = ", ".join(_value(frames, space, place, float(numbers[0, place])) for place in still)
         yield (
-            f"{values} in every row: the log does not say what counts there, and an answer counts in its own unit; "
+            f"{values} in every row: the log gives no scale there, and an answer counts in its own unit; "
             f"{_leave_out(bank)}"
         )
     varied = {place: spread for place, spread in spreads.items() if spread > ONE_VALUE}
@@ -106,12 +107,12 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
         if spread < SMALL * usual:
             yield (
                 f"'{space.dimensions[place].name}' varies by {spread:.1g}, the others by {usual:.2g}: an error of that "
-                f"size counts as much as one of theirs; if it is of the same unit, {_leave_out(bank)}"
+                f"size counts as much as one of theirs; if it has the same unit, {_leave_out(bank)}"
             )
 
 
 def _value(frames: Sequence[Frame], space: MotionSpace, place: int, relative: float) -> str:
-    """Return what a dimension is in every row, in words: a number, or one beside that of the state."""
+    """Return a dimension's value in every row: a number, or one relative to the state."""
     name, raw = space.dimensions[place].name, {row[place] for frame in frames for row in frame.motion}
     return (
         f"'{name}' is {min(raw):g}" if max(raw) - min(raw) <= ONE_VALUE else f"'{name}' is {relative:g} off the state"
@@ -119,7 +120,7 @@ def _value(frames: Sequence[Frame], space: MotionSpace, place: int, relative: fl
 
 
 def _leave_out(bank: FrameBank) -> str:
-    """Return what can be done about a dimension whose spread is no measure of it."""
+    """Return the advice on a dimension whose spread is no measure of it."""
     if "lerobot" in str(bank.manifest.settings.get("format")):
         return "leave it out of the data set's 'action', or import a --table, whose --rig declares its scale"
     if bank.manifest.simulator != IMPORTED:
@@ -128,7 +129,7 @@ def _leave_out(bank: FrameBank) -> str:
 
 
 def _frozen(bank: FrameBank) -> Iterator[str]:
-    """Yield which cameras show one and the same picture all through an episode, but for one that always does."""
+    """Yield the cameras with one unchanged picture in some episodes, unless it never changes."""
     episodes: dict[object, list[Frame]] = defaultdict(list)
     for frame in bank:
         episodes[frame.drive].append(frame)
@@ -139,20 +140,20 @@ def _frozen(bank: FrameBank) -> Iterator[str]:
         count = sum(len(seen) == 1 for seen in every)
         if count and len({images.get(frame.pictures[name], frame.id) for frame in bank}) > 1:
             yield (
-                f"camera '{name}' shows one and the same picture all through {count} of {len(long)} episodes: was it "
+                f"camera '{name}' shows the same picture all through {count} of {len(long)} episodes: was it "
                 "frozen, or covered?"
             )
 
 
 def _doubled(bank: FrameBank) -> Iterator[str]:
-    """Yield which cameras show in most frames the very picture of another one."""
+    """Yield the pairs of cameras that show the same picture in most frames."""
     images, names = bank.manifest.images, [one.name for one in bank.frames[0].cameras]
     for one, other in combinations(names, 2):
         count = sum(images.get(frame.pictures[one], one) == images.get(frame.pictures[other], other) for frame in bank)
         if count > len(bank) / 2:
             yield (
-                f"cameras '{one}' and '{other}' show one and the same picture in {count} of {len(bank)} moments: what "
-                "is said of the one is said of both; were two names given to one camera?"
+                f"cameras '{one}' and '{other}' show the same picture in {count} of {len(bank)} moments: results "
+                "for one hold for both; does one camera have two names?"
             )
 
 

@@ -1,4 +1,4 @@
-"""How a table writes its numbers: marks that mean "none", the decimal sign, thousands, a unit behind a number."""
+"""Number formats of tables: marks that mean "none", decimal signs, thousands, and units."""
 
 import math
 import re
@@ -17,7 +17,7 @@ STYLES: dict[str, tuple[str, str]] = {
     "1'234.5": ("'", "."),
     "1,234.5": (",", "."),
 }
-"""How ``--numbers`` writes its example → the sign between thousands and that before the fraction."""
+"""The examples of ``--numbers``: each with its sign between thousands and its decimal sign."""
 
 UNITS: dict[str, tuple[str, ...]] = {
     "mm": ("millimeter", "millimeters", "millimetre", "millimetres"),
@@ -42,13 +42,14 @@ _SPACES = "\u00a0\u202f\u2009 "
 _UNITED = re.compile(r"(?P<number>.*\d\.?)\s*(?P<unit>[^\W\d_]+)")
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
-"""A number whose point may stand before a fraction or between thousands."""
+"""A number whose point may be a decimal point or separate thousands."""
 _WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+|\d+")
 _WITHIN = frozenset(
     {"mm", "cm", "km", "ft", "feet"}
     | {f"{many}{unit}" for many in ("", "milli", "centi", "deci", "kilo") for unit in ("meters", "metres")}
 )
-"""What is a unit also within a name; other words stand there for something else, as in ``gap_second_car_in_lane``."""
+"""Words that are units also within a name. Others mean something else there, as in
+``gap_second_car_in_lane``."""
 _LENGTHS = {
     "mm": 0.001,
     "cm": 0.01,
@@ -63,24 +64,25 @@ _LENGTHS = {
 }
 """Units of length in meters."""
 _LEAST_MARK = 90.0
-"""A mark such as 99 or 999 is at least so large; below it, the same digits are ordinary numbers."""
+"""The least mark such as 99 or 999; smaller numbers of such digits are ordinary."""
 _LARGE = 1e6
 _ENDS = frozenset({*(2.0**bits - one for bits in (8, 15, 16, 31, 32, 63, 64) for one in (0, 1))})
 _FAR = 2.0
 _OFTEN, _FEW_DIGITS, _OTHERS = 3, 2, 5
-"""A round number that stands so often, far above at least so many others, is taken for a mark: 100, 500, 1000."""
+"""A round number is taken for a mark if it occurs this often, far above at least this many others:
+100, 500, 1000."""
 
 
 def unit_named(words: str) -> str | None:
-    """Return a unit by its sign or its name in words, None where it is none that is known."""
+    """Return a unit by its sign or its name in words, None if it is unknown."""
     low = words.strip().lower()
     return next((unit for unit, names in UNITS.items() if low == unit or low in names), None)
 
 
 def unit_of(column: str) -> str | None:
-    """Return the unit in a column's name, as ``distance_cm``, ``rangeFeet``, ``gap_cm_left``; None without any.
+    """Return the unit in a column's name, as ``distance_cm`` or ``gap_cm_left``, else None.
 
-    That at its end comes first; within a name only what is hardly anything else is one.
+    A unit at the end comes first. Within a name, only unmistakable units count.
     """
     parts = [part for part in re.split(r"[^A-Za-z0-9]+", column) if part]
     last = _WORDS.findall(parts[-1]) if parts else []
@@ -93,11 +95,12 @@ def unit_of(column: str) -> str | None:
 
 @dataclass(frozen=True)
 class Numerals:
-    """What is declared of a table's numbers.
+    """The declared format of a table's numbers.
 
-    ``style`` is one of `STYLES`, "" for a point before the fraction and nothing between thousands. ``no_lead`` are the
-    numbers and words that mean "nothing ahead" in the column of the gap; None declares nothing, and then a number that
-    looks like a mark is refused; an empty sequence declares that every number is a distance.
+    ``style`` is one of `STYLES`, or "" for a decimal point and nothing between thousands.
+    ``no_lead`` are the numbers and words that mean "nothing ahead" in the gap's column. None
+    declares nothing, and then a number that looks like a mark is refused. An empty sequence
+    declares that every number is a distance.
     """
 
     style: str = ""
@@ -106,12 +109,12 @@ class Numerals:
 
     def __post_init__(self) -> None:
         if self.style and self.style not in STYLES:
-            raise SpecError(f"--numbers {self.style}: how numbers are written is one of {', '.join(STYLES)}")
+            raise SpecError(f"--numbers {self.style}: the format of numbers is one of {', '.join(STYLES)}")
 
     def row(self, row: Row, words: Iterable[str], where: str) -> Row:
-        """Return a row whose texts are numbers as Python writes them, but for the columns of ``words``.
+        """Return a row with numbers as Python writes them, except in the columns of ``words``.
 
-        Raises SourceError, which begins with ``where``, for a number that is written in another way than declared.
+        Raises SourceError, beginning with ``where``, for a number in another format than declared.
         """
         if not self.style:
             return row
@@ -122,7 +125,7 @@ class Numerals:
         }
 
     def _number(self, cell: str, what: str) -> str:
-        """Return a text that is a number, also before a unit, as Python writes it; other words stay as they are."""
+        """Return a number, also before a unit, as Python writes it; other text stays."""
         united = _UNITED.fullmatch(cell.strip())
         number, unit = (united["number"].strip(), f" {united['unit']}") if united else (cell.strip(), "")
         between, point = STYLES[self.style]
@@ -139,9 +142,9 @@ class Numerals:
         return cell
 
     def gap(self, cell: Cell, unit: str, what: str) -> Cell:
-        """Return a cell of the gap without its unit, None where it is a mark; ``what`` names row and column.
+        """Return a gap's cell without its unit, None for a mark; ``what`` names row and column.
 
-        Raises SourceError for a unit that is another than the declared one.
+        Raises SourceError for another unit than the declared one.
         """
         number, said = _parted(cell)
         if cell is None or (mark := self._mark(cell) or self._mark(number)) is not None:
@@ -156,14 +159,14 @@ class Numerals:
         return number
 
     def _mark(self, cell: Cell) -> str | None:
-        """Return which mark for "nothing ahead" a cell is, None where it is none."""
+        """Return the mark for "nothing ahead" that a cell equals, else None."""
         return next((mark for mark in self.no_lead or () if _is_same(cell, mark)), None)
 
 
 def distance(cell: Cell, unit: str, what: str) -> Cell:
-    """Return a cell of distances as a number in a ``unit``; one without its own is in that.
+    """Return a cell of distances as a number in ``unit``, which is also the default unit.
 
-    Raises SourceError, which begins with ``what``, for a unit that cannot be converted.
+    Raises SourceError, beginning with ``what``, for a unit that cannot be converted.
     """
     number, said = _parted(cell)
     own, to = unit_named(said) or said, unit_named(unit) or unit
@@ -175,7 +178,7 @@ def distance(cell: Cell, unit: str, what: str) -> Cell:
 
 
 def _parted(cell: Cell) -> tuple[Cell, str]:
-    """Return a number and the unit behind it; the cell as it is, and no unit, where it is no such."""
+    """Return a number and the unit behind it, or the cell as it is and no unit."""
     united = _UNITED.fullmatch(cell.strip()) if isinstance(cell, str) else None
     if united is None or not _PLAIN.fullmatch(number := united["number"].strip()):
         return cell, ""
@@ -183,9 +186,10 @@ def _parted(cell: Cell) -> tuple[Cell, str]:
 
 
 def unclear(rows: Iterable[tuple[Row, str]], columns: Iterable[str]) -> str | None:
-    """Return which number of some columns may be a thousand times as large, by rows and what a message calls each.
+    """Return a message on a number that may be a thousand times as large, else None.
 
-    None where another number of the table has a point that can stand before a fraction alone.
+    ``rows`` have their names for messages. It is None if another number of the table has a point
+    that must be a decimal point.
     """
     first, wanted = None, {*columns}
     for row, where in rows:
@@ -198,7 +202,7 @@ def unclear(rows: Iterable[tuple[Row, str]], columns: Iterable[str]) -> str | No
                 first = f"{where}: '{name}' is '{text}', which is {float(text):g} or {text.replace('.', '')}"
     if first is None:
         return None
-    return f"{first}: say how numbers are written with --numbers 1234.5 or --numbers 1.234,5"
+    return f"{first}: declare the format of numbers with --numbers 1234.5 or --numbers 1.234,5"
 
 
 def _written(between: str, point: str) -> str:
@@ -207,7 +211,7 @@ def _written(between: str, point: str) -> str:
 
 
 def _is_same(cell: Cell, mark: str) -> bool:
-    """Return whether a cell is a mark: the same number, or the same word in whatever letters."""
+    """Return whether a cell is a mark: the same number, or the same word in any case."""
     try:
         one, other = float(cell) if isinstance(cell, str | int | float) else math.nan, float(mark)
     except (ValueError, OverflowError):
@@ -218,11 +222,11 @@ def _is_same(cell: Cell, mark: str) -> bool:
 def odd_gaps(
     numbers: Sequence[float | None], named: Iterable[str], numerals: Numerals, column: str, *, marks: bool
 ) -> list[str]:
-    """Return what is wrong with the gap's numbers: below zero or, where they are looked for, ``marks`` not declared.
+    """Return the faults of the gap's numbers: below zero, and with ``marks``, undeclared marks.
 
-    ``named`` says what a message calls each row. No gap is below zero. A number of nines, a type's limit or a round one
-    that stands often, far above all others, and a zero that stands several times far below all others, are taken for
-    marks.
+    ``named`` names each row for messages. A distance is never below zero. Three kinds of number are
+    taken for marks: nines and a type's limit, a frequent round number far above all others, and a
+    repeated zero far below all others.
     """
     where: dict[float, list[str]] = {}
     for number, name in zip(numbers, named, strict=True):
@@ -233,13 +237,13 @@ def odd_gaps(
 
 
 def _odd_words(number: float, named: Sequence[str], column: str) -> str:
-    """Return what is wrong with a number of the gap, which stands in the rows ``named``, and how it is declared."""
+    """Return the fault of a number of the gap in the rows ``named``, and how to declare it."""
     rows = f"{named[0]}{f' and {len(named) - 1} more rows' if len(named) > 1 else ''}"
     what, written = f"{rows}: the gap '{column}' is {number:g}", repr(number).removesuffix(".0")
     if number < 0:
-        return f"{what}, and no distance is below 0; where it means nothing ahead, say --no-lead {written}"
+        return f"{what}, and no distance is below 0; if it means nothing ahead, say --no-lead {written}"
     return (
-        f"{what}, far from all other numbers: where it means nothing ahead, say --no-lead {written}; where it is a "
+        f"{what}, far from all other numbers: if it means nothing ahead, say --no-lead {written}; if it is a "
         "distance, say --no-lead '' (no number is a mark)"
     )
 
@@ -260,12 +264,12 @@ def _marks(where: Mapping[float, Sequence[str]]) -> Iterator[float]:
 
 
 def _is_round(number: float) -> bool:
-    """Return whether a number is at least 90 and of two digits at most before its zeros, as 100, 250 or 1000."""
+    """Return whether a number is 100, 250, 1000 or the like: two digits, then zeros."""
     return number > _LEAST_MARK and len(f"{number:.15g}".rstrip("0")) <= _FEW_DIGITS
 
 
 def _is_marklike(number: float) -> bool:
-    """Return whether a number is nines (999, 9999.9), a power of ten from 1e6 on, or the limit of a type."""
+    """Return whether a number is nines (999, 9999.9), a large power of ten, or a type's limit."""
     digits = f"{number:g}".replace(".", "")
     nines = number > _LEAST_MARK and set(digits) == {"9"}
     power = number >= _LARGE and set(digits.split("e")[0]) <= {"1", "0"}

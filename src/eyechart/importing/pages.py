@@ -1,9 +1,9 @@
-"""What the pages of a Parquet file unpack to, told by their own headers before any of them is unpacked.
+"""The unpacked size of a Parquet file's pages, from their headers, before any is unpacked.
 
-A footer may say anything of the pages behind it, and a reader believes each page's header. So the headers are read
-here, all of them, as the format's definition has them (github.com/apache/parquet-format, ``parquet.thrift``, in
-Thrift's compact protocol), and a file is refused that says a thing twice or in another type, because readers differ
-in which they take.
+A footer may make any claim about the pages, and a reader believes each page's header. All headers
+are therefore read here. Their format is that of github.com/apache/parquet-format,
+``parquet.thrift``, in Thrift's compact protocol. A file with a repeated field or one of a wrong
+type is refused, because readers differ in which value they take.
 """
 
 from bisect import bisect_left
@@ -19,19 +19,20 @@ from eyechart.errors import SourceError, plain_file, raising
 BATCH_ROWS = 1024
 """Rows that are read at a time."""
 MOST_UNPACKED = 192_000_000
-"""Bytes of the pages that are held at a time, of all columns; words count thrice, as a reader copies them."""
+"""Bytes of the pages in memory at a time, of all columns; text counts three times, as a reader
+copies it."""
 MOST_LISTED = 16_000_000
 """Numbers in the vectors of one row group: a file may put all of them into one row."""
 MOST_FOOTER = 8_000_000
 """Bytes of the footer."""
 MOST_STRUCTS = 200_000
-"""Structs of a footer; a reader takes up to a kilobyte for each."""
-MOST_COMPONENTS = 64
-"""Components of a vector that become columns of their own; longer ones are left out."""
+"""Structs of a footer; a reader needs up to a kilobyte for each."""
+MOST_COMPONENTS = 128
+"""The most components of a vector that become columns; longer vectors are left out."""
 _MOST_ELEMENTS, _MOST_NESTED = 10_000, 32
 _MOST_PAGES = 2_000_000
 _MOST_WIDTH = 64
-"""Bytes of a value of fixed length: a null takes as many."""
+"""Bytes of a value of fixed length; a null takes as many."""
 _HEADER, _MOST_HEADER = 4_096, 1_000_000
 _MAGIC, _TAIL = b"PAR1", 8
 
@@ -40,8 +41,9 @@ _DATA, _DICTIONARY, _DATA_2 = 0, 2, 3
 _WORDS, _FIXED = 6, 7
 _REPEATED = 2
 _ENCODINGS = {0, 2, 3, 5, 8, 9}
-"""PLAIN, PLAIN_DICTIONARY, RLE, DELTA_BINARY_PACKED, RLE_DICTIONARY and BYTE_STREAM_SPLIT, whose values are no more
-than their page. Of strings in DELTA encodings only reading tells how many bytes they make."""
+"""PLAIN, PLAIN_DICTIONARY, RLE, DELTA_BINARY_PACKED, RLE_DICTIONARY and BYTE_STREAM_SPLIT, whose
+values take no more bytes than their page. The size of strings in DELTA encodings is known only
+after reading."""
 
 Fields = Mapping[int, tuple[int, Any]]
 """A Thrift struct: the type and the value of each field by its number."""
@@ -52,7 +54,7 @@ class _MalformedError(Exception):
 
 
 class _CutError(_MalformedError):
-    """It goes on behind the bytes that were given."""
+    """The struct continues behind the given bytes."""
 
 
 @dataclass(slots=True)
@@ -64,7 +66,10 @@ class _Compact:
     at: int = 0
 
     def struct(self, depth: int = 0) -> dict[int, tuple[int, Any]]:
-        """Return a struct; raises _MalformedError where a field stands twice: readers differ in which they take."""
+        """Return a struct; raises _MalformedError for a repeated field.
+
+        Readers differ in which of two values they take.
+        """
         self.structs -= 1
         if self.structs < 0:
             raise _MalformedError(f"it has more than {MOST_STRUCTS} parts")
@@ -118,7 +123,7 @@ class _Compact:
 
 
 def _may(fields: Fields, number: int, kind: int) -> Any:  # noqa: ANN401 - of this type, or None
-    """Return a field, None where it is missing; raises _MalformedError where it is of another type."""
+    """Return a field, None if it is missing; raises _MalformedError for another type."""
     found, value = fields.get(number, (kind, None))
     if found != kind:
         raise _MalformedError(f"its field {number} is of type {found}, not {kind}")
@@ -126,7 +131,7 @@ def _may(fields: Fields, number: int, kind: int) -> Any:  # noqa: ANN401 - of th
 
 
 def _get(fields: Fields, number: int, kind: int) -> Any:  # noqa: ANN401 - of this type
-    """Return a field that must be there and, where it is a number, be none below 0."""
+    """Return a required field; a number must be 0 or more."""
     value = _may(fields, number, kind)
     if value is None or (kind in {_I32, _I64} and value < 0):
         raise _MalformedError(f"its field {number} is {value}")
@@ -135,7 +140,7 @@ def _get(fields: Fields, number: int, kind: int) -> Any:  # noqa: ANN401 - of th
 
 @dataclass(frozen=True, slots=True)
 class _Leaf:
-    """A column as the schema has it: its path, its physical type and width, and whether a row repeats it."""
+    """A column of the schema: its path, physical type and width, and whether it repeats."""
 
     path: str
     type: int
@@ -143,15 +148,16 @@ class _Leaf:
     repeated: bool
 
     def is_read(self, names: Collection[str]) -> bool:
-        """Return whether somebody who asks for these names reads it."""
+        """Return whether a reader of these names reads it."""
         parts = self.path.split(".")
         return any(".".join(parts[:count]) in names for count in range(1, len(parts) + 1))
 
 
 def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROWS) -> None:
-    """Raise SourceError where reading the columns of these names could take more memory than is allowed.
+    """Raise SourceError if reading the named columns could take more memory than allowed.
 
-    So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError goes through.
+    ``rows`` are read at a time. Each page's header is read, and no page is unpacked. OSError passes
+    through.
     """
     with (
         raising(SourceError, f"{path} cannot be read as Parquet", of=_MalformedError),
@@ -186,7 +192,7 @@ def _footer(file: BinaryIO, size: int) -> Fields:
 
 
 def _leaves(schema: Iterator[Fields], count: int, above: str, *, repeated: bool, depth: int) -> Iterator[_Leaf]:
-    """Yield the columns below so many elements of a schema, in their order, which is that of a row group's."""
+    """Yield the columns below ``count`` elements of a schema, in a row group's order."""
     if depth > _MOST_NESTED:
         raise _MalformedError("its schema is nested too deep")
     for _ in range(count):
@@ -203,10 +209,10 @@ def _leaves(schema: Iterator[Fields], count: int, above: str, *, repeated: bool,
 
 
 def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tuple[_Leaf, bool]], batch: int) -> None:
-    """Raise _MalformedError where those of a row group's columns that are read hold too much in a ``batch`` of rows."""
+    """Raise _MalformedError if a row group's read columns hold too much in ``batch`` rows."""
     rows, chunks = _get(group, 3, _I64), _get(group, 1, _LIST)
     if len(chunks) != len(leaves):
-        raise _MalformedError(f"{where} has {len(chunks)} columns, and the schema {len(leaves)}")
+        raise _MalformedError(f"{where} has {len(chunks)} columns, but the schema has {len(leaves)}")
     held = listed = 0
     for (leaf, is_read), chunk in zip(leaves, chunks, strict=True):
         if not is_read:
@@ -233,18 +239,18 @@ def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tu
 
 @dataclass(frozen=True, slots=True)
 class _Unpacked:
-    """What a column of a row group unpacks to: its dictionary's bytes, and the values and bytes of its other pages."""
+    """A column's unpacked size: its dictionary's bytes, and its other pages' values and bytes."""
 
     dictionary: int
     pages: Sequence[tuple[int, int]]
 
     @property
     def values(self) -> int:
-        """Return how many values it has."""
+        """Return the number of its values."""
         return sum(values for values, _ in self.pages)
 
     def held(self, count: int) -> int:
-        """Return the most bytes of the pages that so many values in a row lie in, the dictionary with them."""
+        """Return the most bytes of pages for ``count`` values in a row, with the dictionary."""
         values = [0, *accumulate(values for values, _ in self.pages)]
         sizes = [0, *accumulate(size for _, size in self.pages)]
         most = 0
@@ -263,7 +269,7 @@ class _Pages:
     left: int = _MOST_PAGES
 
     def of(self, chunk: Fields, *, words: bool) -> _Unpacked:
-        """Return what a column of a row group unpacks to, by each of its pages."""
+        """Return the unpacked size of a column of a row group, page by page."""
         starts = [_get(chunk, 9, _I64), _may(chunk, 11, _I64) or 0]
         at = min(start for start in starts if start > 0 or start == starts[0])
         end = at + _get(chunk, 7, _I64)
@@ -284,14 +290,14 @@ class _Pages:
                 encoding = _get(told, 2 if kind == _DATA else 4, _I32)
                 if encoding not in _ENCODINGS or (words and encoding in {5, 9}):
                     raise _MalformedError(
-                        "it is encoded in a way whose size is known only after reading (as DELTA_BYTE_ARRAY is); write "
+                        "it has an encoding whose size is known only after reading, such as DELTA_BYTE_ARRAY; write "
                         "it as PLAIN or with a dictionary"
                     )
                 pages.append((_get(told, 1, _I32), max(packed, unpacked)))
         return _Unpacked(dictionary, pages)
 
     def _header(self, at: int, end: int) -> tuple[Fields, int]:
-        """Return the header of the page there, and how many bytes it has."""
+        """Return the page's header at this place, and its length in bytes."""
         self.left -= 1
         if self.left < 0:
             raise _MalformedError(f"the file has more than {_MOST_PAGES} pages")

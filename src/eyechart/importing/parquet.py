@@ -1,8 +1,8 @@
-"""A Parquet file is read in small batches, after its pages' headers were asked what they unpack to.
+"""Parquet files, read in small batches after a check of their unpacked size.
 
-A few kilobytes of Parquet can stand for gigabytes: repeated values, compressed pages, prefixes shared by all
-strings. So a file is opened only within the bounds of `eyechart.importing.pages`, and words stay in their dictionary
-until their length was checked.
+A few kilobytes of Parquet can stand for gigabytes: repeated values, compressed pages, prefixes that
+all strings share. A file is therefore opened only within the bounds of `eyechart.importing.pages`.
+Text stays in its dictionary until its length is checked.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ _OPENING: dict[str, Any] = {"buffer_size": 1 << 20, "thrift_string_size_limit": 
 
 
 def require(module: str, package: str, extra: str) -> Any:  # noqa: ANN401 - a module of an extra, without types
-    """Import a module of an extra; raises SourceError that names the extra where it is not installed."""
+    """Import a module of an extra; raises SourceError with the extra's name if it is missing."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -35,9 +35,9 @@ def require(module: str, package: str, extra: str) -> Any:  # noqa: ANN401 - a m
 
 @dataclass(frozen=True)
 class ParquetTable:
-    """A Parquet file's plain columns. ``vectors`` maps a column of vectors to the names of its components.
+    """A Parquet file's plain columns, and its ``vectors`` with the names of their components.
 
-    ``unread`` are the columns that are neither, each with its type.
+    ``unread`` are the other columns, each with its type.
     """
 
     path: Path
@@ -50,11 +50,11 @@ class ParquetTable:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Return the names that its rows have, the vectors' components among them."""
+        """Return the column names of its rows, with the vectors' components."""
         return (*self.plain, *(name for names in self.vectors.values() for name in names))
 
     def rows(self) -> Iterator[dict[str, Cell]]:
-        """Yield the rows in order, a batch in memory at a time; raises SourceError where the file cannot be read."""
+        """Yield the rows in order, a batch at a time; raises SourceError for a bad file."""
         pa, pq = require("pyarrow", "pyarrow", self.extra), require("pyarrow.parquet", "pyarrow", self.extra)
         try:
             with pq.ParquetFile(self.path, read_dictionary=list(self.words), **_OPENING) as file:
@@ -84,7 +84,7 @@ class ParquetTable:
             yield {name: values[name][place] for name in self.columns}
 
     def _said(self, name: str, column: Any, before: int) -> list[Cell]:  # noqa: ANN401 - of pyarrow
-        """Return a column of words: each that is used is made once, after its length was looked at."""
+        """Return a column of text; each used word is made once, after a check of its length."""
         compute = require("pyarrow.compute", "pyarrow", self.extra)
         indices = column.indices.to_pylist()
         used = sorted({index for index in indices if index is not None})
@@ -106,9 +106,10 @@ class ParquetTable:
 def open_parquet(
     path: Path, *, vectors: Mapping[str, tuple[str, ...]] | None = None, extra: str = "parquet"
 ) -> ParquetTable:
-    """Open a Parquet file; nested and binary columns are left out, except the ``vectors`` named.
+    """Open a Parquet file without its nested and binary columns, except the named ``vectors``.
 
-    Raises SourceError where pyarrow is missing, the file is damaged, or its columns would unpack to too much.
+    Raises SourceError if pyarrow is missing, the file is damaged, or its columns would unpack to
+    too much.
     """
     pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
     try:
@@ -128,7 +129,7 @@ def open_parquet(
 
 
 def has_column(path: Path, column: str, *, extra: str) -> bool:
-    """Return whether a Parquet file has a column of this name; raises SourceError where it cannot be read."""
+    """Return whether a Parquet file has this column; raises SourceError for an unreadable file."""
     pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
     try:
         require_bounded(path, ())
@@ -139,10 +140,10 @@ def has_column(path: Path, column: str, *, extra: str) -> bool:
 
 
 def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:
-    """Yield the bytes in a column of these rows, which rise from 1 through all files; a few are in memory at a time.
+    """Yield a column's bytes in these rows, a few in memory at a time.
 
-    ``column`` may be a part of a struct, with a dot. Raises SourceError where it is not there, or would unpack to too
-    much.
+    ``rows`` rise from 1 through all files. ``column`` may be a part of a struct, with a dot. Raises
+    SourceError if it does not exist, or would unpack to too much.
     """
     pa, pq = require("pyarrow", "pyarrow", "lerobot"), require("pyarrow.parquet", "pyarrow", "lerobot")
     wanted, before = deque(rows), 0
@@ -166,7 +167,7 @@ def _cells_of(
     wanted: deque[int],
     before: int,
 ) -> Iterator[bytes | None]:
-    """Yield the wanted rows of a row group, and take them off; ``before`` rows precede it."""
+    """Yield the wanted rows of a row group, and remove them; ``before`` rows precede it."""
     for batch in file.iter_batches(_FEW_ROWS, row_groups=[group], columns=[column], use_threads=False):
         if not batch.num_columns:
             raise LookupError(f"it has no column '{column}'")
@@ -181,7 +182,7 @@ def _cells_of(
 
 
 def _is(pa: Any, kind: Any, names: tuple[str, ...]) -> bool:  # noqa: ANN401 - of pyarrow
-    """Return whether a type is one of those that pyarrow calls so; a dictionary is what its values are."""
+    """Return whether a type has one of pyarrow's names; a dictionary counts as its values."""
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     return any(getattr(pa.types, f"is_{name}")(kind) for name in names)
@@ -196,7 +197,7 @@ def _is_vector(pa: Any, schema: Any, name: str) -> bool:  # noqa: ANN401 - of py
 
 
 def _plain(value: object) -> Cell:
-    """Return a cell as a plain value: a date or a decimal as its text, an empty text as None."""
+    """Return a cell as a plain value: a date or a decimal as text, an empty text as None."""
     if value is None or value == "":
         return None
     return value if isinstance(value, str | int | float | bool) else str(value)

@@ -1,4 +1,4 @@
-"""A photograph that a table names: where it lies, whether it is plain, and how it is made plain where that is asked."""
+"""Photographs of a table: their places, their checks, and their conversion on request."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -13,10 +13,11 @@ _MOST_NAME = 1_000
 
 @dataclass(frozen=True)
 class Convert:
-    """How pictures are made plain (`eyechart.frames.made_plain`): as 8-bit PNG, upright, in red, green and blue.
+    """The conversion of pictures (`eyechart.frames.made_plain`) to upright 8-bit RGB PNGs.
 
-    What is transparent shows ``background``, a colour's name or #rrggbb; pictures whose longer side has more than
-    ``longest`` pixels are made smaller. A picture that is plain, and not too large, stays as it is.
+    Transparent parts show ``background``, a colour's name or #rrggbb. Pictures whose longer side
+    has more than ``longest`` pixels are made smaller. A picture that is plain, and not too large,
+    stays as it is.
     """
 
     background: str = "white"
@@ -30,9 +31,9 @@ class Convert:
 
 @dataclass(frozen=True)
 class Photographs:
-    """The folder of a table's pictures; the table itself stands in ``beside``.
+    """The folder of a table's pictures; the table itself is in ``beside``.
 
-    ``done`` counts what was converted; ``strip`` is what every path begins with, and is taken away.
+    ``done`` counts conversions; ``strip`` is a prefix that is removed from every path.
     """
 
     folder: Path
@@ -46,9 +47,9 @@ class Photographs:
         return self.folder.resolve()
 
     def locate(self, name: str, what: str) -> str:
-        """Return a picture's path inside the folder, with '/' between its parts; ``what`` names row and column.
+        """Return a picture's path inside the folder, with '/'; ``what`` names row and column.
 
-        A path may also be given from the table's own place, where it leads into the folder. Raises SourceError where
+        A path may also be relative to the table, if it leads into the folder. Raises SourceError if
         it leads outside.
         """
         path = name.strip()
@@ -71,7 +72,7 @@ class Photographs:
         return str(pure)
 
     def _stripped(self, path: str, what: str) -> str:
-        """Return a path without what it is to begin with; raises SourceError where it begins with something else."""
+        """Return a path without the prefix; raises SourceError if it has another beginning."""
         head = self.strip.replace("\\", "/").rstrip("/")
         if not head:
             return path
@@ -80,10 +81,10 @@ class Photographs:
         return path[len(head) + 1 :]
 
     def _advice(self, pure: PurePosixPath) -> str:
-        """Return which ``--strip`` makes an absolute path one of the folder, "" where none does."""
+        """Return the ``--strip`` that makes an absolute path one of the folder, "" if none does."""
         for place in range(1, len(pure.parts)):
             if self._is_file(self.folder / PurePosixPath(*pure.parts[place:])):
-                return f"; --strip {PurePosixPath(*pure.parts[:place])} takes the place of another machine away"
+                return f"; --strip {PurePosixPath(*pure.parts[:place])} removes the other machine's folder"
         return ""
 
     def _from_table(self, pure: PurePosixPath) -> PurePosixPath | None:
@@ -103,7 +104,7 @@ class Photographs:
     def read(self, file: str, what: str) -> tuple[bytes, str]:
         """Return a picture's bytes and its name in a bank.
 
-        Raises SourceError, naming row and file, where it is not plain and nobody asked to make it so.
+        Raises SourceError with row and file if it is not plain and no conversion was chosen.
         """
         with raising(SourceError, what, of=BankError):
             picture = self._bytes_of(file)
@@ -129,7 +130,7 @@ class Photographs:
 
 
 def _require_plain(picture: bytes, file: str) -> None:
-    """Raise BankError where a picture is not plain, and name the option where it can be made so."""
+    """Raise BankError if a picture is not plain, with the option that could convert it."""
     try:
         require_plain(picture, file)
     except BankError as error:

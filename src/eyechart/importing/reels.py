@@ -1,4 +1,4 @@
-"""The pictures of one camera in the order of its frames: decoded from videos, or taken out of Parquet files."""
+"""The pictures of one camera in the order of its frames, from videos or from Parquet files."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,18 +17,18 @@ from eyechart.importing.parquet import binary_cells, require
 from eyechart.importing.timeline import NEAR, Timeline
 
 _SEEK_S = 2.0
-"""A wanted frame so far ahead is looked up instead of decoded up to."""
+"""A frame farther ahead than this is reached by a seek instead of by decoding."""
 _SURE = 0.75
-"""A video that declares its end this share of a picture behind a second shows one there."""
+"""A video with a declared end this share of a picture behind a second has a picture there."""
 _AGAIN = "download it again, or, in a clone, run 'git lfs pull'"
 _ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi"}
-"""What FFmpeg may open: films, and no list that names other files or addresses to play."""
+"""The formats that FFmpeg may open: videos, but no playlists of other files or addresses."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A picture that is not there, or that cannot be shown, and why."""
+    """A picture that does not exist or cannot be shown, and why."""
 
     why: str
 
@@ -38,9 +38,9 @@ Picture = bytes | Missing
 
 @dataclass(frozen=True)
 class Videos:
-    """One camera's videos: the clip of each episode, the frames a second, and when each row of the data set was.
+    """One camera's videos: each episode's clip, and the time of each row of the data set.
 
-    What the ``timeline`` says of the rows is known when all were read.
+    The ``timeline`` is complete only after all rows are read.
     """
 
     layout: Layout
@@ -48,19 +48,19 @@ class Videos:
     timeline: Timeline
 
     def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
-        """Yield each frame's picture as PNG, or that the video shows none near its second.
+        """Yield each frame's picture as PNG, or that the video has none near its second.
 
-        Raises SourceError where the video cannot be read, or ends before its rows do.
+        Raises SourceError if the video cannot be read, or ends before its rows do.
         """
         ends, near_s = self.timeline.ends(self.clips), NEAR / self.timeline.fps
         for (video, _), run in groupby(self._placed(frames, rows), key=lambda one: one[0]):
             path = self.layout.file(video)
             if path is None:
-                raise SourceError(f"{self.layout.root / video} is not there; {_AGAIN}")
+                raise SourceError(f"{self.layout.root / video} does not exist; {_AGAIN}")
             yield from _decoded(path, [time_s for _, time_s in run], near_s, ends[video])
 
     def _placed(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[tuple[tuple[str, int], float]]:
-        """Yield every frame's video, with a count of how often time went back in it, and its second there."""
+        """Yield every frame's video, with the number of backward jumps in it, and its second."""
         before, turn = ("", -math.inf), 0
         for frame, row in zip(frames, rows, strict=True):
             clip = self.clips[int(frame.episode)]
@@ -72,13 +72,16 @@ class Videos:
 
 @dataclass(frozen=True)
 class Embedded:
-    """One camera's pictures inside the data files, in a column of its name with their bytes."""
+    """One camera's pictures inside the data files, as bytes in a column of its name."""
 
     files: Sequence[Path]
     column: str
 
     def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
-        """Yield the pictures of these rows, which rise from 1 through all files, as PNG, or why one is none."""
+        """Yield the pictures of these rows as PNG, or why one is missing.
+
+        ``rows`` rise from 1 through all files.
+        """
         found = binary_cells(self.files, f"{self.column}.bytes", rows)
         for frame, picture in zip(frames, found, strict=True):
             what = f"{self.column} of {frame.id}"
@@ -94,7 +97,7 @@ Reel = Videos | Embedded
 
 
 def _plain(picture: bytes, what: str) -> Picture:
-    """Return a picture of a data file as PNG of red, green and blue; what cannot be read is missing."""
+    """Return a picture of a data file as RGB PNG; an unreadable one is missing."""
     try:
         pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
     except BankError as error:
@@ -103,9 +106,9 @@ def _plain(picture: bytes, what: str) -> Picture:
 
 
 def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) -> Iterator[Picture]:
-    """Yield for each of the rising ``times`` the nearest picture of a video, or that none is within ``near_s``.
+    """Yield a video's nearest picture to each of the rising ``times``, if within ``near_s``.
 
-    Raises SourceError where the video ends before ``end_s``.
+    Raises SourceError if the video ends before ``end_s``.
     """
     av = require("av", "PyAV", "lerobot")
     try:
@@ -123,7 +126,7 @@ def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) ->
         said = error.strerror if isinstance(error, (av.FFmpegError, OSError)) else None
         why = said or str(error).partition("\n")[0]
         raise SourceError(
-            f"{path} cannot be read as a video ({why}); where it is cut, or a pointer of Git LFS, {_AGAIN}"
+            f"{path} cannot be read as a video ({why}); if it is cut, or a pointer of Git LFS, {_AGAIN}"
         ) from error
 
 
@@ -134,9 +137,10 @@ def _encoded(picture: Any, path: Path) -> bytes:  # noqa: ANN401 - of PyAV
 
 
 def _require_end(container: Any, stream: Any, path: Path, end_s: float) -> None:  # noqa: ANN401 - of PyAV
-    """Raise SourceError where a video shows nothing at or behind ``end_s``; leave it at its beginning.
+    """Raise SourceError if a video has nothing at or after ``end_s``; leave it at its start.
 
-    The end that it declares is one picture behind its last; where that does not settle it, the last ones are decoded.
+    Its declared end is one picture behind its last. If that does not decide, the last pictures are
+    decoded.
     """
     start, length = stream.start_time or 0, stream.duration
     if length is not None and (start + length) * stream.time_base > end_s + _SURE / float(stream.average_rate or 1):
@@ -145,14 +149,14 @@ def _require_end(container: Any, stream: Any, path: Path, end_s: float) -> None:
     last = max((time_s for time_s, _ in _pictures(container, stream)), default=0.0)
     if last < end_s:
         raise SourceError(
-            f"{path} ends at {last:.3f} s, and the data set has rows of {end_s:.3f} s in it: where it is cut, "
+            f"{path} ends at {last:.3f} s, but the data set has rows at {end_s:.3f} s in it: if it is cut, "
             f"{_AGAIN}; else 'from_timestamp' in meta/episodes is wrong"
         )
     container.seek(0, stream=stream)
 
 
 class _Shown:
-    """The pictures of a video in their order, looked up where the next one wanted is far ahead."""
+    """The pictures of a video in order, with a seek if the next one wanted is far ahead."""
 
     def __init__(self, container: Any, stream: Any) -> None:  # noqa: ANN401 - of PyAV
         self._container, self._stream = container, stream
@@ -161,7 +165,7 @@ class _Shown:
         self._after: tuple[float, Any] = (-math.inf, None)
 
     def nearest(self, time_s: float) -> tuple[float, Any]:
-        """Return how many seconds the nearest picture is away, and itself; ``time_s`` is never less than before."""
+        """Return the nearest picture and its distance in seconds; ``time_s`` never decreases."""
         if time_s - self._after[0] > _SEEK_S:
             self._container.seek(max(0, int((time_s - _SEEK_S / 2) / self._stream.time_base)), stream=self._stream)
             self._pictures = _pictures(self._container, self._stream)

@@ -1,6 +1,7 @@
-"""Which episodes of a log are one recording under two names, as a merged data set has them.
+"""Episodes of a log that are one recording under two names, as in a merged data set.
 
-Counted twice, an episode is two in every test, and the partner of a moment at a similar state is the moment itself.
+If such an episode is counted twice, it is two in every test. The partner of a moment at a similar
+state is then the moment itself.
 """
 
 import hashlib
@@ -14,31 +15,35 @@ import numpy as np
 from eyechart.frames import RGB, Frame, decode
 
 LEAST_SHARED = 3
-"""Episodes that share fewer unlike moments are no candidates: a robot that stands still has one."""
+"""The fewest distinct moments that two candidates share: a robot that stands still has one."""
 SHARED = 0.95
-"""The share of the shorter one's unlike moments that both have: two that begin alike and go apart are no repeat."""
+"""The share of the shorter one's distinct moments that both have: two that only begin equally are
+no repeat."""
 LOOKED_AT = 3
-"""So many shared moments are compared by their pictures."""
+"""The number of shared moments whose pictures are compared."""
 MEAN, PART = 3.0, 25.0
-"""Levels by which pictures of one moment differ at most, such as by another encoding: on average, and in any part.
+"""The largest differences of one moment's pictures, such as by another encoding: on average, and in
+any part.
 
-A small object that stands elsewhere changes the average by no more than JPEG or H.264 do, and its own part by more.
+A small object in another place changes the average by no more than JPEG or H.264 do, but its own
+part by more.
 """
 LEAST_SIDE, PARTS = 4, 32
-"""A part is a square of so many pixels at least, and about so many of them stand on a picture's shorter side."""
+"""The least side of a part in pixels, and the approximate number of parts along a picture's shorter
+side."""
 MOST_HOLDERS = 8
-"""A moment is looked up in so many episodes at most, so that the time goes with the frames."""
+"""The most episodes in which a moment is looked up, so that time grows only with the frames."""
 MOST_TRIED = 3
 _SHOWN = 8
 REPEATS = "repeats"
-"""The setting of an imported bank that says which episodes are others again."""
+"""The setting of an imported bank that lists repeated episodes."""
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """An episode that is another one again: its frames, what both are called, and whether it is told otherwise.
+    """A repeated episode: its frames, both names, and whether its instruction differs.
 
-    ``pairs`` are its moments beside those of the other one.
+    ``pairs`` are its moments with those of the other one.
     """
 
     frames: Sequence[Frame]
@@ -55,10 +60,11 @@ class Repeat:
 def repeats(
     frames: Sequence[Frame], read: Callable[[str], bytes], digest: Callable[[str], str] | None = None
 ) -> list[Repeat]:
-    """Return the episodes that are a longer one, or one before, again: the same states, or motions, and pictures.
+    """Return the episodes that repeat a longer or earlier one: same numbers and pictures.
 
-    ``read`` returns the encoded picture of a file. Of two recordings with the same numbers and other pictures neither
-    is a repeat. Moments without any number are the same where the ``digest`` of all their pictures is.
+    The numbers are the states, or else the motions. ``read`` returns the encoded picture of a file.
+    Two recordings with the same numbers and different pictures are no repeats. Moments without
+    numbers are equal if the ``digest`` of all their pictures is.
     """
     digest = digest or (lambda file: hashlib.sha256(read(file)).hexdigest())
     episodes: dict[str, list[Frame]] = defaultdict(list)
@@ -83,12 +89,12 @@ def repeats(
 
 
 def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
-    """Return a line that names which episodes are others again, by what `Repeat.as_dict` says of them."""
+    """Return a line that names the repeated episodes, given as `Repeat.as_dict`."""
     pairs = [f"'{one['episode']}' is '{one['of']}'" for one in found]
     named = ", ".join(pairs[:_SHOWN]) + (f" and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
-    said = f"{len(pairs)} episodes are others again: {named}"
+    said = f"{len(pairs)} episodes repeat others: {named}"
     if len(pairs) == 1:
-        said = f"episode '{found[0]['episode']}' is episode '{found[0]['of']}' again"
+        said = f"episode '{found[0]['episode']}' repeats episode '{found[0]['of']}'"
     told = sum(bool(one["told_otherwise"]) for one in found)
     of = "" if told == len(pairs) else f" in {told}"
     said += f" (same pictures and numbers{f', another instruction{of}' if told else ''})"
@@ -99,9 +105,10 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
 
 
 def _key(frame: Frame, digest: Callable[[str], str]) -> bytes:
-    """Return what a moment's state is, without any its motion, in single precision, and without that its pictures.
+    """Return a key of a moment: its state, else its motion, else its pictures.
 
-    The motion ahead ends with the episode, so that the last moments of an excerpt have another one, or none.
+    Numbers are in single precision. The motion ahead ends with the episode, so the last moments of
+    an excerpt have another motion, or none.
     """
     numbers = [*chain.from_iterable(frame.state.values())] or [*chain.from_iterable(frame.motion)]
     held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign
@@ -115,7 +122,7 @@ def _same(
     moments: Mapping[str, Mapping[bytes, Frame]],
     read: Callable[[str], bytes],
 ) -> str | None:
-    """Return the episode that an episode's moments are again, None where there is none."""
+    """Return the episode that these moments repeat, None if there is none."""
     counts = Counter(drive for key in own for drive in holders.get(key, ()))
     for drive, count in counts.most_common(MOST_TRIED):
         other = moments[drive]
@@ -138,7 +145,7 @@ def _seen_alike(one: bytes, other: bytes) -> bool:
 
 
 def _level(one: RGB, other: RGB) -> bool:
-    """Return whether two pictures differ by no more than their encoding may."""
+    """Return whether two pictures differ by no more than their encoding can."""
     if one.shape != other.shape:
         return False
     away = np.abs(one.astype(np.int16) - other).mean(axis=2)

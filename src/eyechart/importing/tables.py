@@ -1,4 +1,4 @@
-"""A table is read row by row within bounds of memory, whatever its format and its size: CSV, JSON lines, Parquet."""
+"""Tables in CSV, JSON lines or Parquet, read row by row within bounds of memory."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ from eyechart.importing.parquet import open_parquet
 from eyechart.records import parse_json
 
 MOST_LINE = 4_000_000
-"""Characters of one line of a table, and of one row; more is no table of frames."""
+"""Characters of one line or one row of a table; a longer one is no table of frames."""
 MOST_COLUMNS = 2_000
 
 _DELIMITERS = ",;\t"
@@ -28,10 +28,10 @@ _REPORT_EVERY = 5_000
 class Table:
     """A table's columns, and its rows in order; an empty cell is None.
 
-    ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is the number of
-    rows, None where only reading tells. A row that is broken is noted in ``faults`` and comes without any column, so
-    that whoever reads on finds all of them; he must then look there. ``unread`` are columns whose values are no plain
-    ones, with their types.
+    ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is
+    the number of rows, None if only reading tells. A broken row is noted in ``faults`` and comes
+    without columns, so that all faults are found. The caller must check ``faults``. ``unread`` are
+    columns without plain values, with their types.
     """
 
     name: str
@@ -44,16 +44,16 @@ class Table:
 
 
 def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
-    """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
+    """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet.
 
-    A row of JSON lines has the columns of the first, and may have ``optional`` ones, in whatever letters.
-    Raises SourceError, also while its rows are read, that names the table, the row and what is wrong; what is wrong in
-    one row alone is noted in its ``faults``.
+    ``progress`` counts the part that was read. A row of JSON lines has the columns of the first,
+    and may have ``optional`` ones, in any case. Raises SourceError with table, row and fault, also
+    while rows are read. A fault of one row alone is noted in ``faults``.
     """
     if path.suffix.lower() not in OPENERS:
-        raise SourceError(f"{path} is no table that can be read; known endings are {', '.join(OPENERS)}")
+        raise SourceError(f"{path} is not a readable table; known endings are {', '.join(OPENERS)}")
     if not path.is_file():
-        raise SourceError(f"{path} does not exist or is no file; --table names the table of the frames")
+        raise SourceError(f"{path} does not exist or is not a file; --table names the table of the frames")
     return OPENERS[path.suffix.lower()](path, progress, optional)
 
 
@@ -62,7 +62,7 @@ def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     head = next(lines, "")
     delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
     row = _OneRow(path, chain([head], lines))
-    reader = csv.reader(row, delimiter=delimiter, strict=True)  # else a quote that is not closed takes all rows behind
+    reader = csv.reader(row, delimiter=delimiter, strict=True)  # else an unclosed quote takes all later rows
     with raising(SourceError, f"{path}: the first line is no header", of=csv.Error):
         columns = tuple(name.strip() for name in next(reader, []))
     _check_columns(path, columns)
@@ -71,7 +71,7 @@ def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
 
 
 class _OneRow:
-    """Passes lines on, and counts the characters of a row, whose cells may go over several of them."""
+    """Passes lines on, and counts the characters of a row, which may cover several lines."""
 
     def __init__(self, path: Path, lines: Iterator[str]) -> None:
         self._path, self._lines, self._taken = path, lines, 0
@@ -85,7 +85,7 @@ class _OneRow:
                 yield line
 
     def begin(self) -> None:
-        """Take note that a row is whole."""
+        """Start the next row."""
         self._taken = 0
 
 
@@ -131,7 +131,7 @@ def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) 
 
 
 _Known = tuple[tuple[str, ...], frozenset[str]]
-"""The columns of a table's first row, and the plain names of those that any other may have."""
+"""The columns of a table's first row, and the plain names of columns that other rows may add."""
 
 
 def _json_rows(path: Path, lines: Iterator[str], columns: _Known, faults: Faults) -> Iterator[Row]:
@@ -146,7 +146,7 @@ def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
     row, (columns, optional) = _json_row(path, number, line), known
     for name, cell in row.items():
         if name not in columns and plain_name(name) not in optional:
-            raise SourceError(f"{path}, row {number} has a column '{name}' that the first row has not")
+            raise SourceError(f"{path}, row {number} has a column '{name}' that the first row does not have")
         if not isinstance(cell, str | int | float | bool | None):
             raise SourceError(f"{path}, row {number}: '{name}' is a {type(cell).__name__}, not a plain value")
     return {name: None if cell == "" else cell for name, cell in {**dict.fromkeys(columns), **row}.items()}
@@ -156,14 +156,14 @@ def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     with raising(SourceError, f"{path}, row {number} is no JSON object", of=(ValueError, RecursionError)):
         row = parse_json(line, object_pairs_hook=_each_once)
         if "\\u" in line:
-            json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
+            json.dumps(row, ensure_ascii=False).encode()  # half a surrogate pair cannot be written
     if not isinstance(row, dict):
         raise SourceError(f"{path}, row {number} is a {type(row).__name__}, no JSON object")
     return row
 
 
 def _each_once(pairs: list[tuple[str, Cell]]) -> dict[str, Cell]:
-    """Return an object of these pairs; raises ValueError where a name stands there twice, with either value."""
+    """Return an object of these pairs; raises ValueError for a repeated name."""
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]

@@ -1,4 +1,4 @@
-"""When each row of a data set was, and whether its rows, its episodes and its videos say one and the same."""
+"""The times of a data set's rows, and whether rows, episodes and videos agree."""
 
 import math
 from array import array
@@ -14,13 +14,13 @@ from eyechart.importing.layout import MOST_SECONDS, Clip, whole
 from eyechart.records import LARGEST
 
 NEAR = 0.25
-"""A picture is a row's where it is no farther from its second than this share of a frame."""
+"""The largest distance of a picture from its row's second, as a share of a frame."""
 _HALF = 0.5
-"""Stretches of one video whose pictures are nearer than this share of a frame have one of them in common."""
+"""Stretches of one video that are nearer than this share of a frame overlap."""
 _PACES = 100_000
-"""Rows of which the rate is taken."""
+"""The number of rows from which the rate is taken."""
 _PACE = 0.1
-"""Seconds between rows that differ by more than this share from those between frames are of another rate."""
+"""The largest relative difference between the rows' interval and the declared one."""
 _SHOWN = 3
 PLACES = {"episode": "episode_index", "step": "frame_index"}
 TIME = "timestamp"
@@ -28,7 +28,7 @@ TIME = "timestamp"
 
 @dataclass(slots=True)
 class _Episode:
-    """What the rows of an episode said so far: their count, the last one's step and second, the first one's second."""
+    """An episode's rows so far: their count, the last step, and the last and first seconds."""
 
     count: int = 0
     step: int = -1
@@ -38,7 +38,7 @@ class _Episode:
 
 @dataclass(slots=True)
 class _Left:
-    """Rows that are left out for a column's sake: the first one's number, how many, and some of what stands there."""
+    """Rows left out because of one column: the first number, the count, and some values."""
 
     first: int
     count: int = 0
@@ -47,11 +47,12 @@ class _Left:
 
 @dataclass
 class Timeline:
-    """Takes note of when each row was, leaves out rows that cannot be read, and refuses those that contradict others.
+    """Records the times of rows, leaves out unreadable rows, and refuses contradictory ones.
 
-    ``needed`` are the columns that have to be numbers up to `LARGEST`, ``counted`` those that have to be whole.
-    ``left`` has the rows that are left out by column, ``emptied`` the other cells that no bank can hold, ``times`` the
-    second of each row in its episode, NaN where it is left out, ``lacking`` the episodes that have no row.
+    ``needed`` columns must be numbers up to `LARGEST`, ``counted`` ones whole numbers. ``left`` has
+    the rows left out by column, and ``emptied`` the other cells that no bank can hold. ``times``
+    has the second of each row in its episode, NaN if it is left out. ``lacking`` are the episodes
+    without rows.
     """
 
     name: str
@@ -62,13 +63,15 @@ class Timeline:
     left: dict[str, _Left] = field(default_factory=dict)
     emptied: Counter[str] = field(default_factory=Counter)
     lacking: list[int] = field(default_factory=list)
+    meta: str = "meta/episodes"
     _episodes: dict[int, _Episode] = field(default_factory=dict)
     _paces: "array[float]" = field(default_factory=lambda: array("d"))
 
     def add(self, row: Row) -> Row:
-        """Return the next row with its cells that a bank can hold; empty where the row is left out.
+        """Return the next row with the cells that a bank can hold; empty if it is left out.
 
-        Raises SourceError where an episode's steps or seconds do not rise: it stands there twice, or in no order.
+        Raises SourceError if an episode's steps or seconds do not rise: it occurs twice, or out of
+        order.
         """
         self.times.append(math.nan)
         episode, step = (whole(row.get(name)) for name in PLACES.values())
@@ -84,7 +87,7 @@ class Timeline:
         return {name: self._plain(name, cell) for name, cell in row.items()}
 
     def _second(self, row: Row, episode: int, step: int) -> float | None:
-        """Return the second of a row in its episode, by its own timestamp; None where that is no second."""
+        """Return a row's second in its episode, by its timestamp; None for an invalid one."""
         known = self._episodes.setdefault(episode, _Episode())
         where = f"{self.name}, row {len(self.times)}: step {step} of episode {episode}"
         if step <= known.step:
@@ -95,8 +98,8 @@ class Timeline:
             return None
         if cell <= known.time_s:
             raise SourceError(
-                f"{where} was at {cell:g} s by its timestamp, and step {before} at {known.time_s:g} s; a later step is "
-                "later: which picture belongs to it is not known"
+                f"{where} was at {cell:g} s by its timestamp, but step {before} at {known.time_s:g} s; a later step "
+                "must have a later time, or its picture is unknown"
             )
         if math.isfinite(known.time_s) and len(self._paces) < _PACES:
             self._paces.append((cell - known.time_s) / (step - before))
@@ -112,24 +115,24 @@ class Timeline:
         return {}
 
     def _plain(self, name: str, cell: Cell) -> Cell:
-        """Return a cell; one that is no number that a bank can hold, and need not be one, is left empty."""
+        """Return a cell; a number that no bank can hold is left empty if it is not needed."""
         if isinstance(cell, float) and not abs(cell) <= LARGEST:
             self.emptied[name] += 1
             return None
         return cell
 
     def said(self) -> list[str]:
-        """Return which rows and cells are left out, a line a column."""
+        """Return the rows and cells that are left out, a line a column."""
         lines = []
         for column, left in self.left.items():
             some = ", ".join(list(left.values)[:_SHOWN]) + (", …" if len(left.values) > _SHOWN else "")
             lines.append(
                 f"{left.count} of {len(self.times)} rows are left out: '{column}' is {some} there (the first is row "
-                f"{left.first}); no motion goes over them"
+                f"{left.first}); no motion includes them"
             )
         if self.lacking:
             some = ", ".join(map(str, self.lacking[:_SHOWN])) + (", …" if len(self.lacking) > _SHOWN else "")
-            lines.append(f"{len(self.lacking)} episodes of meta/episodes have no row in the data files: {some}")
+            lines.append(f"{len(self.lacking)} episodes of {self.meta} have no row in the data files: {some}")
         lines += [
             f"{count} cells of '{name}' are left empty: they are no number up to {LARGEST:g}"
             for name, count in self.emptied.items()
@@ -137,21 +140,22 @@ class Timeline:
         return lines
 
     def require(self, lengths: Mapping[int, int | None], clips: Mapping[str, Mapping[int, Clip]], meta: Path) -> None:
-        """Raise SourceError where the rows contradict meta/episodes or the rate, or none is left.
+        """Raise SourceError if the rows contradict meta/episodes or the rate, or none is left.
 
-        ``clips`` has by camera where each episode lies, ``lengths`` how many steps it has.
+        ``clips`` has each episode's place by camera, ``lengths`` its number of steps.
         """
         if self.times and all(map(math.isnan, self.times)):
             raise SourceError(f"{self.name} has no row that can be read: {'; '.join(self.said())}")
         for episode, known in self._episodes.items():
             if episode not in lengths:
-                raise SourceError(f"{meta} does not name episode {episode}, of which there are {known.count} rows")
+                raise SourceError(f"{meta} does not list episode {episode}, which has {known.count} rows")
             length = lengths[episode]
             if length is not None and length not in {known.count, known.step + 1}:
                 raise SourceError(
-                    f"{meta}: episode {episode} has the length {length}, and it has {known.count} rows, of which the "
-                    f"last is step {known.step}: one of both is wrong, or rows are missing"
+                    f"{meta}: episode {episode} has the length {length}, but {known.count} rows, and the last is "
+                    f"step {known.step}: the length is wrong, or rows are missing"
                 )
+        self.meta = f"meta/{meta.name}"
         self.lacking = [episode for episode in lengths if episode not in self._episodes]
         self._require_rate(meta.parent / "info.json")
         for camera, found in clips.items():
@@ -164,14 +168,14 @@ class Timeline:
         pace = sorted(self._paces)[len(self._paces) // 2]
         if abs(pace * self.fps - 1) > _PACE:
             raise SourceError(
-                f"{info} says {self.fps:g} frames a second, and the rows of {self.name} are {pace:g} s apart by their "
+                f"{info} gives {self.fps:g} frames a second, but the rows of {self.name} are {pace:g} s apart by their "
                 f"timestamps, which is {1 / pace:g} a second"
             )
 
     def _require_apart(self, camera: str, clips: Mapping[int, Clip], meta: Path) -> None:
-        """Raise SourceError where stretches of a video overlap, or rows go on behind the end of theirs."""
+        """Raise SourceError if stretches of a video overlap, or rows pass the end of theirs."""
         if lacking := [episode for episode in self._episodes if episode not in clips]:
-            raise SourceError(f"{meta} does not say where the video of episode {lacking[0]} of '{camera}' is")
+            raise SourceError(f"{meta} has no place of the video of episode {lacking[0]} of '{camera}'")
         stretches: list[tuple[str, float, float, int]] = sorted(
             (clip.video, clip.start_s + known.first_s, clip.start_s + known.time_s, episode)
             for episode, known in self._episodes.items()
@@ -181,19 +185,19 @@ class Timeline:
         for (video, _, end, before), (again, start, _, episode) in pairwise(stretches):
             if video == again and start - end < _HALF / self.fps:
                 raise SourceError(
-                    f"{meta}: episodes {before} and {episode} overlap in '{video}': the one goes on to {end:.3f} s, "
-                    f"and the other begins at {start:.3f} s"
+                    f"{meta}: episodes {before} and {episode} overlap in '{video}': the first goes on to {end:.3f} s, "
+                    f"and the second begins at {start:.3f} s"
                 )
         for _, _, end, episode in stretches:
             until = clips[episode].end_s
             if until is not None and end > until + _HALF / self.fps:
                 raise SourceError(
-                    f"{meta}: episode {episode} ends at {until:.3f} s of '{clips[episode].video}', and its rows go on "
+                    f"{meta}: episode {episode} ends at {until:.3f} s of '{clips[episode].video}', but its rows go on "
                     f"to {end:.3f} s"
                 )
 
     def ends(self, clips: Mapping[int, Clip]) -> dict[str, float]:
-        """Return the second of each video at which its last row was."""
+        """Return the second of the last row in each video."""
         found: dict[str, float] = {}
         for episode, known in self._episodes.items():
             if episode in clips and math.isfinite(known.time_s):

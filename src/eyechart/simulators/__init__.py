@@ -1,4 +1,4 @@
-"""Worlds that yield frames and can be driven, one module or package a simulator, one door for all."""
+"""Simulated worlds that make frame banks and can be driven."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,12 +16,13 @@ from eyechart.spaces.discrete import Discrete
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """What one decision's worth of driving brought about.
+    """The outcome of one decision.
 
-    ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
-    simulator counts progress; a speed or a distance that it does not tell is None. ``ended`` says in one word why the
-    drive is over (``crash``, ``goal``, ``time``), None while it goes on. ``facts`` is what else the simulator says of
-    the move, such as its solver's failures.
+    ``reward`` is the simulator's own. ``distance_m`` is the distance covered since the drive began,
+    as the simulator counts progress. A speed or a distance that the simulator does not report is
+    None. ``ended`` says in one word why the drive is over (``crash``, ``goal``, ``time``), and is
+    None while it goes on. ``facts`` holds the simulator's other numbers of the step, such as
+    failures of its solver.
     """
 
     reward: float
@@ -33,34 +34,36 @@ class StepResult:
 
 
 class Drive(Protocol):
-    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves."""
+    """A world under way; equal scenarios, seeds and actions give equal pictures and steps."""
 
     def picture(self) -> RGB:
-        """Return what the camera shows now, shape (h, w, 3), uint8; asking has no effect on the world."""
+        """Return the camera's picture, shape (h, w, 3), uint8, with no effect on the world."""
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the ground truth of this moment, the columns that the simulator's banks have, None for "none"."""
+        """Return the ground truth of this moment, with the columns of the simulator's banks."""
 
     def step(self, action: str) -> StepResult:
-        """Drive on for one decision's time with this action; raises ValueError after the end."""
+        """Drive on with this action for one decision's time; raises ValueError after the end."""
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return the world's state as bytes, equal for equal worlds on one machine, for a digest.
+        """Return the world's state as bytes; equal worlds on one machine give equal bytes.
 
-        With ``decimals`` its numbers are rounded, so that worlds that differ by an error of rounding are equal.
+        With ``decimals`` its numbers are rounded, so that worlds that differ by a rounding error
+        are equal.
         """
 
     def close(self) -> None:
-        """Let go of what the drive holds."""
+        """Release the resources of the drive."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """What a controller below the decisions made of the last one, as lines over the picture before it.
+    """What a low-level controller did with the last decision, as lines over the picture before it.
 
-    ``plan`` is the predicted path, a point a stage, ``target`` what the decision asked it to follow, and ``driven`` the
-    way that it then went. Each has shape (n, 2), column and row in pixels of the picture, NaN where a place is not
-    before the camera. ``words`` say what the decision meant.
+    ``plan`` is the predicted path with one point a stage, ``target`` the path that the decision
+    set, and ``driven`` the path that was driven. Each has shape (n, 2): column and row in pixels of
+    the picture, NaN for a place that is not in front of the camera. ``words`` say what the decision
+    meant.
     """
 
     plan: npt.NDArray[np.float64]
@@ -71,43 +74,48 @@ class Sketch:
 
 @runtime_checkable
 class Planning(Protocol):
-    """A drive with a controller below the decisions, which can show what that planned."""
+    """A drive with a low-level controller, which can show its plan."""
 
     def sketch(self) -> Sketch:
-        """Return what became of the last decision; raises ValueError before the first."""
+        """Return the last decision's plan and path; raises ValueError before the first one."""
 
 
 @runtime_checkable
 class Halting(Protocol):
-    """A drive that knows how to stop, where the fail-safe action alone might mean less than that."""
+    """A drive that can stop by itself, for worlds in which the fail-safe action does not stop."""
 
     def halt(self) -> StepResult:
-        """Drive on for one decision's time, and stop; raises ValueError after the end."""
+        """Stop, for the time of one decision; raises ValueError after the end."""
 
 
 @runtime_checkable
 class HalfBlind(Protocol):
-    """A drive whose camera does not show what stands beside it."""
+    """A drive whose camera does not show the obstacles at its sides."""
 
     def unseen_sides(self) -> frozenset[str]:
-        """Return which of left and right is closed by nothing in the picture, so that no reader can be judged by it."""
+        """Return the sides, left or right, that are blocked only by obstacles outside the picture.
+
+        A reader of the picture cannot be judged by such a side.
+        """
 
 
 def execute(drive: Drive, action: str, *, decided: bool) -> StepResult:
-    """Drive on with an action that was decided, or with the fail-safe where nothing was."""
+    """Execute a decided action; without a decision, stop if the drive can, else take ``action``."""
     return drive.halt() if isinstance(drive, Halting) and not decided else drive.step(action)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """What a simulator can, before any world of it is opened.
+    """What a simulator can do; readable before any of its worlds is opened.
 
-    ``picture`` is the kind of picture in words, ``mirror_axis`` the axis across which its pictures exchange left and
-    right, ``action_space`` what its drives understand. ``camera`` names the simulator whose camera it has: by that name
-    its calibrated view and its distances are found. ``scenarios`` of drives and ``presets`` of banks map a name to one
-    sentence each; without scenarios it only makes banks, and without presets ``no_banks`` says where they come from.
-    Where every drive has a goal, ``has_goal``. Where several actions are one command of the world, ``commands`` maps
-    action to command. ``halts_with`` is the fail-safe where that is not the mildest brake.
+    ``picture`` describes the kind of picture in words. ``mirror_axis`` is the axis across which its
+    pictures exchange left and right. ``action_space`` holds the actions of its drives. ``camera``
+    names the simulator that has the same camera: the calibrated view and the distances are found by
+    it. ``scenarios`` of drives and ``presets`` of banks map a name to one sentence each. A
+    simulator without scenarios only makes banks; one without presets says in ``no_banks`` where
+    banks come from. ``has_goal`` is true if every drive has a goal. ``commands`` maps actions to
+    the world's commands if several actions share one. ``halts_with`` is the fail-safe action if
+    that is not the mildest brake.
     """
 
     name: str
@@ -124,28 +132,29 @@ class Declaration:
 
     @property
     def fail_safe(self) -> str:
-        """Return what is executed where there is no decision.
+        """Return the action that is executed if the controller gives no decision.
 
-        Source: paper, section Corpus and parsing: SLOW. STOP under the model-predictive controller is ours.
+        Source: paper, section Corpus and parsing: SLOW. STOP under the model-predictive controller
+        is eyechart's own choice.
         """
         space = self.action_space
         return self.halts_with or (space.brake[-1] if space.brake else space.actions[0])
 
 
 class Simulator(Protocol):
-    """The door to a simulator that can be driven."""
+    """The interface of a simulator that can be driven."""
 
     declared: Declaration
 
     def drive(self, scenario: str, seed: int) -> Drive:
-        """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
+        """Open a world at its start; raises SpecError for an unknown scenario or a bad seed."""
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the libraries that make this world, by their names."""
+        """Return the versions of the libraries behind this world, by name."""
 
 
 class BankSimulator(Protocol):
-    """The door to a simulator whose moments become banks."""
+    """The interface of a simulator that makes frame banks."""
 
     declared: Declaration
 
@@ -160,9 +169,10 @@ class BankSimulator(Protocol):
         staging: int = 3,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
-        """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many).
+        """Write a bank of ``steps`` frames an episode into ``out``.
 
-        By ``controls_seed`` the distances of its control pictures are drawn; ``staging`` is the version of its moments.
+        ``progress`` gets the number of frames written and their total. ``controls_seed`` draws the
+        distances of the control pictures; ``staging`` is the version of the staged moments.
         """
 
 
@@ -176,7 +186,7 @@ SIMULATORS: dict[str, str] = {
     "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
     "tabletop": "eyechart.simulators.tabletop:Tabletop",
 }
-"""What a simulator's name means: ``module:class``, imported when it is opened."""
+"""The class behind each simulator's name, as ``module:class``, imported when it is opened."""
 
 KINDS: dict[str, tuple[str, str, str]] = {
     "gym": (
@@ -185,14 +195,16 @@ KINDS: dict[str, tuple[str, str, str]] = {
         "eyechart.simulators.gym:open_environment",
     ),
 }
-"""What the kind in ``KIND:NAME`` means: how it is written, what it is, and ``module:function``, which is called with
-the name and the action map's file."""
+"""What each ``KIND:NAME`` means: its spelling, its description, and ``module:function``. The
+function is called with the name and the path of the action map."""
 
 
 def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | BankSimulator:
-    """Open the simulator of this name, or of a kind: ``gym:ENV_ID``, whose action map is the TOML file ``actions``.
+    """Open the simulator of this name, or one of a kind, such as ``gym:ENV_ID``.
 
-    Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not wanted.
+    ``actions`` is the TOML file of the action map that ``gym:ENV_ID`` needs. Raises SpecError,
+    listing the known names, for an unknown name and for an action map that is missing, wrong or not
+    wanted.
     """
     kind, colon, rest = name.partition(":")
     if colon and kind in KINDS:
@@ -207,7 +219,10 @@ def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | Ban
 
 
 def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
-    """Open a simulator to drive in; raises SpecError as `find_simulator` does, and for one that only makes banks."""
+    """Open a simulator that can be driven.
+
+    Raises SpecError as `find_simulator` does, and for a simulator that only makes banks.
+    """
     found = find_simulator(name, actions=actions)
     if not found.declared.scenarios:
         raise SpecError(f"simulator '{name}' only makes banks: it cannot be driven")
@@ -215,7 +230,7 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
 
 
 def open_bank_simulator(name: str) -> BankSimulator:
-    """Open a simulator that makes banks; raises SpecError for one that does not, and says where they come from."""
+    """Open a simulator that makes banks; raises SpecError, with a hint, for one that does not."""
     found = find_simulator(name)
     if not found.declared.presets:
         raise SpecError(f"simulator '{name}' makes no banks: {found.declared.no_banks}")
@@ -223,7 +238,7 @@ def open_bank_simulator(name: str) -> BankSimulator:
 
 
 def declared_by(name: str) -> Declaration | None:
-    """Return what the simulator of this name declares, None where the registry does not hold it here."""
+    """Return the declaration of a simulator by its name, None for a name not in the registry."""
     return find_simulator(name).declared if name in SIMULATORS else None
 
 

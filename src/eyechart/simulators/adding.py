@@ -1,7 +1,8 @@
-"""A bank of an older eyechart gets the pictures that it lacks: its moments are staged again, and held against it.
+"""Add the control pictures that a bank of an older eyechart lacks.
 
-What it holds stays as it is. The pictures lie in it before its manifest names them, and that is replaced in one step,
-so that a bank in which this was cut off is the one that it was.
+The bank's moments are staged again and compared with the bank. Its existing files stay as they are.
+New pictures are written before the manifest that names them is replaced, in one step, so an
+interrupted call leaves the bank unchanged.
 """
 
 import hashlib
@@ -41,7 +42,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass
 class _Added:
-    """What is to be said of what came to a bank: its frames as they are now, and the digests of new files."""
+    """The frames of a bank as they are now, with the columns and digests of the new files."""
 
     frames: list[Frame] = field(default_factory=list)
     columns: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -49,10 +50,12 @@ class _Added:
 
 
 def add_missing(root: Path, out: Path | None = None, progress: Progress | None = None) -> tuple[FrameBank, int]:
-    """Draw the control pictures that the bank at ``root`` lacks, into a copy at ``out``, or into itself without.
+    """Draw the control pictures that the bank at ``root`` lacks.
 
-    Returns the bank, and how many pictures came to it. Raises SpecError where no simulator made the bank; BankError
-    where it is damaged, its moments are drawn otherwise today, or ``out`` is taken. Then the bank is as it was.
+    They are added to a copy at ``out``, or to the bank itself if ``out`` is None. Returns the bank
+    and the number of added pictures. Raises SpecError if no known simulator made the bank. Raises
+    BankError if the bank is damaged, if its moments are drawn differently today, or if ``out``
+    exists. After an error the bank is unchanged.
     """
     bank = open_bank(root)
     why = f"nothing can be added to {root}: "
@@ -69,23 +72,23 @@ def add_missing(root: Path, out: Path | None = None, progress: Progress | None =
 
 
 def _maker(bank: FrameBank, why: str) -> tuple[BankMaker, Built]:
-    """Return the simulator that made a bank, and of what."""
+    """Return the simulator that made a bank, and the settings of the build."""
     made = bank.manifest
     if made.simulator not in SIMULATORS or not {"seeds", "steps"} <= made.settings.keys():
-        raise SpecError(f"{why}it was not built by 'eyechart frames build' from a simulator that is known here")
+        raise SpecError(f"{why}it was not built by 'eyechart frames build' from a known simulator")
     simulator, how = open_bank_simulator(made.simulator), built_of(bank)
     if not isinstance(simulator, BankMaker) or how.preset not in simulator.declared.presets:
         raise SpecError(f"{why}simulator '{made.simulator}' has no preset '{how.preset}'")
     if "staging" not in made.settings and how.steps > DOZEN:
         raise BankError(
-            f"{why}an older eyechart staged its episodes of {how.steps} steps in another way; build it anew"
+            f"{why}an older eyechart staged its episodes of {how.steps} steps differently; build the bank again"
         )
     return simulator, how
 
 
 @contextmanager
 def _place(bank: FrameBank, out: Path | None) -> Iterator[Path]:
-    """Yield the folder to which pictures are added: the bank's own, or a copy that takes its place when all is well."""
+    """Yield the folder for the new pictures: the bank's own, or a copy that is kept on success."""
     if out is None:
         with own_folder(bank.root.resolve(), BankError):
             yield bank.root
@@ -101,13 +104,13 @@ def _place(bank: FrameBank, out: Path | None) -> Iterator[Path]:
 def _draw(
     bank: FrameBank, folder: Path, simulator: BankMaker, how: Built, why: str, progress: Progress | None
 ) -> _Added:
-    """Draw what is missing into the folder, frame by frame."""
+    """Draw the missing pictures into the folder, frame by frame."""
     added = _Added()
     drawn = frames_of(simulator.declared, simulator.open_preset(how.preset), how)
     for number, (frame, (anew, picture, pictures)) in enumerate(zip(bank, drawn, strict=True), 1):
         if not _is_same(bank, frame, anew, picture, pictures):
             now = ", ".join(f"{name} {one}" for name, one in simulator.versions().items())
-            raise BankError(f"{why}{now} draw frame '{frame.id}' otherwise than it is in the bank; build it anew")
+            raise BankError(f"{why}{now} draw frame '{frame.id}' differently from the bank; build the bank again")
         lacking = [name for name in pictures if name not in frame.counterfactuals]
         files = {name: anew.counterfactuals[name] for name in lacking}
         for name in lacking:
@@ -122,7 +125,7 @@ def _draw(
 
 
 def _is_same(bank: FrameBank, frame: Frame, anew: Frame, picture: Seen, pictures: Mapping[str, Seen]) -> bool:
-    """Return whether a moment is staged and drawn today as it is in the bank, its controls left aside."""
+    """Return whether a moment is drawn today as it is in the bank, apart from its controls."""
     if (frame.id, frame.geometry()) != (anew.id, anew.geometry()):
         return False
     kept = {name: files for name, files in frame.counterfactuals.items() if name not in CONTROLS}
@@ -137,7 +140,7 @@ def _is_same(bank: FrameBank, frame: Frame, anew: Frame, picture: Seen, pictures
 
 
 def _joined(frame: Frame, anew: Frame, files: Mapping[str, Mapping[str, str]]) -> Frame:
-    """Return a frame with what is added to it; distances that it has stay."""
+    """Return a frame with its added pictures; distances that it already has stay."""
     truth = {name: anew.truth[name] for name in anew.placed - frame.placed}
     return replace(
         frame,
@@ -149,7 +152,7 @@ def _joined(frame: Frame, anew: Frame, files: Mapping[str, Mapping[str, str]]) -
 
 
 def _columns(files: Mapping[str, Mapping[str, str]], frame: Frame) -> dict[str, str]:
-    """Return the columns of pictures as a row has them."""
+    """Return the columns of pictures as in a row of metadata."""
     first = frame.cameras[0].name
     return {
         f"{name if camera == first else f'{name}@{camera}'}{FILE_SUFFIX}": file
@@ -166,7 +169,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _manifest(before: BankManifest, made: Preset, how: Built, added: _Added) -> BankManifest:
-    """Return what a bank says of itself now."""
+    """Return the manifest of a bank after the addition."""
     digests = {**before.images, **added.digests}
     distances = {
         one.id: {name: round(float(str(one.truth[name])), 3) for name in sorted(one.placed)} for one in added.frames
@@ -183,7 +186,7 @@ def _manifest(before: BankManifest, made: Preset, how: Built, added: _Added) -> 
 
 
 def _commit(folder: Path, manifest: BankManifest) -> None:
-    """Replace a bank's manifest, once what it says can be read back."""
+    """Replace a bank's manifest, after a check that the bank can be read with the new one."""
     read_metadata(folder / "metadata.jsonl", manifest)
     path = folder / "manifest.json"
     partial = path.with_name(".manifest.json.part")

@@ -1,4 +1,4 @@
-"""Scenarios, seeds and steps become a bank on disk: what the staged banks of all simulators have in common."""
+"""Frame banks from scenarios, seeds and steps: the part that all simulators share."""
 
 import shutil
 from abc import ABC, abstractmethod
@@ -41,12 +41,12 @@ T = TypeVar("T")
 
 MOST_SEED = 2**63 - 1
 Seen = RGB | Mapping[str, RGB]
-"""What the one camera sees, or what each camera does by its name."""
+"""The picture of the only camera, or the pictures of several cameras by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """Control pictures (h, w, 3) by name, those that can be drawn, and where they put a vehicle, in the gap's unit."""
+    """Control pictures (h, w, 3) by name, and the vehicles' distances in them in the gap's unit."""
 
     pictures: Mapping[str, RGB] = field(default_factory=dict)
     distances: Mapping[str, float] = field(default_factory=dict)
@@ -61,10 +61,11 @@ def _none(_: Draws, __: np.random.Generator) -> Drawn:
 class Moment:
     """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
 
-    ``ranged`` draws the moment's control pictures, at distances of the whole range, with a generator of its own. It is
-    called before the next moment is asked for: until then the world stands as it was. ``distances`` says where the
-    counterfactuals put the lead. Where a preset has several cameras, a picture is one of each, by name. ``fields``,
-    ``state``, ``motion`` and ``strata`` are those of the frame.
+    ``ranged`` draws the moment's control pictures, at distances of the whole range, with a
+    generator of its own. Call it before the next moment is taken: until then the world is
+    unchanged. ``distances`` holds the lead's distance in each counterfactual. If a preset has
+    several cameras, a picture is a mapping with one picture for each camera. ``fields``, ``state``,
+    ``motion`` and ``strata`` are those of the frame.
     """
 
     truth: Mapping[str, Scalar]
@@ -79,7 +80,7 @@ class Moment:
 
 
 def first_shown(draw: Callable[[float], T | None], distances: Iterable[float]) -> tuple[float, T] | None:
-    """Return the first of these distances that can be drawn, with what is drawn there, or None."""
+    """Return the first distance that can be drawn, with its drawing, or None."""
     shown = ((one, draw(one)) for one in distances)
     return next(((one, made) for one, made in shown if made is not None), None)
 
@@ -91,7 +92,7 @@ def check_seed(seed: int) -> None:
 
 
 def versions_of(names: Sequence[str]) -> dict[str, str]:
-    """Return the versions of those of these libraries that are installed."""
+    """Return the versions of the installed ones among these libraries."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow to import
 
     found = {}
@@ -103,13 +104,14 @@ def versions_of(names: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Preset:
-    """What a preset's banks hold.
+    """The contents of a preset's banks.
 
-    ``scenarios`` map each name to what a manifest records of it, ``moments(scenario, seed, steps)`` are those of an
-    episode, and ``settings`` what else is recorded. ``gap`` is None where there is no vehicle ahead. ``cameras``,
-    ``prompt_columns``, ``state`` and ``motion`` are those of the manifest; without ``cameras`` there is one alone.
-    ``span`` is from the lowest distance of the lead that the world can show to far, None where no pictures are drawn
-    over it. ``staged`` are the moments of later versions of the staging, as far as they are others.
+    ``scenarios`` maps each name to its record in the manifest. ``moments(scenario, seed, steps)``
+    yields the moments of an episode, and ``settings`` holds further records. ``gap`` is None if
+    there is no vehicle ahead. ``cameras``, ``prompt_columns``, ``state`` and ``motion`` are those
+    of the manifest; without ``cameras`` there is one camera. ``span`` runs from the lowest distance
+    of the lead that can be shown to the farthest one. It is None if no pictures are drawn over a
+    range. ``staged`` holds the moments of later versions of the staging if they differ.
     """
 
     scenarios: Mapping[str, object]
@@ -124,30 +126,32 @@ class Preset:
     staged: Mapping[int, Callable[[str, int, int], Iterator[Moment]]] = field(default_factory=dict)
 
     def staging(self, version: int) -> tuple[int, Callable[[str, int, int], Iterator[Moment]]]:
-        """Return the moments of a version of the staging, and the version since which they are so."""
+        """Return the moments of a staging version, after the version that introduced them."""
         since = max((one for one in self.staged if one <= version), default=DOZENS)
         return since, self.staged.get(since, self.moments)
 
 
 DOZEN = 12
-"""An episode is staged by so many moments at a time."""
+"""Number of moments that are staged together."""
 
 DOZENS = 2
-"""The version of the staging that a manifest tells. In the first, without a number, moments of an episode of more than
-`DOZEN` steps were other ones than those of a shorter one."""
+"""The first staging version with a number in manifests. In the version before it, the moments of an
+episode of more than `DOZEN` steps differed from those of a shorter one."""
 
 BOXED = 3
-"""The version in which a sixth of the moments have no clear side, and ``lead_near`` is as near as can be shown."""
+"""The staging version in which a sixth of the moments have no clear side. Its ``lead_near`` is as
+near as can be shown."""
 
 STAGING = BOXED
-"""The version that is made where nobody asks for another."""
+"""The default staging version."""
 
 
 def by_dozens(stage: Callable[[str, int, int], Iterator[Moment]]) -> Callable[[str, int, int], Iterator[Moment]]:
-    """Return the moments of ``stage(scenario, seed, steps)``, where more than `DOZEN` begin with those of `DOZEN`.
+    """Return ``stage(scenario, seed, steps)``, extended to episodes longer than `DOZEN`.
 
-    Each further dozen is staged whole by a seed of its own and cut to what is asked for, so that no moment depends on
-    how many follow it. An episode below a dozen is one plan: cut, it would not hold every kind of moment.
+    A longer episode begins with the moments of a `DOZEN`. Each further dozen is staged whole with a
+    seed of its own and then cut, so that no moment depends on how many follow it. An episode below
+    a dozen is planned at its own length: a cut dozen would lack some kinds of moment.
     """
 
     def moments(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
@@ -165,11 +169,11 @@ class BankMaker(ABC):
 
     @abstractmethod
     def open_preset(self, name: str) -> Preset:
-        """Return what the banks of a preset hold."""
+        """Return the contents of a preset's banks."""
 
     @abstractmethod
     def versions(self) -> dict[str, str]:
-        """Return the versions of what makes this world."""
+        """Return the versions of the libraries behind this world."""
 
     def build(
         self,
@@ -184,10 +188,10 @@ class BankMaker(ABC):
     ) -> FrameBank:
         """Write a bank of the preset's scenarios × ``seeds`` × ``steps`` frames into ``out``.
 
-        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the bank. ``staging`` is
-        the version of its moments. ``progress`` gets the number of frames written and their total. Raises SpecError for
-        an unknown preset, seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is
-        taken.
+        ``controls_seed`` draws the distances in the control pictures, and affects nothing else.
+        ``staging`` is the version of the moments. ``progress`` gets the number of frames written
+        and their total. Raises SpecError for an unknown preset, for negative, repeated or missing
+        seeds, and for too few steps. Raises BankError if ``out`` exists.
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:
@@ -228,7 +232,7 @@ class BankMaker(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """Of what a bank was built: its preset, the seeds and steps of its episodes, and the version of their staging."""
+    """The settings of a build: preset, seeds and steps of episodes, and version of the staging."""
 
     preset: str
     seeds: tuple[int, ...]
@@ -238,7 +242,7 @@ class Built:
 
 
 def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple[Frame, Seen, Mapping[str, Seen]]]:
-    """Yield the frames of a bank in order, each with its picture, and by name those with one thing changed."""
+    """Yield the frames of a bank in order, each with its picture and counterfactuals by name."""
     _, moments = made.staging(how.staging)
     episodes = list(product(made.scenarios, how.seeds))
     ids = [_id(*episode, step) for episode in episodes for step in range(how.steps)]
@@ -261,7 +265,7 @@ def _id(scenario: str, seed: int, step: int) -> str:
 def _frame(
     moment: Moment, drawn: Sequence[Drawn], place: tuple[str, int, int], cameras: tuple[Camera, ...]
 ) -> tuple[Frame, Seen, Mapping[str, Seen]]:
-    """Return a moment as a frame, with its picture and those with one thing changed."""
+    """Return a moment as a frame, with its picture and its counterfactuals."""
     scenario, seed, step = place
     pictures, distances = dict[str, Seen](moment.counterfactuals), dict[str, float]()
     for one in drawn:
@@ -287,15 +291,15 @@ def _frame(
 
 
 def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, int], None] | None = None) -> FrameBank:
-    """Write the bank at ``root`` once more into ``out``, with the distances of its controls drawn by another seed.
+    """Write the bank at ``root`` again into ``out``, with control distances of another seed.
 
-    Raises SpecError where no simulator made the bank, or it draws no controls; BankError where it draws other pictures
-    today. Then nothing stays at ``out``.
+    Raises SpecError if no known simulator made the bank, or if it draws no controls. Raises
+    BankError if the simulator draws other pictures today. After an error, nothing stays at ``out``.
     """
     bank = open_bank(root)
-    made, why = bank.manifest, f"the controls of {root} cannot be drawn anew: "
+    made, why = bank.manifest, f"the controls of {root} cannot be drawn again: "
     if made.simulator not in SIMULATORS or not {"seeds", "steps"} <= made.settings.keys():
-        raise SpecError(f"{why}it was not built by 'eyechart frames build' from a simulator that is known here")
+        raise SpecError(f"{why}it was not built by 'eyechart frames build' from a known simulator")
     simulator = open_bank_simulator(made.simulator)
     how = built_of(bank)
     anew = simulator.build(
@@ -310,13 +314,15 @@ def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, i
     if "staging" not in made.settings and how.steps > DOZEN:
         shutil.rmtree(out)
         raise BankError(
-            f"{why}an older eyechart staged its episodes of {how.steps} steps in another way; build it anew, or leave "
-            "out --fresh-controls"
+            f"{why}an older eyechart staged its episodes of {how.steps} steps differently; build the bank again, or "
+            "leave out --fresh-controls"
         )
     if _pictured(anew) != _pictured(bank) or made.fingerprint != anew.manifest.fingerprint:
         shutil.rmtree(out)
         now = ", ".join(f"{name} {one}" for name, one in anew.manifest.versions.items())
-        raise BankError(f"{why}{now} draw other pictures than the bank's; build it anew, or leave out --fresh-controls")
+        raise BankError(
+            f"{why}{now} draw other pictures than the bank has; build the bank again, or leave out --fresh-controls"
+        )
     if not anew.manifest.controls.distances:
         shutil.rmtree(out)
         raise SpecError(f"{why}simulator '{made.simulator}' draws no controls")
@@ -324,13 +330,13 @@ def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, i
 
 
 def _pictured(bank: FrameBank) -> dict[str, str]:
-    """Return the digest of every picture of a bank that is no control's, by its file."""
+    """Return the digest of every picture of a bank by its file, without the control pictures."""
     drawn = {file for one in bank for name in CONTROLS for file in one.counterfactuals.get(name, {}).values()}
     return {file: digest for file, digest in bank.manifest.images.items() if file not in drawn}
 
 
 def built_of(bank: FrameBank) -> Built:
-    """Return of what a bank was built, as its manifest says; raises ValueError where that is nothing of the kind."""
+    """Return the settings of a bank's build from its manifest; raises ValueError if it has none."""
     made = bank.manifest
     told = {name: made.settings[name] for name in ("seeds", "steps", "staging") if name in made.settings}
     return build_record(Built, {"preset": made.preset, **told, "controls_seed": made.controls.seed or 0})
@@ -344,11 +350,11 @@ def _require(seeds: Sequence[int], steps: int) -> None:
         if seeds.count(seed) > 1:
             raise SpecError(f"seed {seed} is given twice; each seed is an episode of its own")
     if steps < LEAST_STEPS:
-        raise SpecError(f"an episode needs {LEAST_STEPS} steps or more to hold every kind of moment, not {steps}")
+        raise SpecError(f"an episode needs {LEAST_STEPS} steps or more to contain every kind of moment, not {steps}")
 
 
 def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
-    """Return the files of a picture by camera, in a folder of each where there are several."""
+    """Return the files of a picture by camera; several cameras have a folder each."""
     if cameras == [MAIN]:
         return {MAIN: f"{folder}/{name}.png"}
     return {one: f"{folder}/{one}/{name}.png" for one in cameras}

@@ -1,10 +1,12 @@
-"""A forward camera of our own: each column of the picture is a ray over a flat road, past shaded cylinders, into haze.
+"""A forward camera that draws a flat road, shaded cylinders and haze, one ray a column.
 
-A mirrored world renders to the flipped picture, bit for bit. Three things make it so: the columns' directions are
-exactly antisymmetric, light falls along the road only, and every number of a column is made by operations that IEEE 754
-rounds alike for a number and its negative (no sine of a column, no sum over columns).
+A mirrored world renders to the flipped picture, bit for bit, for three reasons. The columns'
+directions are exactly antisymmetric. Light falls along the road only. Every operation on a column
+rounds alike for a number and its negative under IEEE 754 (no sine of a column, no sum over
+columns).
 
-Metres and radians, as in ROS: x along the road, y to the left, z up, yaw counter-clockwise. The road's middle is y = 0.
+Metres and radians, as in ROS: x along the road, y to the left, z up, yaw counter-clockwise. The
+road's middle is y = 0.
 """
 
 import math
@@ -45,20 +47,21 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Camera:
-    """Draws what a view shows of its road between two verges."""
+    """Draws a view of its road between two verges."""
 
     view: ForwardView = ROVER
     verge: Colour = ROVER.verges["meadow"]
 
     def draw(self, eye: Eye, cylinders: Iterable[Cylinder] = (), *, hood: Colour | None = None) -> RGB:
-        """Return the picture, shape (height, width, 3), uint8, with the own vehicle's ``hood`` at its lower edge.
+        """Return the picture, shape (height, width, 3), uint8.
 
-        Cylinders may not overlap one another; one that the eye is inside of is not seen.
+        The own vehicle's ``hood`` is at the lower edge. Cylinders may not overlap one another; one
+        that contains the eye is not drawn.
         """
         canvas = np.empty((self.view.height, self.view.width, 3), dtype=np.float32)
         canvas[: self.view.horizon] = self._sky[:, None, :]
         canvas[self.view.horizon :] = self._ground(eye)
-        # For bodies that do not overlap, the power of the eye with respect to each is an exact order of depth.
+        # The power of the eye orders bodies that do not overlap exactly by depth.
         for cylinder in sorted(cylinders, key=lambda one: _order(one, eye), reverse=True):
             self._draw_cylinder(canvas, eye, cylinder)
         canvas += 0.5
@@ -67,7 +70,7 @@ class Camera:
             picture[self.hood] = hood
         return picture
 
-    # ---- what is the same in every picture
+    # ---- parts that are the same in every picture
 
     @cached_property
     def _sky(self) -> _Floats:
@@ -77,7 +80,7 @@ class Camera:
 
     @cached_property
     def hood(self) -> npt.NDArray[np.bool_]:
-        """Return which pixels, shape (height, width), show the own vehicle: a low arc over the middle."""
+        """Return the mask of the own vehicle, shape (height, width): a low arc over the middle."""
         reach = np.abs(self.view.aside) * (2 * self.view.focal_px / self.view.width)
         square = (reach / 0.8) * (reach / 0.8)
         high = 0.11 * self.view.height * np.sqrt(np.clip(1.0 - square * square, 0.0, 1.0))
@@ -87,11 +90,11 @@ class Camera:
 
     @cached_property
     def _grounds(self) -> dict[Eye, _Floats]:
-        """Hold what the eye before saw of the ground."""
+        """Hold the ground that the previous eye saw."""
         return {}
 
     def _ground(self, eye: Eye) -> _Floats:
-        """Return the rows below the horizon; a moment with other bodies on it is drawn over the same ground."""
+        """Return the rows below the horizon; moments that differ only in bodies share them."""
         seen = self._grounds.get(eye)
         if seen is None:
             seen = np.empty((self.view.height - self.view.horizon, self.view.width, 3), dtype=np.float32)
@@ -130,7 +133,7 @@ class Camera:
     # ---- cylinders
 
     def _draw_cylinder(self, canvas: _Floats, eye: Eye, body: Cylinder) -> None:
-        """Paint one cylinder over what is behind it."""
+        """Paint one cylinder over the bodies behind it."""
         view = self.view
         ahead, aside = _directions(view, eye)
         to_x, to_y = body.x - eye.x, body.y - eye.y
@@ -145,7 +148,7 @@ class Camera:
         root = np.sqrt(inside[span])
         near = np.maximum((along[span] - root) / length[span], LEAST_DEPTH_M)
         top, foot = _rows(view, eye, body.base + body.height, near), _rows(view, eye, body.base, near)
-        # Light comes along the road from behind the eye and is as bright on the left of a body as on its right.
+        # Light comes along the road from behind the eye: both sides of a body are equally bright.
         facing = np.clip((to_x - near * ahead[span]) / body.radius, 0.0, 1.0)
         paint = np.multiply.outer(_SHADE + _LIT * facing, np.asarray(body.colour, np.float64))
         _paint(canvas[:, span], top, foot, _hazed(paint, near))
@@ -157,37 +160,37 @@ class Camera:
 
 
 def _rows(view: ForwardView, eye: Eye, height: float, depth: _Doubles) -> _Doubles:
-    """Return the row of a height above the ground at each column's depth, shape as ``depth``, within the picture."""
+    """Return each column's row of a height above the ground at this depth, within the picture."""
     row = view.horizon + view.focal_px * (eye.height - height) / depth
     return np.clip(row, 0.0, view.height)
 
 
 def _order(body: Cylinder, eye: Eye) -> tuple[float, float, float, Colour]:
-    """Return the power of the eye with respect to a body, and what tells equal ones apart in a mirror too."""
+    """Return the power of the eye with respect to a body, and tie-breaks that a mirror keeps."""
     to_x, to_y = body.x - eye.x, body.y - eye.y
     return to_x * to_x + to_y * to_y - body.radius * body.radius, body.radius, body.height, body.colour
 
 
 def _directions(view: ForwardView, eye: Eye) -> tuple[_Doubles, _Doubles]:
-    """Return, for a metre of depth, how far each column's ray goes along the road and to the left."""
+    """Return how far each ray goes along the road and to the left for a metre of depth."""
     cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
     return cos - view.aside * sin, sin + view.aside * cos
 
 
 def _hazed(paint: _Doubles, depth: _Doubles) -> _Floats:
-    """Return colours, shape (columns, 3), as they look from so far away."""
+    """Return colours, shape (columns, 3), with the haze of this depth."""
     return (paint + haze_share(depth)[:, None] * (np.asarray(HAZE, np.float64) - paint)).astype(np.float32)
 
 
 def _cover(distance: _Floats, width: float, pixel: _Floats) -> _Floats:
-    """Return how much of each pixel a stripe of this width covers, whose middle lies at this distance."""
+    """Return the share of each pixel that a stripe of this width and distance covers."""
     most = np.minimum(np.float32(width), pixel)
     covered = np.clip((np.float32(width) + pixel) / 2 - np.abs(distance), 0.0, most) / pixel
     return np.asarray(covered, np.float32)
 
 
 def _paint(canvas: _Floats, top: _Doubles, foot: _Doubles, paint: _Floats) -> None:
-    """Blend a colour a column, shape (columns, 3), into the rows from top to foot of a part of the picture."""
+    """Blend one colour a column, shape (columns, 3), into the rows from top to foot."""
     first, last = int(np.floor(top.min())), int(np.ceil(foot.max()))
     if last <= first:
         return

@@ -1,7 +1,7 @@
-"""The worlds as Gymnasium environments, for those who bring their own runner: ``eyechart/Rover-v0`` and its like.
+"""The worlds as Gymnasium environments for other runners, such as ``eyechart/Rover-v0``.
 
-Gymnasium finds them with ``gymnasium.make("eyechart.simulators.environments:eyechart/Rover-v0")``, which imports this
-module, or by its bare id after ``import eyechart.simulators.environments``.
+Gymnasium finds them with ``gymnasium.make("eyechart.simulators.environments:eyechart/Rover-v0")``,
+which imports this module, or by its bare id after ``import eyechart.simulators.environments``.
 """
 
 from collections.abc import Mapping
@@ -24,14 +24,15 @@ _FPS = 1
 
 
 class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
-    """A simulator's drives: the observation is the camera's picture, (h, w, 3) uint8, an action a number.
+    """A simulator's drives: an observation is a picture, (h, w, 3) uint8, an action a number.
 
-    Actions are numbered as in the simulator's action space: STOP, SLOW, STRAIGHT, LEFT, RIGHT. ``info`` holds the
-    ground truth of the moment, the world's ``scenario`` and ``seed``, and after a step ``distance_m`` and ``ended``. A
-    crash and the goal terminate an episode; the end of its time truncates it.
+    Actions are numbered as in the simulator's action space: STOP, SLOW, STRAIGHT, LEFT, RIGHT.
+    ``info`` holds the ground truth of the moment, the world's ``scenario`` and ``seed``, and after
+    a step ``distance_m`` and ``ended``. A crash and the goal terminate an episode; the end of its
+    time truncates it.
 
-    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens
-    the very world of these names, as ``eyechart run closed-loop`` drives it.
+    ``scenario`` fixes the scenario; without it each episode draws one. ``reset(options={"scenario":
+    …, "seed": …})`` opens the same world as ``eyechart run closed-loop`` does.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": _FPS}  # noqa: RUF012 - Gymnasium's own convention
@@ -49,7 +50,7 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         self.action_space = gymnasium.spaces.Discrete(len(self._simulator.declared.action_space.actions))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[RGB, dict[str, Any]]:
-        """Open a world: of the options, or drawn from this environment's own random numbers.
+        """Open a world from the options, or from this environment's own random numbers.
 
         Raises SpecError for an unknown scenario or a seed out of range.
         """
@@ -67,7 +68,7 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         return self._drive.picture(), self._info({})
 
     def step(self, action: np.int64) -> tuple[RGB, float, bool, bool, dict[str, Any]]:
-        """Drive on for one decision's time; raises ResetNeeded before the first reset."""
+        """Drive on for the time of one decision; raises ResetNeeded before the first reset."""
         drive = self._under_way()
         moved = drive.step(self._simulator.declared.action_space.actions[int(action)])
         over = moved.ended is not None and moved.ended != "time"
@@ -75,11 +76,11 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         return drive.picture(), float(moved.reward), over, moved.ended == "time", info
 
     def render(self) -> RGB | None:
-        """Return the camera's picture where the render mode is ``rgb_array``."""
+        """Return the camera's picture if the render mode is ``rgb_array``."""
         return self._under_way().picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Let go of the world."""
+        """Close the world."""
         if self._drive is not None:
             self._drive.close()
             self._drive = None
@@ -94,7 +95,7 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
 
 
 def register_environments() -> None:
-    """Tell Gymnasium every environment's id; what it knows already is left as it is."""
+    """Register every environment that Gymnasium does not know yet."""
     for name, simulator in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             place = f"{__name__}:{DriveEnvironment.__name__}"

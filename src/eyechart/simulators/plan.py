@@ -1,4 +1,4 @@
-"""A plan says what each moment of a balanced episode is to hold: the gap, the clear sides, and the own lane.
+"""Plans of balanced episodes: the gap, the clear sides and the own lane of each moment.
 
 The gap has no trend over the episode, and sides and lane are drawn without regard to it.
 """
@@ -10,16 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_TREND = 0.2
-"""The largest Spearman correlation of step and gap in an episode, in magnitude: the gap must have no order in time."""
+"""The largest Spearman correlation, in magnitude, of step and gap in an episode: the gap must not
+tell the time."""
 
 LEAST_STEPS = 4
-"""Fewer moments cannot hold a near gap, LEFT, RIGHT and a far gap, nor an order without a trend."""
+"""Fewer moments cannot contain a near gap, LEFT, RIGHT and a far gap in an order without a
+trend."""
 
 _KINDS = {"near": 3, "left": 3, "right": 3, "far": 2, "slow": 1}
-"""How many moments of each kind an episode of twelve has."""
+"""Number of moments of each kind in an episode of twelve."""
 
 _BOXED_KINDS = {**_KINDS, "near": 2, "slow": 2}
-"""The same where moments in which neither side is clear are wanted: a sixth of them at least."""
+"""The same with at least a sixth of moments in which neither side is clear."""
 
 _MIDDLE = {"left": (True, False), "right": (False, True), "slow": (False, False)}
 """The clear sides, left and right, of each kind of middle gap; ``slow`` may also have both."""
@@ -31,10 +33,11 @@ _LEAST_MOVE_M = 0.6
 
 @dataclass(frozen=True, slots=True)
 class Bands:
-    """Where the gaps of a balanced episode lie: the least and the width of each band, in metres.
+    """The bands of gaps of a balanced episode: the least gap and the width of each, in metres.
 
-    ``near`` demands a stop, ``close`` and ``middle`` the one clear side, ``far`` none of these; ``beyond`` is out of
-    the picture. Room is left between the bands and around the picture's edge, so that no gap is a matter of pixels.
+    ``near`` demands a stop, ``close`` and ``middle`` the one clear side, ``far`` none of these;
+    ``beyond`` is outside the picture. Space between the bands and around the picture's edge keeps
+    every gap clear of borderline pixels.
     """
 
     near: tuple[float, float]
@@ -46,7 +49,7 @@ class Bands:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What a moment is to hold: the gap, whether left and right are clear, and the own lane from the left."""
+    """A planned moment: its gap, whether left and right are clear, and the lane from the left."""
 
     gap_m: float
     sides: tuple[bool, bool]
@@ -55,21 +58,21 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Lanes:
-    """How many lanes a road has, and in which of them, from the left, the ego may be."""
+    """The number of lanes of a road, and the lanes, from the left, in which the ego may be."""
 
     count: int
     ego: tuple[int, ...]
 
     def fit(self, sides: tuple[bool, bool]) -> list[int]:
-        """Return the lanes in which both sides that are to be clear exist."""
+        """Return the own lanes that have a neighbouring lane on each side that must be clear."""
         left, right = sides
         return [lane for lane in self.ego if (lane > 0 or not left) and (lane < self.count - 1 or not right)]
 
 
 def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, *, boxed: bool = False) -> list[Wish]:
-    """Return one wish a step, in an order in which the gap has no trend.
+    """Return one planned moment a step, in an order in which the gap has no trend.
 
-    With ``boxed`` a sixth of them at least have no clear side, in an episode of a dozen.
+    With ``boxed``, at least a sixth of an episode of twelve has no clear side.
     """
     kinds = [kind for kind, count in share(steps, rng, boxed=boxed).items() for _ in range(count)]
     wishes = []
@@ -84,7 +87,7 @@ def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, 
 
 
 def other_gap(gap_m: float | None, bounds: tuple[float, float], rng: np.random.Generator) -> float:
-    """Return a gap within bounds that differs visibly from the one there is, None where there is none."""
+    """Return a gap within bounds that differs visibly from the present gap, if there is one."""
     while True:
         other_m = float(rng.uniform(*bounds))
         if gap_m is None or abs(other_m - gap_m) >= _LEAST_MOVE_M:
@@ -92,7 +95,7 @@ def other_gap(gap_m: float | None, bounds: tuple[float, float], rng: np.random.G
 
 
 def share(steps: int, rng: np.random.Generator, *, boxed: bool = False) -> dict[str, int]:
-    """Return how many of an episode's moments are of each kind; the largest remainders get what is left over."""
+    """Return how many of an episode's moments are of each kind, by largest remainders."""
     kinds = _BOXED_KINDS if boxed else _KINDS
     parts = sum(kinds.values())
     counts = {kind: steps * part // parts for kind, part in kinds.items()}
@@ -108,7 +111,7 @@ def share(steps: int, rng: np.random.Generator, *, boxed: bool = False) -> dict[
 
 
 def trend(gaps: npt.NDArray[np.float64]) -> float:
-    """Return Spearman's correlation of gaps, shape (steps,), in metres and without ties, with their order."""
+    """Return Spearman's correlation of gaps with their order; shape (steps,), no ties."""
     ranks = np.argsort(np.argsort(gaps))
     return float(np.corrcoef(ranks, np.arange(len(ranks)))[0, 1])
 
@@ -134,7 +137,7 @@ def _draw_gaps(kinds: Sequence[str], bands: Bands, rng: np.random.Generator) -> 
 def _draw_sides(
     kinds: Sequence[str], lanes: Lanes, rng: np.random.Generator, *, boxed: bool
 ) -> list[tuple[bool, bool]]:
-    """Return the clear sides of each moment; near and far gaps have them as often as middle ones."""
+    """Return the clear sides of each moment; near and far gaps draw from the middle kinds."""
     drawn, counts = [], _BOXED_KINDS if boxed else _KINDS
     of_all = tuple(kind for kind in _MIDDLE for _ in range(counts[kind]))
     for kind in kinds:

@@ -1,4 +1,4 @@
-"""A quadrotor with a gimbal camera among pillars on a road: our own, and gym-pybullet-drones' in the same scenario."""
+"""A quadrotor with a gimbal camera among pillars, in our physics or gym-pybullet-drones'."""
 
 from dataclasses import replace
 
@@ -17,10 +17,11 @@ def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track
 
 
 class Drone(RoadBanks):
-    """A quadrotor on a road of 100 m among five families of pillars, seen by a camera of our own; needs no extra.
+    """A quadrotor with a forward camera on a road of 100 m, among five families of pillars.
 
-    Its limits are the Crazyflie's (``world.py`` names them with their source). The paper's quadrotor (section
-    Experimental Setup) flies in gym-pybullet-drones, as ``drone-pybullet`` does.
+    It needs no extra. Its limits are the Crazyflie's (``world.py`` names them with their source).
+    The paper's quadrotor (section Experimental Setup) flies in gym-pybullet-drones, as
+    ``drone-pybullet`` does.
     """
 
     declared = Declaration(
@@ -33,22 +34,23 @@ class Drone(RoadBanks):
         scenarios=FAMILIES,
         presets={
             "balanced": "Staged moments among five families of pillars: every gap in every scenario, in no order, "
-            "with LEFT and RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "with LEFT and RIGHT demanded equally, no crash, and counterfactual pictures for every frame.",
         },
         has_goal=True,
     )
     vehicle = Vehicle("drone", _place, most_yaw=0.0, most_mps=INTENTS["STRAIGHT"].speed)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[DroneWorld]:
-        """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
+        """Open a world, or its mirror image; raises SpecError for an unknown scenario or seed."""
         world = start(make_layout(scenario, seed, simulator="drone", mirrored=mirrored))
         return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)
 
 
 class PybulletDrone:
-    """gym-pybullet-drones' Crazyflie in the drone's scenarios; it can be driven, and makes no banks.
+    """gym-pybullet-drones' Crazyflie in the drone's scenarios, for drives only.
 
-    Source: J. Panerati et al., "Learning to fly: a gym environment with PyBullet physics", IROS 2021.
+    Source: J. Panerati et al., "Learning to fly: a gym environment with PyBullet physics", IROS
+    2021.
     """
 
     declared = replace(
@@ -61,13 +63,14 @@ class PybulletDrone:
     )
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> PybulletDrive:
-        """Open a world at its beginning, or its mirror image.
+        """Open a world at its start, or its mirror image.
 
-        Raises SpecError for an unknown scenario or seed, and where gym-pybullet-drones is not installed.
+        Raises SpecError for an unknown scenario or seed, and if gym-pybullet-drones is not
+        installed.
         """
         return PybulletDrive(scenario, seed, mirrored=mirrored)
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of what makes this world; raises SpecError where it is not installed."""
+        """Return the versions of the libraries; raises SpecError if they are not installed."""
         require()
         return versions_of(("gym-pybullet-drones", "pybullet", "gymnasium", "numpy"))

@@ -1,10 +1,15 @@
-"""gym-pybullet-drones' Crazyflie in the layouts of our own world, by our own commands: its physics and its contacts.
+"""gym-pybullet-drones' Crazyflie in the layouts of eyechart's own drone world.
 
-The camera is our own. What is set for the drone here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's
-checkerboard is replaced by a plain road, which a mirror leaves as it is; contacts are asked for after every step,
-because no flag tells of them; and the picture is taken by a camera call of our own, level and straight ahead, because
-the stock camera distorts and sees its own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on
-one side wherever the light stands, so that a flipped picture could not have been drawn.
+Its commands are those of that world; physics and contacts are PyBullet's. Settings that differ from
+the library's, and why:
+
+- ``SPEED_LIMIT`` is 0.25 m/s by default.
+- A plain road, which a mirror leaves as it is, replaces the floor's checkerboard.
+- Contacts are read after every step, because no flag reports them.
+- The camera is eyechart's own, level and straight ahead: the stock camera distorts and sees its
+  own propellers.
+- Light is even. PyBullet shades a cylinder brighter on one side for every place of the light, so
+  that a flipped picture could not have been drawn.
 """
 
 import contextlib
@@ -34,7 +39,7 @@ from eyechart.simulators.road import (
 )
 
 HZ = 240
-"""PyBullet's and the controller's steps a second."""
+"""Steps a second of PyBullet and of the controller."""
 
 SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178aba69b09085dd70e7a1e88bb58ca00b4c9"
 _CLIMB_MPS = 1.0
@@ -47,7 +52,10 @@ _NEAR_M, _FAR_M = 0.05, 300.0
 
 
 class Aviary:
-    """A drone at its eye's height, flown by velocity commands; ``touched`` says whether it ever touched anything."""
+    """A drone at its eye's height, flown by velocity commands.
+
+    ``touched`` says whether it ever touched anything.
+    """
 
     def __init__(self, cylinders: Iterable[Cylinder], view: ForwardView, verge: Colour, *, y: float) -> None:
         self._bullet, environment = require()
@@ -55,8 +63,8 @@ class Aviary:
         with (
             contextlib.redirect_stdout(io.StringIO()),
             warnings.catch_warnings(),
-        ):  # it prints what it read of the drone
-            warnings.simplefilter("ignore")  # and says that its spaces are of single precision
+        ):  # it prints the drone's data
+            warnings.simplefilter("ignore")  # and warns that its spaces are of single precision
             self._env = environment(
                 initial_xyzs=np.array([[0.0, y, view.eye_m]]), pyb_freq=HZ, ctrl_freq=HZ, user_debug_gui=False
             )
@@ -70,12 +78,12 @@ class Aviary:
 
     @property
     def position(self) -> tuple[float, float]:
-        """Return how far along the road and to the left of its middle the drone is, in metres."""
+        """Return the drone's distance along the road and to the left of its middle, in metres."""
         return float(self._env.pos[0, 0]), float(self._env.pos[0, 1])
 
     @property
     def velocity(self) -> Velocity:
-        """Return how fast it flies."""
+        """Return the drone's velocity."""
         return Velocity(float(self._env.vel[0, 0]), float(self._env.vel[0, 1]))
 
     def fly(self, command: Velocity) -> None:
@@ -89,7 +97,7 @@ class Aviary:
         self.touched = self.touched or bool(contacts)
 
     def draw(self) -> RGB:
-        """Return what a level camera at the drone's nose sees, shape (height, width, 3), uint8."""
+        """Return the picture of a level camera at the nose, shape (height, width, 3), uint8."""
         bullet, view = self._bullet, self._view
         x, y, z = map(float, self._env.pos[0])
         aside, up = view.width / 2 / view.focal_px * _NEAR_M, view.horizon / view.focal_px * _NEAR_M
@@ -111,7 +119,7 @@ class Aviary:
         return np.ascontiguousarray(np.reshape(pixels, (view.height, view.width, 4))[:, :, :3], dtype=np.uint8)
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return position, attitude and both velocities as raw 64-bit floats, rounded where it is asked for."""
+        """Return position, attitude and both velocities as 64-bit floats, rounded on request."""
         env = self._env
         numbers = np.concatenate([env.pos[0], env.quat[0], env.vel[0], env.ang_v[0]]).astype(np.float64)
         return (numbers if decimals is None else numbers.round(decimals) + 0.0).tobytes()
@@ -122,7 +130,7 @@ class Aviary:
             self._env.close()
 
     def _lay_floor(self, verge: Colour) -> None:
-        """Lay a plain floor, its upper side at zero, and a road upon it that is seen and not felt."""
+        """Lay a plain floor with its upper side at zero, and a visible road without contact."""
         length, width, thick = _FLOOR_M
         grey = (self._view.surface,) * 3
         middle = _FLOOR_BEGINS_M + length / 2
@@ -156,7 +164,7 @@ class Aviary:
 
 
 def require() -> tuple[Any, Any]:
-    """Return PyBullet and the VelocityAviary; raises SpecError where gym-pybullet-drones is not installed."""
+    """Return PyBullet and the VelocityAviary; raises SpecError if they are not installed."""
     try:
         with warnings.catch_warnings(), _muted():
             warnings.simplefilter("ignore")  # pkg_resources, which it imports, is deprecated
@@ -172,7 +180,7 @@ def require() -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def _muted() -> Iterator[None]:
-    """Let what a library in C writes to standard error go nowhere; PyBullet tells when it was built."""
+    """Discard a C library's standard error; PyBullet writes its build date there."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
@@ -186,9 +194,9 @@ def _muted() -> Iterator[None]:
 class PybulletDrive(RoadDrive[DroneWorld]):
     """One of the drone's worlds in gym-pybullet-drones.
 
-    The commands are those of our own drone, and the Crazyflie's controller and physics follow them as they can. Any
-    contact is a crash. Raises SpecError for an unknown scenario, a seed out of range, and where gym-pybullet-drones is
-    not installed.
+    The commands are those of eyechart's own drone. The Crazyflie's controller and physics follow
+    them as well as they can. Any contact is a crash. Raises SpecError for an unknown scenario, a
+    seed out of range, and if gym-pybullet-drones is not installed.
     """
 
     def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
@@ -200,11 +208,11 @@ class PybulletDrive(RoadDrive[DroneWorld]):
         self._command = Velocity()
 
     def picture(self) -> RGB:
-        """Return what PyBullet's camera shows, shape (180, 320, 3), uint8."""
+        """Return the picture of PyBullet's camera, shape (180, 320, 3), uint8."""
         return self._aviary.draw()
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return the drone's state and the obstacles as raw 64-bit floats, rounded where it is asked for."""
+        """Return the drone's state and the obstacles as 64-bit floats, rounded on request."""
         return super().state(decimals) + self._aviary.state(decimals)
 
     def close(self) -> None:

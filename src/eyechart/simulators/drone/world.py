@@ -1,14 +1,16 @@
-"""A quadrotor of our own among a layout's obstacles: its velocity is its command, and contact is a crash.
+"""A quadrotor among a layout's obstacles that flies at its commanded velocity; contact is a crash.
 
 A mirrored world flown with mirrored actions ends in the mirrored state, bit for bit.
 
-An intent becomes velocity commands that its published limits allow, the Crazyflie 2.1's. Its firmware's velocity loop
-tilts by 25 degrees for each m/s of error, up to 20 degrees, and its position loop asks for 2 m/s a metre (Bitcraze,
-crazyflie-firmware, ``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``,
-``PID_POS_X_KP``). At these small angles a tilt is an acceleration, g times its tangent, so velocity answers as a
-first-order lag of 0.23 s whose acceleration is at most 3.6 m/s². Its greatest speed is 30 km/h (gym-pybullet-drones,
-``assets/cf2x.urdf``: ``max_speed_kmh``); cruise stays below half of it. The firmware's position loop asks for no more
-than 1 m/s unless told otherwise (``PID_POS_VEL_X_MAX``); these are velocities asked for, which that does not bound.
+An intent becomes velocity commands within the published limits of the Crazyflie 2.1. Its firmware's
+velocity loop tilts by 25 degrees for each m/s of error, up to 20 degrees. Its position loop
+commands 2 m/s for each metre (Bitcraze, crazyflie-firmware,
+``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``,
+``PID_POS_X_KP``). At these small angles a tilt is an acceleration, g times its tangent. Velocity
+therefore answers as a first-order lag of 0.23 s with an acceleration of at most 3.6 m/s². The
+greatest speed is 30 km/h (gym-pybullet-drones, ``assets/cf2x.urdf``: ``max_speed_kmh``); cruise
+stays below half of it. By default the firmware's position loop commands at most 1 m/s
+(``PID_POS_VEL_X_MAX``). That limit does not bound the velocity commands used here.
 """
 
 import math
@@ -24,15 +26,16 @@ MOST_ACCELERATION_MPS2 = GRAVITY * math.tan(math.radians(20.0))
 LAG_S = 1 / (GRAVITY * math.radians(25.0))
 POSITION_GAIN = 2.0
 MOST_ASIDE_MPS = 2.0
-"""How fast a change of tracks may be."""
+"""The greatest speed of a change of tracks."""
 
 BODY_RADIUS_M = 0.07
-"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a blade of 23 mm."""
+"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a
+blade of 23 mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What an action means: a speed along the road in m/s, and how many tracks to the left."""
+    """The meaning of an action: a speed along the road in m/s, and tracks to the left."""
 
     speed: float
     tracks: int = 0
@@ -56,7 +59,7 @@ class Velocity:
 
     @property
     def speed(self) -> float:
-        """Return its size."""
+        """Return the size of the velocity."""
         return math.hypot(self.ahead, self.left)
 
     def mirrored(self) -> "Velocity":
@@ -64,7 +67,7 @@ class Velocity:
         return replace(self, left=-self.left)
 
     def after(self, intent: Intent, to_left: float, seconds: float) -> "Velocity":
-        """Return the velocity to command so many seconds later, for an intent whose track lies ``to_left`` m aside."""
+        """Return the velocity command a time later, for a track that lies ``to_left`` m aside."""
         sideways = min(max(POSITION_GAIN * to_left, -MOST_ASIDE_MPS), MOST_ASIDE_MPS)
         ahead, left = (intent.speed - self.ahead) / LAG_S, (sideways - self.left) / LAG_S
         size = math.hypot(ahead, left)
@@ -73,15 +76,17 @@ class Velocity:
 
 
 HZ = 48
-"""Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre wide."""
+"""Steps a second. In one step a drone at full speed covers 17 cm, and obstacles are a metre
+wide."""
 
 RAISED = 3.0
-"""Obstacles are pillars of 2.4 to 3.3 m for a drone, three times as high as for a rover: it cannot fly over them."""
+"""Obstacles are pillars of 2.4 to 3.3 m for a drone, three times as high as for a rover, so that it
+cannot fly over them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """Where a drone is, in metres, and how it moves; its camera's gimbal keeps looking along the road."""
+    """A drone's place in metres and its velocity; its gimbal keeps the camera along the road."""
 
     x: float
     y: float
@@ -94,7 +99,7 @@ class Flight:
 
     @property
     def speed(self) -> float:
-        """Return how fast it flies, in m/s."""
+        """Return the speed in m/s."""
         return self.velocity.speed
 
     def mirrored(self) -> "Flight":
@@ -102,7 +107,7 @@ class Flight:
         return replace(self, y=-self.y, velocity=self.velocity.mirrored())
 
     def numbers(self) -> tuple[float, ...]:
-        """Return all that the state consists of."""
+        """Return all numbers of the state."""
         return self.x, self.y, self.velocity.ahead, self.velocity.left
 
 
@@ -114,12 +119,12 @@ class DroneWorld(RoadWorld[Flight]):
 
 
 def start(layout: Layout) -> DroneWorld:
-    """Return the world of a layout at its beginning, with pillars: the drone hovers over the middle of the road."""
+    """Return a layout's world at its start: the drone hovers over the middle of the road."""
     return DroneWorld(layout.raised(RAISED), Flight(0.0, 0.0, Velocity()))
 
 
 def decide(world: DroneWorld, action: str) -> DroneWorld:
-    """Return the world one decision later, or where the drive ended before."""
+    """Return the world one decision later, or at the earlier end of the drive."""
     intent = INTENTS[action]
     track, state, crashed = next_track(world.track, intent.tracks), world.state, False
     steps = round(DECISION_S * HZ)

@@ -1,4 +1,4 @@
-"""Any Gymnasium environment with discrete actions that renders RGB, driven through a user's action map."""
+"""Gymnasium environments with discrete actions that render RGB, driven by a user's action map."""
 
 from collections.abc import Mapping
 from hashlib import sha256
@@ -12,7 +12,7 @@ from eyechart.simulators.gym.drive import GymnasiumDrive, action_count, make
 
 
 class GymnasiumSimulator:
-    """A Gymnasium environment under the name ``gym:ENV_ID``; it can be driven, and makes no banks."""
+    """The simulator ``gym:ENV_ID``, which can be driven and makes no banks."""
 
     def __init__(self, env_id: str, action_map: ActionMap) -> None:
         self.declared = Declaration(
@@ -24,8 +24,8 @@ class GymnasiumSimulator:
                 name: f"{env_id} as it is registered" + (f", with {dict(settings)}." if settings else ".")
                 for name, settings in action_map.scenarios.items()
             },
-            no_banks="nobody can stage balanced moments in an environment that is not known; save pictures of it with "
-            "what is true of them, and make them a bank with 'eyechart frames import'",
+            no_banks="eyechart cannot stage balanced moments in an unknown environment; save its pictures with their "
+            "ground truth, and make a bank of them with 'eyechart frames import'",
         )
         self._env_id = env_id
         self._map = action_map
@@ -43,25 +43,25 @@ class GymnasiumSimulator:
         for action, number in self._map.numbers.items():
             if not start <= number < start + count:
                 raise SpecError(
-                    f"environment '{self._env_id}' has the actions {start} to {start + count - 1}; "
-                    f"the action map gives {action} the number {number}"
+                    f"environment '{self._env_id}' has the actions {start} to {start + count - 1}, but the "
+                    f"action map gives {action} the number {number}"
                 )
 
     def drive(self, scenario: str, seed: int) -> Drive:
-        """Open the environment, reset with this seed; raises SpecError for an unknown scenario."""
+        """Open the environment with this seed; raises SpecError for an unknown scenario."""
         if scenario not in self._map.scenarios:
             known = f"{', '.join(self._map.scenarios)}{perhaps(scenario, self._map.scenarios)}"
             raise SpecError(f"'{self.declared.name}' has no scenario '{scenario}'; known: {known}")
         return GymnasiumDrive(self._env_id, self._map, self._map.scenarios[scenario], seed)
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of Gymnasium and of the environment's package, and the digest of the action map."""
+        """Return the versions of Gymnasium and the environment's package, and the map's digest."""
         found = versions_of(("gymnasium", self._package.replace("_", "-"), "numpy"))
         return {**found, "action map": sha256(repr(self._map.as_dict()).encode()).hexdigest()[:16]}
 
 
 def open_environment(env_id: str, actions: Path | None) -> GymnasiumSimulator:
-    """Open ``gym:ENV_ID``; raises SpecError where the environment or its action map will not do."""
+    """Open ``gym:ENV_ID``; raises SpecError for an unsuitable environment or action map."""
     if not env_id:
         raise SpecError("name an environment, for example gym:CartPole-v1, or gym:highway_env:highway-v0 of a package")
     if actions is None:

@@ -1,4 +1,4 @@
-"""An action map says what a Gymnasium environment's action numbers and info mean, in the words of an action space."""
+"""Action maps: the meaning of a Gymnasium environment's action numbers and info."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -12,7 +12,7 @@ from eyechart.frames import MirrorAxis
 from eyechart.spaces.discrete import Discrete, read_toml, space_from
 
 Meaning = Literal["crash", "goal"]
-"""What an environment's ``terminated`` means where its info does not say whether it crashed."""
+"""The meaning of an environment's ``terminated`` if its info does not report crashes."""
 
 ONE_SCENARIO = "default"
 """The scenario of a map that names none: the environment as it is registered."""
@@ -30,12 +30,12 @@ _PICTURE = "what the environment renders"
 
 @dataclass(frozen=True, slots=True)
 class ActionMap:
-    """How an action space meets an environment.
+    """The mapping between an action space and an environment.
 
-    ``numbers`` maps each action to the environment's number for it, ``info`` a column of ground truth to a key of the
-    environment's info (``rewards.collision`` for a key within a key), and ``scenarios`` a name to what
-    ``gymnasium.make`` is given besides. A decision lasts ``repeat`` steps of the environment, and a drive at most
-    ``most_steps`` decisions.
+    ``numbers`` maps each action to the environment's number. ``info`` maps a column of ground truth
+    to a key of the environment's info; ``rewards.collision`` is a key within a key. ``scenarios``
+    maps a name to further arguments of ``gymnasium.make``. A decision lasts ``repeat`` steps of the
+    environment, and a drive at most ``most_steps`` decisions.
     """
 
     space: Discrete
@@ -56,7 +56,7 @@ class ActionMap:
 def read_map(path: Path) -> ActionMap:
     """Read an action map: the TOML file of an action space with one more table, ``gym``.
 
-    Raises SpecError naming the file and what is wrong in it.
+    Raises SpecError with the file and the fault.
     """
     values = read_toml(path)
     given = values.pop("gym", None)
@@ -97,7 +97,7 @@ def _numbers(given: Mapping[str, object], space: Discrete, where: str) -> dict[s
         if action not in space.actions:
             raise SpecError(f"{where}: [gym.numbers] names '{action}', not one of {list(space.actions)}")
         if not isinstance(number, int) or isinstance(number, bool):
-            raise SpecError(f"{where}: [gym.numbers] gives {action} the number {number!r}; it must be a whole one")
+            raise SpecError(f"{where}: [gym.numbers] gives {action} the number {number!r}; it must be a whole number")
         numbers[action] = number
     if missing := [action for action in space.actions if action not in numbers]:
         raise SpecError(f"{where}: [gym.numbers] gives no number for {', '.join(missing)}")

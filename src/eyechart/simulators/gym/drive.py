@@ -1,4 +1,4 @@
-"""A Gymnasium environment under way: what it renders, tells and ends in, held to what a drive must be."""
+"""Drives in a Gymnasium environment, with checks of its pictures, its info and its end."""
 
 import math
 import os
@@ -25,9 +25,10 @@ _MOST_SEED = 2**32 - 1
 
 
 def make(env_id: str, settings: Mapping[str, object]) -> Env:
-    """Make an environment that renders RGB; raises SpecError, naming it, where it cannot be made or has no such mode.
+    """Make an environment that renders RGB; raises SpecError if that is not possible.
 
-    ``env_id`` may begin with the module that registers it (``highway_env:highway-v0``), as ``gymnasium.make`` has it.
+    ``env_id`` may begin with the module that registers it (``highway_env:highway-v0``), as in
+    ``gymnasium.make``.
     """
     try:
         with warnings.catch_warnings():
@@ -49,17 +50,17 @@ def make(env_id: str, settings: Mapping[str, object]) -> Env:
 
 
 _PLAIN = ("gymnasium.envs.classic_control", "gymnasium.envs.toy_text")
-"""Gymnasium's own environments that are arithmetic alone: they read no file and import nothing by a name."""
+"""Gymnasium's own purely arithmetic environments: they read no file and import nothing by name."""
 
 
 def is_plain(env_id: str) -> bool:
-    """Return whether an id is of an environment that is Gymnasium's own, and arithmetic alone."""
+    """Return whether an id names a purely arithmetic environment of Gymnasium's own."""
     known = gymnasium.registry.get(env_id)
     return known is not None and isinstance(known.entry_point, str) and known.entry_point.startswith(_PLAIN)
 
 
 def action_count(env: Env, env_id: str) -> tuple[int, int]:
-    """Return the first of an environment's actions and their number; raises SpecError where they are not discrete."""
+    """Return the first action and the number of actions; raises SpecError if not discrete."""
     space = env.action_space
     if not isinstance(space, gymnasium.spaces.Discrete):
         raise SpecError(
@@ -71,11 +72,11 @@ def action_count(env: Env, env_id: str) -> tuple[int, int]:
 class GymnasiumDrive:
     """A drive in a Gymnasium environment.
 
-    It is over when the environment terminates (``crash`` or ``goal``, as its info or the map says), when its info says
-    that it crashed, or after the time limit of the environment or the map (``time``). What the map names no key for is
-    None in the truth, and so are speed and distance then. A distance counts from what was told before the first step,
-    and from 0 where nothing was. Raises DriveError where the environment raises, and where it renders a picture of one
-    colour.
+    It ends when the environment terminates: ``crash`` or ``goal``, as its info or the map says. It
+    also ends when the info reports a crash, or after the time limit of the environment or the map
+    (``time``). A column without a key in the map is None in the truth; speed and distance are None
+    then too. Distance counts from its value before the first step, or from 0 if there was none.
+    Raises DriveError if the environment raises, and if it renders a picture of one colour.
     """
 
     def __init__(self, env_id: str, action_map: ActionMap, settings: Mapping[str, object], seed: int) -> None:
@@ -93,17 +94,17 @@ class GymnasiumDrive:
         self._start_m = _number(self._truth.get("distance_m")) or 0.0
 
     def picture(self) -> RGB:
-        """Return what the environment renders, shape (h, w, 3), uint8."""
+        """Return the rendered picture, shape (h, w, 3), uint8."""
         if self._picture is None:
             self._picture = self._render()
         return self._picture
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return what the environment's info says of this moment, None for what the map names no key for."""
+        """Return the truth from the environment's info; a column without a key is None."""
         return dict(self._truth)
 
     def step(self, action: str) -> StepResult:
-        """Repeat this action's number as often as the map says, or until the environment ends."""
+        """Repeat this action as often as the map says, or until the environment ends."""
         if self._ended is not None:
             raise ValueError(f"the drive is over: {self._ended}")
         if action not in self._map.numbers:
@@ -136,7 +137,7 @@ class GymnasiumDrive:
         )
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return a digest of what the environment shows of its state: observation, truth and random numbers."""
+        """Return a digest of the observation, the truth and the random numbers."""
         generator = getattr(self._env.unwrapped, "np_random", None)
         random = None if generator is None else generator.bit_generator.state
         digest = sha256()
@@ -144,7 +145,7 @@ class GymnasiumDrive:
         return digest.digest()
 
     def close(self) -> None:
-        """Close the environment; what it raises then changes nothing."""
+        """Close the environment; errors in closing are ignored."""
         with suppress(Exception):
             self._env.close()
 
@@ -157,7 +158,7 @@ class GymnasiumDrive:
     def _render(self) -> RGB:
         drawn = np.array(self._ask(f"render after step {self._steps}", self._env.render))  # it may draw into it again
         if hasattr(self._env.unwrapped, "enable_auto_render"):
-            # highway-env draws fourteen more pictures in every step once it has been asked for one
+            # After its first picture, highway-env draws fourteen more in every step.
             self._env.unwrapped.enable_auto_render = False
         if drawn.dtype != np.uint8 or drawn.ndim != 3 or drawn.shape[2] != 3 or not drawn.size:
             raise DriveError(
@@ -166,14 +167,13 @@ class GymnasiumDrive:
         if (drawn == drawn[0, 0]).all():
             dummy = os.environ.get("SDL_VIDEODRIVER") == "dummy"
             raise DriveError(
-                f"environment '{self._id}' renders a picture of one colour, {tuple(drawn[0, 0].tolist())}, in which "
-                "nobody can see anything"
-                + ("; SDL_VIDEODRIVER=dummy makes pygame draw nothing: unset it" if dummy else "")
+                f"environment '{self._id}' renders a picture of one colour, {tuple(drawn[0, 0].tolist())}, which "
+                "shows nothing" + ("; SDL_VIDEODRIVER=dummy makes pygame draw nothing: unset it" if dummy else "")
             )
         return drawn
 
     def _read(self, info: Mapping[str, Any], *, begun: bool) -> dict[str, Scalar]:
-        """Return the columns of truth; an environment need not tell before its first step."""
+        """Return the columns of truth; they may be missing before the first step."""
         truth: dict[str, Scalar] = dict.fromkeys(_TRUTH)
         truth["crashed"] = False
         for column, path in self._map.info.items():
@@ -192,7 +192,7 @@ class GymnasiumDrive:
 
 
 def _number(value: object) -> float | None:
-    """Return a number that was told, None for anything else: nothing is made up."""
+    """Return a number as a float, None for anything else."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
@@ -201,7 +201,7 @@ def _words(error: BaseException) -> str:
 
 
 def _feed(update: Callable[[bytes], object], value: object, decimals: int | None) -> None:
-    """Feed plain values and arrays, however nested, to a digest; floats rounded to so many decimals."""
+    """Feed plain values and arrays, however nested, to a digest; floats are rounded."""
     if decimals is not None and (
         isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
     ):

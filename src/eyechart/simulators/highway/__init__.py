@@ -1,4 +1,4 @@
-"""highway-env seen from above: four traffic scenarios as frame banks with ground truth, and as drives."""
+"""highway-env from above: four traffic scenarios as frame banks with ground truth and as drives."""
 
 from eyechart.simulators import Declaration, Drive
 from eyechart.simulators.banks import BankMaker, Preset, versions_of
@@ -6,10 +6,11 @@ from eyechart.spaces.discrete import DRIVING
 
 
 class Highway(BankMaker):
-    """The ground vehicle of the paper (section Experimental Setup): light and dense traffic, merge, blocked lane.
+    """The paper's ground vehicle (section Experimental Setup) in light, dense, merge and blocked.
 
-    Its commands are highway-env's meta-actions, whose speeds are 20, 25 and 30 m/s: there is no stop, so STOP and SLOW
-    drive alike. IDLE in the place of FASTER would drive STRAIGHT at 24 m/s, which the paper's table (28.1) excludes.
+    Its commands are highway-env's meta-actions with speeds of 20, 25 and 30 m/s. There is no stop,
+    so STOP and SLOW drive equally. With IDLE instead of FASTER, STRAIGHT would drive at 24 m/s,
+    which the paper's table (28.1) excludes.
     """
 
     declared = Declaration(
@@ -26,7 +27,7 @@ class Highway(BankMaker):
         },
         presets={
             "balanced": "Staged moments of natural traffic: every gap in every scenario, in no order, with LEFT and "
-            "RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "RIGHT demanded equally, no crash, and counterfactual pictures for every frame.",
             "paper": "Drives nearest to the paper's bank: the driver idles, drives on after a crash, and closes its "
             "gaps as time goes by.",
         },
@@ -56,5 +57,5 @@ class Highway(BankMaker):
         return LadderDrive(scenario, seed, self.declared.commands)
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of what drives and draws; pygame comes under either of two names."""
+        """Return the versions of the libraries; pygame has either of two names."""
         return versions_of(("highway-env", "gymnasium", "numpy", "pygame-ce", "pygame"))

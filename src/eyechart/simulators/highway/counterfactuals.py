@@ -1,8 +1,9 @@
-"""A moment of highway-env with one thing changed: its counterfactual pictures, and the controls of those.
+"""Counterfactual and control pictures of a highway-env moment, with one thing changed each.
 
-``exchange_own`` and ``exchange_beside`` exchange who is near: the lead and a vehicle of a neighbouring lane, at equal
-straight-line distance, which is of the whole range; in ``exchange_apart`` both are far. Left in its place the lead
-would hide the other one from a rule that takes the nearest of all.
+``exchange_own`` and ``exchange_beside`` exchange which vehicle is near: the lead, or a vehicle of a
+neighbouring lane. Both use one straight-line distance, drawn from the whole range; in
+``exchange_apart`` both vehicles are far. If the lead stayed in place, it would hide the other
+vehicle from a rule that takes the nearest of all.
 """
 
 import math
@@ -22,7 +23,7 @@ from eyechart.simulators.plan import other_gap
 
 NEAR_M = (7.0, 9.0)
 FAR_M = (50.0, 60.0)
-"""Where ``lead_near`` and ``lead_far`` put the lead, centre to centre."""
+"""The lead's distance in ``lead_near`` and ``lead_far``, centre to centre."""
 
 LOWEST_M = 5.0
 """The lowest distance that can be shown: a car's length, at which lead and ego touch."""
@@ -31,14 +32,14 @@ _CAR_M = 5.0
 _BUMPER_M = 1.0
 _OFF_CENTRE_M = 1.0
 _PLACES = 6
-"""So often far places are drawn of one distance of the exchange, until there is room."""
+"""Number of draws of far places for one distance of the exchange."""
 
 
 def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
-    """Return a world's moment with every counterfactual that can be drawn honestly; none after a crash.
+    """Return a world's moment with every counterfactual that can be drawn; none after a crash.
 
-    The lead is moved only along a lane that is free from where it was to where it goes; near is as near as can be shown
-    where the ``lowest`` distance is wanted.
+    The lead moves only along a lane that is free from its old place to the new one. With
+    ``lowest``, near is as near as can be shown.
     """
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world.vehicle, lead)
@@ -82,7 +83,7 @@ def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Gener
 
 
 def _draw_without(world: World, camera: Camera, lead: Vehicle) -> RGB | None:
-    """Return the picture without the lead, or None where it was not in the picture or another one then leads."""
+    """Return the picture without the lead; None if it was not visible or another vehicle leads."""
     if not is_visible(gap_to(world.vehicle, lead)):
         return None
     with _placed(world, [one for one in world.road.vehicles if one is not lead]):
@@ -93,7 +94,7 @@ def _draw_without(world: World, camera: Camera, lead: Vehicle) -> RGB | None:
 def _exchange_at(
     world: World, camera: Camera, lead: Vehicle, rng: np.random.Generator, own_m: float
 ) -> dict[str, RGB] | None:
-    """Return the pictures of the exchange at this distance, or None where no neighbour has room for it."""
+    """Return the exchange's pictures at this distance, or None if no neighbour has room for it."""
     x, y = map(float, world.vehicle.position)
     away_m = math.hypot(own_m, float(lead.position[1]) - y)
     for _ in range(_PLACES):
@@ -119,7 +120,7 @@ def _exchange_at(
 def _draw_placed(
     world: World, camera: Camera, lead: Vehicle, other: Vehicle, wanted: Mapping[str, tuple[float, float]]
 ) -> dict[str, RGB]:
-    """Return the pictures by name with the lead and another vehicle so far ahead, of those in which the lead leads."""
+    """Return the pictures with lead and other vehicle at these places, if the lead still leads."""
     x, pictures = float(world.vehicle.position[0]), {}
     with _there(world, other):
         for name, (lead_m, other_m) in wanted.items():
@@ -130,13 +131,13 @@ def _draw_placed(
 
 
 def colour_of(vehicle: Vehicle) -> str:
-    """Return the name of the colour in which a vehicle is drawn."""
+    """Return the name of a vehicle's colour."""
     drawn = tuple(VehicleGraphics.get_color(vehicle))[:3]
     return next(name for name, (body, _) in PALETTE.items() if body == drawn)
 
 
 def _draw_with_lead_at(world: World, camera: Camera, gap_m: float) -> RGB | None:
-    """Return the picture with the lead at this gap, or None where it cannot get there."""
+    """Return the picture with the lead at this gap, or None if it cannot be moved there."""
     lead = find_lead(world)
     if lead is None:
         return None
@@ -163,7 +164,7 @@ def _side_by_side(one: Vehicle, other: Vehicle) -> bool:
 
 
 def _neighbours(world: World, rng: np.random.Generator) -> Iterator[Vehicle]:
-    """Yield the vehicles of the lanes beside the own one, one lane after the other, and a new one for an empty lane."""
+    """Yield the vehicles of each neighbouring lane, or a new one for an empty lane."""
     ego = world.vehicle
     start, end, own = ego.lane_index
     lanes = world.road.network.graph[start][end]
@@ -179,7 +180,7 @@ def _neighbours(world: World, rng: np.random.Generator) -> Iterator[Vehicle]:
 
 
 def _has_room(world: World, vehicle: Vehicle, x: float) -> bool:
-    """Return whether a vehicle would stand on the road there, and touch no other."""
+    """Return whether a vehicle at this place would stand on the road and touch no other."""
     place = np.array([x, vehicle.position[1]])
     return any(lane.on_lane(place) for lane in world.road.network.lanes_list()) and not any(
         abs(one.position[0] - x) < _CAR_M + _BUMPER_M and _side_by_side(one, vehicle)
@@ -189,14 +190,14 @@ def _has_room(world: World, vehicle: Vehicle, x: float) -> bool:
 
 
 def _there(world: World, vehicle: Vehicle) -> AbstractContextManager[None]:
-    """Put a vehicle on the road, where it is not there already, and take it away again."""
+    """Put a vehicle on the road for the context if it is not there already."""
     on_road = any(one is vehicle for one in world.road.vehicles)
     return nullcontext() if on_road else _placed(world, [*world.road.vehicles, vehicle])
 
 
 @contextmanager
 def _placed(world: World, vehicles: list[Vehicle]) -> Iterator[None]:
-    """Have these vehicles on the road, and then those that there were."""
+    """Replace the vehicles on the road for the context."""
     before = world.road.vehicles
     world.road.vehicles = vehicles
     try:

@@ -1,15 +1,18 @@
-"""Drives of highway-env: those of a bank nearest to the paper's, and the ladder's, in which policies are ranked.
+"""Drives of highway-env: those of a bank like the paper's, and the ladder that ranks policies.
 
-The paper does not say how its bank was driven. Of what was tried, a driver who idles, and drives on after a crash,
-comes nearest: with 3 seeds and 12 steps 76 of 144 frames are nearer than 18 m, where the paper prints 81, and 61 at
-5.0 m, which is contact and the median at which it prints 57 answers of STOP. With 24 steps 219 of 288 are near, 198 of
-them after a crash; the accuracies that the paper prints of a model on 272 of its frames make that about 220, which is
-our sum. A moment is one picture with its truth and the pictures of the same world with one thing changed.
+The paper does not say how its bank was driven. Of the drivers that were tried, one that idles, and
+drives on after a crash, comes nearest. With 3 seeds and 12 steps, 76 of 144 frames are nearer than
+18 m, where the paper prints 81. At 5.0 m, which is contact and the median at which the paper prints
+57 answers of STOP, there are 61. With 24 steps, 219 of 288 frames are near, 198 of them after a
+crash. The paper's accuracies of a model on 272 of its frames imply about 220; the paper does not
+print that sum. A moment is one picture with its truth and the pictures of the same world with one
+thing changed.
 
-The ladder's are 30 seconds, a decision a second. The paper (Table t:baselines) prints no settings. Of those tried,
-these come nearest to its rows: distance counts from the end of the first second, dense traffic is tight enough that the
-slowest policy crashes once in a while, and "blocked" is a close start in traffic, because behind a vehicle that stands
-still SLOW crashes 7 times of 8 and could not head the table.
+The ladder's drives last 30 seconds, with a decision a second. The paper (Table t:baselines) prints
+no settings. Of those tried, these come nearest to its rows. Distance counts from the end of the
+first second. Dense traffic is tight enough that the slowest policy crashes once in a while.
+"blocked" is a close start in traffic: behind a vehicle that stands still, SLOW crashes 7 times of 8
+and could not head the table.
 """
 
 from collections.abc import Iterator, Mapping
@@ -40,7 +43,7 @@ DRIVES: Mapping[str, Setting] = {
 
 
 def open_drive(scenario: str, seed: int) -> World:
-    """Return the world in which a drive begins."""
+    """Return the world at the start of a drive."""
     world = DRIVES[scenario].open(seed)
     if scenario == BLOCKED:
         ego = world.vehicle
@@ -59,7 +62,7 @@ def drive(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
 
 
 def drive_worlds(scenario: str, seed: int, steps: int) -> Iterator[World]:
-    """Yield the world once a second of driving; it is one world, which drives on when the next is asked for.
+    """Yield the world once a second of driving; it is one object that drives on at each step.
 
     A second is highway-env's own step without the observation and the reward, which no bank needs.
     """
@@ -95,8 +98,9 @@ LADDER: Mapping[str, Setting] = {
 class LadderDrive:
     """One of the ladder's scenarios under way.
 
-    Its states are those of the stock environment bit for bit: highway-env's own ``step`` runs, with its faster parts
-    in place and without the observation, which nobody reads. Source: paper, Table t:baselines.
+    Its states equal those of the stock environment bit for bit. highway-env's own ``step`` runs
+    with eyechart's faster parts, and without the observation, which is not used. Source: paper,
+    Table t:baselines.
     """
 
     def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:
@@ -118,13 +122,13 @@ class LadderDrive:
         return self._camera.draw()
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the columns of the banks."""
+        """Return the truth with the columns of the banks."""
         return read_truth(self._world)
 
     def step(self, action: str) -> StepResult:
         """Drive on for a second; ``distance_m`` counts from the end of the first one.
 
-        Raises ValueError for an action that is none, and after the end.
+        Raises ValueError for an unknown action, and after the end.
         """
         if self._ended:
             raise ValueError("this drive is over")
@@ -148,11 +152,11 @@ class LadderDrive:
         )
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return every vehicle's position, heading and speed as raw 64-bit floats, rounded where it is asked for."""
+        """Return all positions, headings and speeds as 64-bit floats, rounded on request."""
         rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in self._world.road.vehicles]
         numbers = np.array(rows, dtype=np.float64)
         return (numbers if decimals is None else numbers.round(decimals) + 0.0).tobytes()
 
     def close(self) -> None:
-        """Let go of the world."""
+        """Close the world."""
         self._world.close()

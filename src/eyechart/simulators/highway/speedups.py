@@ -1,9 +1,10 @@
-"""highway-env made faster without a bit of difference: what it computes again and again is computed once.
+"""Faster forms of highway-env's functions, with results that are equal bit for bit.
 
-The stock functions come back when the context ends, also by an exception. What is replaced gives equal bits
-because nothing is reordered: along a lane that points exactly east, the products with 1 and 0 are left out; the
-neighbours on a lane are collected once for all vehicles that decide at the same instant; and pairs of vehicles
-that are certainly apart are never looked at. All else, curved lanes too, goes the stock way.
+The stock functions come back when the context ends, also after an exception. The results are equal
+because nothing is reordered. Along a lane that points exactly east, the products with 1 and 0 are
+left out. The neighbours on a lane are collected once for all vehicles that decide at the same
+instant. Pairs of vehicles that are certainly apart are skipped. Everything else, curved lanes too,
+uses the stock functions.
 """
 
 import threading
@@ -28,7 +29,7 @@ _Any = Any
 
 @contextmanager
 def speedups() -> Iterator[None]:
-    """Let highway-env run faster, with every state equal bit for bit, until the context ends. May be nested."""
+    """Speed up highway-env for the context, with equal states bit for bit; may be nested."""
     with _STATE.lock:
         if _STATE.depth == 0:
             _STATE.stock = [(owner, name, getattr(owner, name)) for owner, name, _ in _FASTER]
@@ -46,7 +47,7 @@ def speedups() -> Iterator[None]:
 
 
 class _State:
-    """Whether the faster forms are in place, across threads."""
+    """The state of the faster forms across threads."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -61,7 +62,7 @@ _STATE = _State()
 
 
 def _origin(lane: _Any) -> tuple[float, float] | None:
-    """Return the start of a lane that points exactly east, or None; found once a lane."""
+    """Return the start of a lane that points exactly east, or None; computed once a lane."""
     known: dict[str, _Any] = lane.__dict__
     if "_eyechart_origin" not in known:
         east = lane.direction.tolist() == [1.0, 0.0] and lane.direction_lateral.tolist() == [0.0, 1.0]
@@ -142,7 +143,7 @@ def _stock_neighbours(road: _Any, vehicle: _Any, lane_index: _Any) -> tuple[_Any
 
 
 def _members(road: _Any, lane: _Any, origin: tuple[float, float]) -> list[tuple[float, _Any]]:
-    """Return what stands on a lane, with its place along it, in the order of the road's lists."""
+    """Return the vehicles and objects on a lane with their places, in the road's order."""
     aside = lane.width / 2 + _ON_LANE_MARGIN_M
     first, last = -lane.VEHICLE_LENGTH, float(lane.length) + lane.VEHICLE_LENGTH
     members = []
@@ -175,7 +176,7 @@ def _step(self: _Any, dt: float) -> None:
 
 
 class _ScalarNumpy(ModuleType):
-    """numpy for the modules that clip one number at a time."""
+    """numpy for modules that clip one number at a time."""
 
     def __getattr__(self, name: str) -> _Any:
         value = getattr(np, name)

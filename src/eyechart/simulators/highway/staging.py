@@ -1,9 +1,9 @@
-"""Staged moments: natural traffic in which the lead and the sides of the ego are placed by a balanced plan.
+"""Staged moments: natural traffic with the lead and the ego's sides placed by a balanced plan.
 
-A drive closes its gaps as time goes by and rarely asks for a side (8 of 144 frames), so it cannot tell a
-controller that follows the gap from one that follows the clock. Here only the lead, the sides and the own lane
-are placed; all else is where highway-env's own traffic took it: its vehicles drive by its own models, and one of them
-lends its place to the ego.
+A drive closes its gaps as time goes by and rarely needs a side (8 of 144 frames). It therefore
+cannot separate a controller that follows the gap from one that follows the clock. Here only the
+lead, the sides and the own lane are placed. All else is highway-env's own traffic: its vehicles
+drive by its own models, and the ego takes the place of one of them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,7 +29,7 @@ _BURN_IN_STEPS = 2 * SIMULATION_HZ
 _STEPS_A_MOMENT = 9
 _MOST_STEPS = 30 * SIMULATION_HZ
 _RAMP_X_M = (60.0, 220.0)
-"""Where merge-v0 shows its ramp and the joining lane has not begun."""
+"""The places where merge-v0 shows its ramp and the joining lane has not begun."""
 
 _MERGE_LANES = 2
 _RAMP_Y_M = (_MERGE_LANES - 0.5) * LANE_M
@@ -47,13 +47,13 @@ class Placed:
 
     @property
     def lane(self) -> int:
-        """Return the lane that it is nearest to, from the left."""
+        """Return the nearest lane, from the left."""
         return round(self.y / LANE_M)
 
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """Traffic at one instant on a road of so many lanes, and the vehicle whose place the ego takes."""
+    """Traffic at one instant, and the vehicle whose place the ego takes."""
 
     ego: Placed
     others: tuple[Placed, ...]
@@ -61,9 +61,9 @@ class Traffic:
 
 
 def drive_naturally(world: World, moments: int) -> list[Traffic]:
-    """Return instants of natural traffic in order of time, at 15 Hz; more where more moments are wanted.
+    """Return instants of natural traffic in order of time, at 15 Hz; more moments need more.
 
-    Raises BankError where merge-v0's traffic does not come by its ramp.
+    Raises BankError if merge-v0's traffic does not reach its ramp.
     """
     if isinstance(world, MergeEnv):
         return _drive_by_the_ramp(world)
@@ -80,7 +80,7 @@ def drive_naturally(world: World, moments: int) -> list[Traffic]:
 
 
 def _drive_by_the_ramp(world: World) -> list[Traffic]:
-    """Return the instants at which the ego passes the ramp; merge-v0 starts it before."""
+    """Return the instants at which the ego passes the ramp; merge-v0 starts it before the ramp."""
     ego = IDMVehicle.create_from(world.vehicle)
     world.road.vehicles = [ego if vehicle is world.vehicle else vehicle for vehicle in world.road.vehicles]
     instants = []
@@ -92,7 +92,7 @@ def _drive_by_the_ramp(world: World) -> list[Traffic]:
         if x >= _RAMP_X_M[0]:
             instants.append(_read(world, ego, lanes=_MERGE_LANES))
     if not instants:
-        raise BankError("the traffic of scenario 'merge' does not reach the ramp with this seed; give another one")
+        raise BankError("the traffic of scenario 'merge' does not reach the ramp with this seed; use another seed")
     return instants
 
 
@@ -112,8 +112,9 @@ STAGES: Mapping[str, Setting] = {
     "merge": Setting("merge-v0", {}),
     "blocked": Setting("highway-v0", {"lanes_count": 5, "vehicles_count": 14, "vehicles_density": 0.5}),
 }
-"""The scenarios of preset ``balanced``. Each can be told from the picture: by two lanes and a ramp, by three, four
-or five lanes; and the lead of ``blocked`` stands still, which highway-env paints yellow."""
+"""The scenarios of preset ``balanced``. The picture tells them apart: two lanes and a ramp, or
+three, four or five lanes. The lead of ``blocked`` stands still, and highway-env paints it
+yellow."""
 
 _LANES = {
     "light": Lanes(count=4, ego=(1, 2)),
@@ -121,7 +122,7 @@ _LANES = {
     "merge": Lanes(count=2, ego=(0, 1)),
     "blocked": Lanes(count=5, ego=(1, 2, 3)),
 }
-"""From the outer lanes of four and of five the picture does not reach far enough to tell them apart."""
+"""The picture does not reach far enough to tell the outer lanes of four and of five apart."""
 
 GAPS = Bands(near=(6.5, 5.0), close=(12.6, 4.8), middle=(18.6, 20.8), far=(42.0, 28.0), beyond=(82.0, 18.0))
 """About 12, 18 and 40 m, and the picture's edge at 76 m."""
@@ -129,12 +130,12 @@ GAPS = Bands(near=(6.5, 5.0), close=(12.6, 4.8), middle=(18.6, 20.8), far=(42.0,
 _BEHIND_M = -9.0
 _CLEAR_M = (-14.0, 42.0)
 _BLOCKING_M = (-10.0, 38.0)
-"""Within and beyond -12 to 40 m by enough that no side is a matter of pixels."""
+"""Inside and outside -12 to 40 m by enough that no side is a borderline case."""
 
 _SPACING_M = 7.5
 _OFF_CENTRE_M = 0.6
 _JOINING_Y_M = 2 * LANE_M
-"""Where the ramp of merge-v0 leads to."""
+"""The lane to which the ramp of merge-v0 leads."""
 
 _SAME_M = 1e-6
 _TRIES = 100
@@ -142,7 +143,7 @@ _TRIES = 100
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where the vehicles of a moment stand."""
+    """The places of a moment's vehicles."""
 
     ego: Placed
     lead: Placed
@@ -150,7 +151,10 @@ class _Layout:
 
 
 def stage(scenario: str, seed: int, steps: int, *, boxed: bool = False) -> Iterator[Moment]:
-    """Yield the moments of one episode, in the order of natural time, those of the version `BOXED` where it is so."""
+    """Yield the moments of one episode in the order of natural time.
+
+    With ``boxed`` they are those of the staging version `BOXED`.
+    """
     rng = np.random.default_rng(key_seed("highway", "balanced", scenario, seed))
     with speedups():
         world = STAGES[scenario].open(seed)
@@ -162,7 +166,7 @@ def stage(scenario: str, seed: int, steps: int, *, boxed: bool = False) -> Itera
 
 
 def _set_up(world: World, traffic: Traffic, wish: Wish, *, still: bool, rng: np.random.Generator) -> None:
-    """Put a moment that holds what is wished for on the world's road."""
+    """Put a moment that fulfils the plan on the world's road."""
     for _ in range(_TRIES):
         layout = _lay_out(traffic, wish, rng)
         if layout is None:
@@ -170,18 +174,18 @@ def _set_up(world: World, traffic: Traffic, wish: Wish, *, still: bool, rng: np.
         _show(world, layout, still=still)
         if _holds(read_scene(world), wish):
             return
-    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; give another seed")
+    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; use another seed")
 
 
 def _holds(scene: Scene, wish: Wish) -> bool:
-    """Return whether a scene is the one that was wished for, as far as the picture reaches."""
+    """Return whether a scene fulfils the plan, as far as the picture reaches."""
     seen = scene.gap_m is not None
     as_wished = scene.gap_m is not None and abs(scene.gap_m - wish.gap_m) < _SAME_M
     return (scene.left_clear, scene.right_clear) == wish.sides and (as_wished if is_visible(wish.gap_m) else not seen)
 
 
 def _lay_out(traffic: Traffic, wish: Wish, rng: np.random.Generator) -> _Layout | None:
-    """Return the traffic with its lead and sides placed, or None where a side that is to be blocked has no room."""
+    """Return the traffic with its lead and sides placed, or None if a blocked side has no room."""
     ego = replace(traffic.ego, y=wish.lane * LANE_M, heading=0.0)
     lead = replace(ego, x=ego.x + wish.gap_m)
     kept: list[Placed] = []
@@ -228,12 +232,12 @@ def _blocks(vehicle: Placed, ego: Placed, lane: int) -> bool:
 
 
 def _overlaps(vehicle: Placed, placed: list[Placed]) -> bool:
-    """Return whether a vehicle stands too near to another one of its lane, or to one on a ramp."""
+    """Return whether a vehicle stands too near to another one of its lane or on a ramp."""
     return any(abs(vehicle.x - other.x) < _SPACING_M and abs(vehicle.y - other.y) < LANE_M - 1.0 for other in placed)
 
 
 def _show(world: World, layout: _Layout, *, still: bool) -> None:
-    """Put the vehicles of a layout on the world's road; a lead that stands still is a plain vehicle."""
+    """Put a layout's vehicles on the road; a lead that stands still is a plain vehicle."""
     road = world.road
     ego, lead = layout.ego, layout.lead
     place = [lead.x, lead.y]

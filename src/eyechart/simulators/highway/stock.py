@@ -1,6 +1,7 @@
-"""What is taken of highway-env, imported without pandas and Matplotlib, which take most of its time to import.
+"""The parts of highway-env that eyechart uses, imported without pandas and Matplotlib.
 
-Only its tables of observations and its plots need them: these two are imported when one of those is asked for.
+These two take most of its time to import, and only its tables of observations and its plots need
+them. They are imported on first use.
 """
 
 import sys
@@ -10,7 +11,7 @@ from types import ModuleType
 
 
 class _Later(ModuleType):
-    """Stands where a module will be; the first question for anything in it imports the module."""
+    """A placeholder for a module that is imported on its first use."""
 
     def __getattr__(self, name: str) -> object:
         _leave()
@@ -25,14 +26,14 @@ class _Later(ModuleType):
 
 
 def _leave() -> None:
-    """Take away what stands for modules: whoever imports them from here on gets them."""
+    """Remove the placeholders, so that later imports get the real modules."""
     for name in [name for name, module in sys.modules.items() if isinstance(module, _Later)]:
         del sys.modules[name]
 
 
 @contextmanager
 def _later() -> Iterator[None]:
-    """Let what is imported inside import pandas and Matplotlib's plots later; what is there already is left."""
+    """Delay imports of pandas and Matplotlib in the context; loaded modules stay as they are."""
     if "matplotlib" not in sys.modules:
         plots = sys.modules["matplotlib"] = _Later("matplotlib")
         sys.modules["matplotlib.pyplot"] = plots.pyplot = _Later("matplotlib.pyplot")  # type: ignore[attr-defined]

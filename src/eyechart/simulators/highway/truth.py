@@ -1,4 +1,4 @@
-"""Ground truth is read from a world's geometry, never from its picture."""
+"""Ground truth from a world's geometry, never from its picture."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def others(world: World) -> list[Vehicle]:
 
 
 def gap_to(ego: Vehicle, vehicle: Vehicle) -> float:
-    """Return how far ahead a vehicle is, centre to centre, in metres along the road."""
+    """Return the distance of a vehicle ahead, centre to centre, in metres along the road."""
     return float(vehicle.position[0] - ego.position[0])
 
 
@@ -34,7 +34,7 @@ def is_visible(gap_m: float) -> bool:
 
 
 def read_scene(world: World) -> Scene:
-    """Return what a controller with perfect eyes would know; a lead beyond the picture's edge is none."""
+    """Return the scene of a perfect observer; a lead beyond the picture's edge does not count."""
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world.vehicle, lead)
     return Scene(
@@ -47,7 +47,8 @@ def read_scene(world: World) -> Scene:
 def _is_clear(world: World, *, side: int) -> bool:
     """Return whether the lane on that side exists and is empty from 12 m behind to 40 m ahead.
 
-    A lane exists where highway-env draws a dashed line to it, so merge-v0's joining lane counts while it lasts.
+    A lane exists if highway-env draws a dashed line to it, so merge-v0's joining lane counts while
+    it lasts.
     """
     ego = world.vehicle
     start, end, own = ego.lane_index
@@ -63,10 +64,11 @@ def _is_clear(world: World, *, side: int) -> bool:
 
 
 def read_truth(world: World) -> dict[str, Scalar]:
-    """Return the ground truth of a world as it stands; None means that there is none.
+    """Return the ground truth of a world at this moment; None means that there is none.
 
-    ``lead_gap_m`` is centre to centre and exact also beyond the picture's edge, where ``lead_visible`` is False.
-    ``demand`` is what the safety policy asks for. ``ego_lane`` counts from the left, of ``lanes``.
+    ``lead_gap_m`` is centre to centre and exact also beyond the picture's edge, where
+    ``lead_visible`` is False. ``demand`` is the action of the safety policy. ``ego_lane`` counts
+    from the left, of ``lanes``.
     """
     ego, lead, scene = world.vehicle, find_lead(world), read_scene(world)
     gap_m = None if lead is None else gap_to(ego, lead)

@@ -1,7 +1,8 @@
-"""A world is a highway-env environment whose road can be stepped, drawn from above, and changed for one picture.
+"""highway-env worlds whose road can be stepped, drawn from above, and changed for one picture.
 
-The pictures are highway-env's own, drawn by its own functions without its viewer: the viewer opens a display,
-draws nothing at all under ``SDL_VIDEODRIVER=dummy``, and draws fourteen more frames in every later step.
+The pictures are highway-env's own, drawn by its own functions without its viewer. The viewer opens
+a display, draws nothing at all under ``SDL_VIDEODRIVER=dummy``, and draws fourteen more frames in
+every later step.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,7 +34,7 @@ World = Any
 
 
 class _Unobserved:
-    """Stands where highway-env computes an observation at the beginning and in every step; nobody reads it."""
+    """An empty replacement of highway-env's observations, which are not used."""
 
     def observe(self) -> None:
         """Return nothing."""
@@ -56,13 +57,13 @@ _ROADS: Mapping[str, Any] = {"highway-v0": _Highway, "merge-v0": _Merge}
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Which environment a scenario drives in, and what its configuration changes."""
+    """The environment of a scenario, and its changes of the configuration."""
 
     env: str
     config: Mapping[str, float]
 
     def open(self, seed: int) -> World:
-        """Return the environment, reset with this seed; it observes nothing."""
+        """Return the environment, reset with this seed and without observations."""
         world = _ROADS[self.env](config={**self.config, "simulation_frequency": SIMULATION_HZ})
         world.reset(seed=seed)
         return world
@@ -79,7 +80,7 @@ def simulate(world: World) -> None:
 
 
 class Camera:
-    """Draws the stock picture of a world as it stands; the road under an ego that does not move is drawn once."""
+    """Draws a world's stock picture; the road under an ego that does not move is drawn once."""
 
     def __init__(self, world: World) -> None:
         size = (WIDTH_PX, HEIGHT_PX)
@@ -108,7 +109,7 @@ class Camera:
 
 @contextmanager
 def moved(vehicle: Any, x: float) -> Iterator[None]:  # noqa: ANN401  (highway-env has no types)
-    """Put one vehicle at another place along the road, and put it back."""
+    """Move one vehicle along the road for the context."""
     before = vehicle.position
     vehicle.position = np.array([x, before[1]])
     try:
@@ -119,7 +120,7 @@ def moved(vehicle: Any, x: float) -> Iterator[None]:  # noqa: ANN401  (highway-e
 
 @contextmanager
 def recoloured(vehicle: Any) -> Iterator[None]:  # noqa: ANN401  (highway-env has no types)
-    """Paint one vehicle in the red of a crash, and give it its colour back."""
+    """Paint one vehicle in the red of a crash for the context."""
     vehicle.color = CRASH_RED
     try:
         yield

@@ -1,4 +1,4 @@
-"""Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth and banks."""
+"""Obstacles on a road of three tracks for vehicles with a forward camera: layouts to banks."""
 
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout

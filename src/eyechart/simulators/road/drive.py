@@ -1,4 +1,4 @@
-"""A vehicle's drive: a layout, a decision a second, until the goal, a crash or the end of the time."""
+"""A vehicle's drive: a layout, a decision a second, until the goal, a crash or the time limit."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Generic, TypeVar
@@ -16,7 +16,8 @@ W = TypeVar("W", bound=AnyWorld)
 class RoadDrive(Generic[W]):
     """A world under way.
 
-    The reward of a decision is the way made along the road over the way at ``top_mps``, and -10 for a crash.
+    The reward of a decision is the distance along the road divided by the distance at ``top_mps``,
+    and -10 for a crash.
     """
 
     def __init__(self, world: W, decide: Callable[[W, str], W], *, actions: Collection[str], top_mps: float) -> None:
@@ -27,23 +28,23 @@ class RoadDrive(Generic[W]):
 
     @property
     def world(self) -> W:
-        """Return the world as it stands."""
+        """Return the present world."""
         return self._world
 
     def picture(self) -> RGB:
-        """Return what the forward camera shows, shape (height, width, 3), uint8."""
+        """Return the forward camera's picture, shape (height, width, 3), uint8."""
         return draw(self._world)
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the columns of the banks."""
+        """Return the truth with the columns of the banks."""
         return read_truth(self._world)
 
     def unseen_sides(self) -> frozenset[str]:
-        """Return the sides, left and right, that are closed by nothing that the picture shows."""
+        """Return the sides, left or right, blocked only by obstacles outside the picture."""
         return unseen_sides(self._world)
 
     def step(self, action: str) -> StepResult:
-        """Drive on for a second; raises ValueError for an action that is none, and after the end."""
+        """Drive on for a second; raises ValueError for an unknown action, and after the end."""
         if self._world.ended is not None:
             raise ValueError("this drive is over")
         if action not in self._actions:
@@ -60,8 +61,8 @@ class RoadDrive(Generic[W]):
         )
 
     def state(self, decimals: int | None = None) -> bytes:
-        """Return the vehicle's state and the obstacles as raw 64-bit floats, rounded where it is asked for."""
+        """Return the vehicle's state and the obstacles as 64-bit floats, rounded on request."""
         return self._world.as_bytes(decimals)
 
     def close(self) -> None:
-        """Hold nothing, so let go of nothing."""
+        """Do nothing: the drive holds no resources."""

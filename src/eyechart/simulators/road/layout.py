@@ -1,8 +1,8 @@
-"""Five families of obstacles on a road of 100 m, each seeded; in some worlds a wall of three discs closes the road.
+"""Five seeded families of obstacles on a road of 100 m, in some worlds closed by a wall.
 
-The road has three tracks, 2 m apart. At each station a layout leaves at least one track open, the next open track is
-the same or the one beside it, and stations are far enough apart to change over: but for the walls, every world has a
-way through.
+The road has three tracks, 2 m apart. At each station a layout leaves at least one track open. The
+next open track is the same or the one beside it, and stations are far enough apart to change over.
+Except for the walls of three discs, every world therefore has a way through.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from eyechart.seeds import key_seed
 from eyechart.simulators.banks import check_seed
 
 TRACKS_M = ROVER.tracks_m
-"""The tracks' middles across the road, from the right to the left."""
+"""The tracks' middles across the road, from right to left."""
 
 ROAD_HALF_M = ROVER.half_width_m
 GOAL_M = 100.0
@@ -47,7 +47,7 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What stands on a road; ``closed`` where a wall leaves no way through."""
+    """The obstacles on a road; ``closed`` if a wall leaves no way through."""
 
     family: str
     obstacles: tuple[Obstacle, ...]
@@ -66,7 +66,7 @@ _Rng = np.random.Generator
 
 
 def make_layout(family: str, seed: int, *, simulator: str = "rover", mirrored: bool = False) -> Layout:
-    """Return what stands on the road of a simulator, a family and a seed, or its mirror image.
+    """Return the obstacles of a simulator, a family and a seed, or their mirror image.
 
     Raises SpecError for an unknown family or a seed out of range.
     """
@@ -115,7 +115,7 @@ def _slalom(rng: _Rng) -> list[Obstacle]:
 
 
 def _stations(rng: _Rng, *, first: float, apart: float, blocked: tuple[int, int]) -> list[Obstacle]:
-    """Return stations along the road at which some tracks are blocked, never the one of a way through."""
+    """Return stations along the road that block some tracks, but never the way through."""
     way, found = 1, []
     for x in np.arange(first, GOAL_M - 6.0, apart).tolist():
         way = int(np.clip(way + rng.integers(-1, 2), 0, len(TRACKS_M) - 1))
@@ -133,7 +133,7 @@ FAMILIES: Mapping[str, str] = {
     "gate": "Four pairs of obstacles, which leave one track in three.",
     "clutter": "Obstacles on up to two of three tracks every 9.5 m.",
 }
-"""The scenarios of drives and banks, in words."""
+"""The scenarios of drives and banks, described in words."""
 
 _MAKERS: Mapping[str, Callable[[_Rng], list[Obstacle]]] = {
     "offset": _offset,

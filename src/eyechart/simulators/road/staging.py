@@ -1,6 +1,7 @@
-"""Staged moments of the balanced banks: a vehicle on one of three tracks, with the lead and the sides placed by a plan.
+"""Staged moments of the balanced banks: a lead and sides placed by a plan on three tracks.
 
-Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap closes with time.
+Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap
+closes with time.
 """
 
 import math
@@ -21,14 +22,15 @@ from eyechart.simulators.road.truth import ahead, blocks, find_lead, gap_to, rea
 from eyechart.simulators.road.world import PAINT_NAMES, SCENERY, AnyWorld, draw, eye_of, lowest_m
 
 GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
-"""About 5, 8 and 15 m, and what is seen 30 m away."""
+"""Around 5, 8 and 15 m, and the limit of sight at 30 m."""
 
 NEAR_M = (2.6, 4.4)
 FAR_M = (18.0, 27.0)
-"""Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
+"""The lead's distance in ``lead_near`` and ``lead_far``, from the vehicle's middle to the lead's
+near side."""
 
 EXCHANGED_FAR_M = (22.5, FAR_M[1])
-"""Where the exchange at a distance of the whole range puts what is far: farther than any such distance."""
+"""The range of far places in the exchange: farther than any distance that the exchange draws."""
 
 _LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
 _OFF_TRACK_M = 0.2
@@ -42,17 +44,19 @@ _LEAST_SEEN = 0.5
 _LEAST_SPEED_MPS = 1.0
 _TRIES = 200
 _PLACES = 30
-"""So many pairs of far places are tried of one distance of the exchange; of a fifth of them the lead does not lean."""
+"""Number of pairs of far places for one distance of the exchange. In the first fifth of them the
+lead does not lean."""
 _SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
-"""How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
+"""Number of obstacles farther away than anything that matters; those of a gate stand in pairs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What staging has to know of a vehicle.
+    """The properties of a vehicle that staging needs.
 
-    ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be turned by ``most_yaw``
-    rad to either side, and be as fast as ``most_mps``. ``view`` names its view, and with it the seeds of its moments.
+    ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be
+    turned by ``most_yaw`` rad to either side, and be as fast as ``most_mps``. ``view`` names its
+    view, and with it the seeds of its moments.
     """
 
     view: str
@@ -62,7 +66,7 @@ class Vehicle:
 
 
 def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int, *, boxed: bool = False) -> Iterator[Moment]:
-    """Yield the moments of one episode, those of the version `BOXED` where it is so."""
+    """Yield the moments of one episode; with ``boxed``, those of the staging version `BOXED`."""
     rng = np.random.default_rng(key_seed(vehicle.view, "balanced", scenario, seed))
     for wish in make_plan(_LANES, GAPS, steps, rng, boxed=boxed):
         yield record(_set_up(vehicle, scenario, wish, rng), rng, lowest=boxed)
@@ -71,7 +75,7 @@ def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int, *, boxed: bool
 def record(world: AnyWorld, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
     """Return a world's moment with the lead near, the lead far, and the own hood repainted.
 
-    Near is as near as can be shown where the ``lowest`` gap is wanted.
+    With ``lowest``, near is as near as can be shown.
     """
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world, lead)
@@ -94,11 +98,12 @@ def record(world: AnyWorld, rng: np.random.Generator, *, lowest: bool = False) -
 
 
 def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Drawn:
-    """Return the control pictures: without the lead, and at gaps of the whole range; none without a lead.
+    """Return the control pictures: without the lead, and at gaps of the whole range.
 
-    In ``exchange_own`` the lead stands at a gap and an obstacle of a track beside far; in ``exchange_beside`` the lead
-    stands far and that obstacle at the distance, from the vehicle's middle to its own, at which the lead stood. It has
-    the lead's size and paint in both, and at least half of it is seen in either; in ``exchange_apart`` both are far.
+    Without a lead there are none. In ``exchange_own`` the lead stands at a gap, and an obstacle of
+    a neighbouring track stands far. In ``exchange_beside`` the lead stands far, and that obstacle
+    stands at the distance, between the middles, at which the lead stood. It has the lead's size and
+    paint in both, and at least half of it is visible in either. In ``exchange_apart`` both are far.
     """
     lead = find_lead(world)
     if lead is None:
@@ -116,7 +121,7 @@ def draw_ranged(world: AnyWorld, draws: Draws, rng: np.random.Generator) -> Draw
 
 
 def _draw_without(world: AnyWorld, lead: Obstacle) -> RGB | None:
-    """Return the picture without the lead, or None where it was not in the picture or another one then leads."""
+    """Return the picture without the lead; None if it was not visible or another obstacle leads."""
     if gap_to(world, lead) >= world.view.view_ahead_m:
         return None
     absent = _with(world, *(one for one in world.layout.obstacles if one is not lead))
@@ -124,7 +129,7 @@ def _draw_without(world: AnyWorld, lead: Obstacle) -> RGB | None:
 
 
 def _exchange_at(world: AnyWorld, lead: Obstacle, rng: np.random.Generator, own_m: float) -> dict[str, RGB] | None:
-    """Return the pictures of the exchange at this gap, or None where no obstacle beside could stand so."""
+    """Return the exchange's pictures at this gap, or None if no obstacle beside has room for it."""
     for number in range(_PLACES):
         far_m, its_far_m = (float(rng.uniform(*EXCHANGED_FAR_M)) for _ in range(2))
         for taken, y in _beside(world, lead, rng):
@@ -144,7 +149,7 @@ def _exchange_at(world: AnyWorld, lead: Obstacle, rng: np.random.Generator, own_
 
 
 def _abreast(world: AnyWorld, lead: Obstacle, y: float) -> Obstacle | None:
-    """Return the lead put aside to ``y``, as far from the vehicle's middle as it is, or None where that is nearer."""
+    """Return the lead at ``y`` and the same distance, or None if that distance is too short."""
     square = _away(world, lead) ** 2 - (y - world.state.y) ** 2
     return replace(lead, x=world.state.x + math.sqrt(square), y=y) if square > 0 else None
 
@@ -152,7 +157,7 @@ def _abreast(world: AnyWorld, lead: Obstacle, y: float) -> Obstacle | None:
 def _draw_exchanged(
     world: AnyWorld, shown: Mapping[str, tuple[Obstacle, Obstacle]], instead: Sequence[Obstacle]
 ) -> dict[str, RGB]:
-    """Return the pictures by name with these pairs of lead and other ``instead`` of some; none where one cannot be."""
+    """Return pictures with these pairs of lead and other ``instead`` of some; none if one fails."""
     others = [one for one in world.layout.obstacles if not any(one is gone for gone in instead)]
     worlds = {name: _with(world, *pair, *others) for name, pair in shown.items()}
     if not all(_is_exchanged(made, *shown[name]) for name, made in worlds.items()):
@@ -161,7 +166,7 @@ def _draw_exchanged(
 
 
 def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
-    """Return the picture with the lead at this gap, or None where there is no lead or something stands there."""
+    """Return the picture with the lead at this gap; None without a lead or a free place."""
     lead = find_lead(world)
     if lead is None:
         return None
@@ -182,9 +187,9 @@ def _with(world: AnyWorld, *obstacles: Obstacle) -> AnyWorld:
 
 
 def _beside(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> Iterator[tuple[Obstacle | None, float]]:
-    """Yield, for each track beside the own one, its nearest obstacle ahead, where there is one, and a place across.
+    """Yield each neighbouring track's nearest obstacle ahead, if any, and a place across.
 
-    The place is rather away from the own track, where the lead hides less of it.
+    The place lies rather away from the own track, where the lead hides less of it.
     """
     for side in rng.permutation([-1, 1]).tolist():
         if 0 <= world.track + side < len(TRACKS_M):
@@ -201,7 +206,7 @@ def _lean_from(world: AnyWorld, lead: Obstacle, y: float, rng: np.random.Generat
 
 
 def _is_exchanged(world: AnyWorld, lead: Obstacle, beside: Obstacle) -> bool:
-    """Return whether the lead leads, the obstacle beside stands free of the own track, and both are seen."""
+    """Return whether the lead leads, the other is off the own track, and both are visible."""
     column = world.view.project(eye_of(world), (beside.x, beside.y))[0, 0]
     apart = not blocks(world, beside, world.track) and _stand_apart(world.layout.obstacles)
     in_picture = 0 < column < world.view.width and _are_seen(world, (lead, beside))
@@ -209,7 +214,7 @@ def _is_exchanged(world: AnyWorld, lead: Obstacle, beside: Obstacle) -> bool:
 
 
 def _set_up(vehicle: Vehicle, scenario: str, wish: Wish, rng: np.random.Generator) -> AnyWorld:
-    """Return a world that holds what is wished for."""
+    """Return a world that fulfils the plan."""
     track = len(TRACKS_M) - 1 - wish.lane
     for _ in range(_TRIES):
         x, y = float(rng.uniform(0.0, GOAL_M)), TRACKS_M[track] + float(rng.uniform(-_OFF_TRACK_M, _OFF_TRACK_M))
@@ -220,11 +225,11 @@ def _set_up(vehicle: Vehicle, scenario: str, wish: Wish, rng: np.random.Generato
         world = vehicle.place(layout, (x, y, yaw), speed, track)
         if _holds(world, wish) and _stand_apart(world.layout.obstacles) and _are_seen(world, needed):
             return world
-    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; give another seed")
+    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; use another seed")
 
 
 def _holds(world: AnyWorld, wish: Wish) -> bool:
-    """Return whether a world is the one that was wished for, as far as its picture reaches."""
+    """Return whether a world fulfils the plan, as far as its picture reaches."""
     scene = read_scene(world)
     seen = wish.gap_m < world.view.view_ahead_m
     as_wished = scene.gap_m is not None and math.isclose(scene.gap_m, wish.gap_m, abs_tol=1e-6)
@@ -239,7 +244,7 @@ def _lead(x: float, track: int, wish: Wish, rng: np.random.Generator) -> Obstacl
 
 
 def _sides(x: float, track: int, wish: Wish, rng: np.random.Generator) -> list[Obstacle]:
-    """Return what blocks the sides that are not to be clear."""
+    """Return the obstacles that block the sides that must not be clear."""
     found = []
     for beside, clear in zip((track + 1, track - 1), wish.sides, strict=True):
         if not clear and 0 <= beside < len(TRACKS_M):
@@ -271,7 +276,7 @@ def _stand_apart(obstacles: Sequence[Obstacle]) -> bool:
 
 
 def _are_seen(world: AnyWorld, needed: Sequence[Obstacle]) -> bool:
-    """Return whether the camera sees at least half of the width of each of these that it reaches to."""
+    """Return whether at least half of the width of each of these obstacles is visible."""
     spans = [(_away(world, one), *_span(world, one)) for one in world.layout.obstacles]
     for away, low, high in spans[: len(needed)]:
         hidden = sum(max(min(high, top) - max(low, bottom), 0.0) for nearer, bottom, top in spans if nearer < away)
@@ -285,22 +290,22 @@ def _away(world: AnyWorld, one: Obstacle) -> float:
 
 
 def _span(world: AnyWorld, one: Obstacle) -> tuple[float, float]:
-    """Return the bearings between which an obstacle is seen."""
+    """Return the lowest and the highest bearing of an obstacle."""
     bearing = math.atan2(one.y - world.state.y, one.x - world.state.x)
     half = math.asin(min(one.radius / _away(world, one), 1.0))
     return bearing - half, bearing + half
 
 
 class RoadBanks(BankMaker):
-    """The part of a simulator on the road that makes banks of ``vehicle``'s staged moments."""
+    """The part of a road simulator that makes banks of the staged moments of ``vehicle``."""
 
     vehicle: Vehicle
 
     def open_preset(self, name: str) -> Preset:
-        """Return the one preset that there is.
+        """Return the only preset.
 
-        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m
-        are four seconds and more for a slow vehicle.
+        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side.
+        The highway's 18 m would be more than four seconds for a slow vehicle.
         """
         del name
         distances = FORWARD[self.vehicle.view].distances
@@ -319,5 +324,5 @@ class RoadBanks(BankMaker):
         )
 
     def versions(self) -> dict[str, str]:
-        """Return the version of numpy; the rest of this world is eyechart's own."""
+        """Return the version of numpy; the rest of this world is part of eyechart."""
         return versions_of(("numpy",))

@@ -1,4 +1,4 @@
-"""Ground truth is read from a world's geometry, never from its picture."""
+"""Ground truth from a world's geometry, never from its picture."""
 
 import math
 from collections.abc import Iterable
@@ -15,12 +15,12 @@ _ROUND = np.stack([fn(np.linspace(0, 2 * math.pi, 72, endpoint=False)) for fn in
 
 
 def gap_to(world: AnyWorld, obstacle: Obstacle) -> float:
-    """Return how far ahead of the vehicle's middle an obstacle's near side is, in metres along the road, 0 or more."""
+    """Return the distance from the vehicle's middle to an obstacle's near side, 0 m or more."""
     return max(obstacle.x - obstacle.radius - world.state.x, 0.0)
 
 
 def blocks(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
-    """Return whether an obstacle reaches into a track's corridor: the vehicle and its margin to both sides."""
+    """Return whether an obstacle reaches into a track's corridor: the vehicle and its margins."""
     return abs(obstacle.y - TRACKS_M[track]) < obstacle.radius + world.view.beside_m
 
 
@@ -35,7 +35,7 @@ def find_lead(world: AnyWorld) -> Obstacle | None:
 
 
 def read_scene(world: AnyWorld) -> Scene:
-    """Return what a controller with perfect eyes would know; an obstacle beyond the view is none."""
+    """Return the scene of a perfect observer; an obstacle beyond the view does not count."""
     lead = find_lead(world)
     gap_m = None if lead is None else gap_to(world, lead)
     return Scene(
@@ -47,12 +47,12 @@ def read_scene(world: AnyWorld) -> Scene:
 
 
 def _is_clear(world: AnyWorld, track: int) -> bool:
-    """Return whether a track exists and nothing blocks it from beside the vehicle to ``ahead_m`` before it."""
+    """Return whether a track exists and is free from the vehicle's side to ``ahead_m`` ahead."""
     return 0 <= track < len(TRACKS_M) and not _closing(world, track)
 
 
 def _closing(world: AnyWorld, track: int) -> list[Obstacle]:
-    """Return what blocks a track from beside the vehicle to ``ahead_m`` before it."""
+    """Return the obstacles that block a track from the vehicle's side to ``ahead_m`` ahead."""
     x, distances = world.state.x, world.view.distances
     return [
         one
@@ -64,10 +64,10 @@ def _closing(world: AnyWorld, track: int) -> list[Obstacle]:
 
 
 def unseen_sides(world: AnyWorld) -> frozenset[str]:
-    """Return the sides, left and right, that are closed by nothing that the forward camera shows.
+    """Return the sides, left or right, that are blocked only by obstacles outside the picture.
 
-    What stands beside the vehicle closes a side from ``behind_m`` behind it on, and a forward camera sees it only from
-    some way ahead.
+    An obstacle blocks a side from ``behind_m`` behind the vehicle on, and a forward camera sees it
+    only from some distance ahead.
     """
     sides = {"left": world.track + 1, "right": world.track - 1}
     return frozenset(
@@ -80,9 +80,10 @@ def unseen_sides(world: AnyWorld) -> frozenset[str]:
 
 
 def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
-    """Return whether the camera shows any of what an obstacle has standing in a track's corridor.
+    """Return whether the camera shows any part of an obstacle inside a track's corridor.
 
-    That is a point of its foot that faces the camera, lies in the corridor, and in the wedge of ground in the picture.
+    Such a part is a point of its foot that faces the camera, and lies in the corridor and in the
+    visible wedge of ground.
     """
     view, state = world.view, world.state
     x, y = one.x + one.radius * _ROUND[0], one.y + one.radius * _ROUND[1]
@@ -95,7 +96,7 @@ def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
 
 
 def free_tracks(world: AnyWorld) -> tuple[float, ...]:
-    """Return for each track, from the right, how far ahead it is free, in metres, as far as the view goes."""
+    """Return how far each track, from the right, is free ahead, in metres, within the view."""
     behind = world.state.x - world.view.distances.behind_m
     beside = [one for one in world.layout.obstacles if one.x + one.radius > behind]
     return tuple(
@@ -105,11 +106,11 @@ def free_tracks(world: AnyWorld) -> tuple[float, ...]:
 
 
 def read_truth(world: AnyWorld) -> dict[str, Scalar]:
-    """Return the ground truth of a world as it stands; None means that there is none.
+    """Return the ground truth of a world at this moment; None means that there is none.
 
-    ``lead_gap_m`` is exact also beyond what is seen, where ``lead_visible`` is False. ``demand`` is what the safety
-    policy asks for. ``track`` counts from the left, of three; ``nearest_side`` is where the nearest obstacle ahead
-    stands as seen from the own corridor.
+    ``lead_gap_m`` is exact also beyond the view, where ``lead_visible`` is False. ``demand`` is the
+    action of the safety policy. ``track`` counts from the left, of three. ``nearest_side`` is the
+    side of the nearest obstacle ahead, as seen from the own corridor.
     """
     lead, scene, state = find_lead(world), read_scene(world), world.state
     gap_m = None if lead is None else gap_to(world, lead)
@@ -130,7 +131,7 @@ def read_truth(world: AnyWorld) -> dict[str, Scalar]:
 
 
 def _nearest_side(world: AnyWorld) -> str | None:
-    """Return left, right or centre; None where nothing stands ahead within sight."""
+    """Return left, right or centre; None if nothing stands ahead within sight."""
     seen = (one for one in ahead(world) if gap_to(world, one) < world.view.view_ahead_m)
     nearest = _nearest(world, seen)
     if nearest is None:

@@ -1,4 +1,4 @@
-"""A world under way: a vehicle among a layout's obstacles, its track, how a drive ends, and what its camera shows."""
+"""A road world under way: a vehicle among obstacles, its track, its end and its picture."""
 
 import math
 import struct
@@ -17,29 +17,29 @@ MIDDLE = len(TRACKS_M) // 2
 
 
 class VehicleState(Protocol):
-    """Where a vehicle is, how it is turned, and how fast it goes, in m, rad and m/s."""
+    """The pose and speed of a vehicle, in m, rad and m/s."""
 
     @property
     def x(self) -> float:
-        """Return how far along the road it is."""
+        """Return the distance along the road."""
 
     @property
     def y(self) -> float:
-        """Return how far to the left of the road's middle it is."""
+        """Return the distance to the left of the road's middle."""
 
     @property
     def yaw(self) -> float:
-        """Return how far it is turned to the left."""
+        """Return the turn to the left."""
 
     @property
     def speed(self) -> float:
-        """Return how fast it goes."""
+        """Return the speed."""
 
     def mirrored(self) -> Self:
         """Return the state in the mirrored world."""
 
     def numbers(self) -> tuple[float, ...]:
-        """Return all that the state consists of."""
+        """Return all numbers of the state."""
 
 
 S_co = TypeVar("S_co", bound=VehicleState, covariant=True)
@@ -47,10 +47,7 @@ S_co = TypeVar("S_co", bound=VehicleState, covariant=True)
 
 @dataclass(frozen=True)
 class RoadWorld(Generic[S_co]):
-    """A vehicle's state in a layout, the track it was last asked to follow, and how many seconds have passed.
-
-    ``vehicle`` names the view of the vehicle's camera.
-    """
+    """A vehicle's state in a layout, its last chosen track, and the seconds passed."""
 
     vehicle: ClassVar[str]
 
@@ -62,7 +59,7 @@ class RoadWorld(Generic[S_co]):
 
     @property
     def view(self) -> ForwardView:
-        """Return what is known of the vehicle's camera, and with it of the vehicle."""
+        """Return the view of the vehicle's camera, which includes the vehicle's size."""
         return FORWARD[self.vehicle]
 
     @property
@@ -84,7 +81,7 @@ class RoadWorld(Generic[S_co]):
         )
 
     def as_bytes(self, decimals: int | None = None) -> bytes:
-        """Return the state of the world as bytes: numbers as they are or rounded, obstacles too."""
+        """Return the world's state as bytes, with its obstacles, exact or rounded."""
         numbers = [*self.state.numbers(), self.seconds, float(self.track), float(self.crashed)]
         for one in self.layout.obstacles:
             numbers += [one.x, one.y, one.radius, one.height]
@@ -94,7 +91,7 @@ class RoadWorld(Generic[S_co]):
 
 
 def next_track(track: int, to_left: int) -> int:
-    """Return the number of the track so many to the left, as far as there is one."""
+    """Return the track this many to the left, or the outermost one."""
     return min(max(track + to_left, 0), len(TRACKS_M) - 1)
 
 
@@ -109,33 +106,34 @@ PAINT_NAMES = ("orange", "magenta", "blue")
 """Their names, in this order."""
 
 SCENERY = dict(zip(FAMILIES, ROVER.verges, strict=True))
-"""What lies beside the road of each family: the one cue by which a picture tells its scenario."""
+"""The scenery beside the road of each family: the only cue by which a picture shows its
+scenario."""
 
 
 def draw(world: AnyWorld, *, red: bool = False) -> RGB:
-    """Return the picture of the vehicle's view, uint8; its own hood is red after a crash, or where it is painted so."""
+    """Return the vehicle's picture, uint8; its hood is red after a crash or with ``red``."""
     hood = world.view.bodies["red" if red or world.crashed else "green"]
     return camera_of(world.layout.family, world.vehicle).draw(eye_of(world), cylinders(world.layout), hood=hood)
 
 
 def eye_of(world: AnyWorld) -> Eye:
-    """Return where the vehicle's camera is and looks."""
+    """Return the place and direction of the vehicle's camera."""
     return Eye(world.state.x, world.state.y, world.view.eye_m, world.state.yaw)
 
 
 def cylinders(layout: Layout) -> list[Cylinder]:
-    """Return a layout's obstacles as bodies in their paint."""
+    """Return a layout's obstacles as painted cylinders."""
     return [Cylinder(one.x, one.y, one.radius, one.height, PAINTS[one.paint]) for one in layout.obstacles]
 
 
 def verge_of(family: str, view: ForwardView) -> Colour:
-    """Return what lies beside the road of a family as a view has it."""
+    """Return the colour beside the road of a family in a view."""
     return view.verges[SCENERY[family]]
 
 
 @cache
 def lowest_m(vehicle: str) -> float:
-    """Return the lowest gap, to 0.1 m, at which the foot of an obstacle ahead stands in the picture, above the hood."""
+    """Return the lowest gap, to 0.1 m, at which an obstacle's foot is visible above the hood."""
     view, hood = FORWARD[vehicle], camera_of(next(iter(FAMILIES)), vehicle).hood
     above = int(hood.any(axis=1).argmax()) - view.horizon
     return math.ceil(10 * float(view.depth[above])) / 10

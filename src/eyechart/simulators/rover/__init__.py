@@ -1,4 +1,4 @@
-"""A rover with a forward camera on a road with obstacles: frame banks with ground truth, and drives."""
+"""A rover with a forward camera among obstacles: frame banks with ground truth, and drives."""
 
 from eyechart.cameras import ROVER
 from eyechart.simulators import Declaration
@@ -12,10 +12,10 @@ def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track
 
 
 class Rover(RoadBanks):
-    """A kinematic bicycle on a road of 100 m among five families of obstacles, seen by a camera of our own.
+    """A kinematic bicycle with a forward camera on a road of 100 m, in five obstacle families.
 
-    The forward-camera rover of the paper (section Hierarchical VLM-MPC diagnostic), here driven by discrete intents at
-    1 Hz with a tracking law below.
+    It is the forward-camera rover of the paper (section Hierarchical VLM-MPC diagnostic), driven
+    here by discrete intents at 1 Hz with a tracking law below.
     """
 
     declared = Declaration(
@@ -28,13 +28,13 @@ class Rover(RoadBanks):
         scenarios=FAMILIES,
         presets={
             "balanced": "Staged moments among five families of obstacles: every gap in every scenario, in no order, "
-            "with LEFT and RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "with LEFT and RIGHT demanded equally, no crash, and counterfactual pictures for every frame.",
         },
         has_goal=True,
     )
     vehicle = Vehicle("rover", _place, most_yaw=0.04, most_mps=INTENTS["STRAIGHT"].speed)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[RoverWorld]:
-        """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
+        """Open a world, or its mirror image; raises SpecError for an unknown scenario or seed."""
         world = start(make_layout(scenario, seed, mirrored=mirrored))
         return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)

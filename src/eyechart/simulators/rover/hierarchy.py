@@ -1,8 +1,9 @@
-"""The rover under a model-predictive controller: a decision is an intent, and every 0.2 s the controller plans for it.
+"""The rover under a model-predictive controller, which plans for each intent every 0.2 s.
 
-Source: paper, section Hierarchical VLM-MPC Diagnostic. The intent comes once a second and means a target speed and a
-track, as it does for the plain rover; in between, the controller drives. What is told to the controller of the
-obstacles, and whether the intent's speed counts, makes the three arms.
+Source: paper, section Hierarchical VLM-MPC Diagnostic. The intent comes once a second and sets a
+target speed and a track, as for the plain rover. In between, the controller drives. The three arms
+differ in two points: whether the controller knows the obstacles, and whether the intent's speed
+counts.
 """
 
 from collections.abc import Mapping
@@ -41,7 +42,7 @@ from eyechart.simulators.rover.world import (
 )
 
 MARGIN_M = 0.25
-"""How far the controller keeps the rover's disc from an obstacle and from the road's edge."""
+"""The distance that the controller keeps from obstacles and from the road's edge."""
 
 CRUISE_MPS = INTENTS["STRAIGHT"].speed
 
@@ -53,14 +54,15 @@ CAR = Bicycle(
     speed_mps=5.0,
     aside_mps2=4.0,
 )
-"""What the controller knows of the plant: its own limits, and a top speed just above the fastest intent's."""
+"""The controller's model of the plant: its limits, and a top speed just above the fastest
+intent's."""
 
 ROAD = Road(half_width_m=ROAD_HALF_M - RADIUS_M - MARGIN_M)
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """What the controller is told: the obstacles' centres or not, and of the intent all or the track alone."""
+    """The controller's input: with or without the obstacles, and the whole intent or its track."""
 
     told_obstacles: bool
     lateral_only: bool = False
@@ -69,7 +71,7 @@ class Arm:
 class Law:
     """The controller as the plant's law: it plans every 0.2 s and holds the command in between.
 
-    ``plans`` are what it planned, ``places`` where it was asked for a command, x and y.
+    ``plans`` are its plans, and ``places`` the places, x and y, of each command.
     """
 
     def __init__(self, arm: Arm, layout: Layout, *, halts: bool) -> None:
@@ -93,7 +95,8 @@ class Law:
 class MpcDrive(RoadDrive[RoverWorld]):
     """A rover's world in which the controller drives and decisions are intents.
 
-    ``plans`` are the last decision's, and ``driven`` its way: x and y in metres, every 0.05 s and at its end.
+    ``plans`` are the last decision's. ``driven`` is its path: x and y in metres, every 0.05 s and
+    at its end.
     """
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
@@ -105,21 +108,21 @@ class MpcDrive(RoadDrive[RoverWorld]):
         self.plans: tuple[Plan, ...] = ()
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the rover's columns, and how far each track is free, ``free_left_m`` to ``free_right_m``."""
+        """Return the rover's columns and each track's free distance, ``free_left_m`` and so on."""
         left, middle, right = reversed(free_tracks(self.world))
         return {**super().truth(), "free_left_m": left, "free_middle_m": middle, "free_right_m": right}
 
     def step(self, action: str) -> StepResult:
         """Drive on for a second.
 
-        ``facts`` of the move say how many plans the solver failed at, its last code, and where across the road the
-        move ended, in m and rad.
+        ``facts`` hold the number of plans at which the solver failed, its last code, and the final
+        position across the road and yaw, in m and rad.
         """
         self._before, self._last, self._halts = self.world, action, False
         return self._told(super().step(action))
 
     def halt(self) -> StepResult:
-        """Drive on for a second, and stop, in every arm; a STOP that was decided leaves the lateral arm its cruise."""
+        """Stop for a second in every arm; a decided STOP keeps the lateral arm's cruise speed."""
         self._before, self._last, self._halts = self.world, "STOP", True
         return self._told(super().step("STOP"))
 
@@ -129,12 +132,13 @@ class MpcDrive(RoadDrive[RoverWorld]):
         return replace(moved, facts={**told, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
 
     def sketch(self) -> Sketch:
-        """Return the first plan of the last decision, its target and the way that was driven under it.
+        """Return the last decision's first plan, its target and the path that was driven.
 
-        Over the picture before the decision, which the first plan was made at. Raises ValueError before the first.
+        The lines lie over the picture before the decision, at which the first plan was made. Raises
+        ValueError before the first decision.
         """
         if not self.plans:
-            raise ValueError("nothing was planned yet: the drive has not taken a step")
+            raise ValueError("there is no plan yet: the drive has not taken a step")
         view, eye, track = self._before.view, eye_of(self._before), self.world.track
         target = _target(self._arm, INTENTS[self._last], track, halts=self._halts)
         along = eye.x + np.arange(0.0, view.view_ahead_m + 0.5, 0.5)
@@ -152,7 +156,7 @@ class MpcDrive(RoadDrive[RoverWorld]):
 
 
 class RoverMpc:
-    """The rover under the controller, which is told where the obstacles are: the paper's primary ablation."""
+    """The rover under a controller that knows the obstacles: the paper's primary ablation."""
 
     declared = replace(
         Rover.declared,
@@ -164,7 +168,7 @@ class RoverMpc:
     arm = Arm(told_obstacles=True)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> MpcDrive:
-        """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
+        """Open a world, or its mirror image; raises SpecError for an unknown scenario or seed."""
         return MpcDrive(scenario, seed, self.arm, mirrored=mirrored)
 
     def versions(self) -> dict[str, str]:
@@ -173,25 +177,25 @@ class RoverMpc:
 
 
 class RoverMpcUnaware(RoverMpc):
-    """The rover under the controller, which knows nothing of the obstacles: only the intent can keep it off them."""
+    """The rover under a controller without the obstacles: only the intent can avoid them."""
 
     declared = replace(RoverMpc.declared, name="rover-mpc-unaware")
     arm = Arm(told_obstacles=False)
 
 
 class RoverMpcLateral(RoverMpc):
-    """As ``rover-mpc-unaware``, and of the intent only the track counts: the speed is that of the cruise."""
+    """As ``rover-mpc-unaware``, but only the intent's track counts; the speed is the cruise's."""
 
     declared = replace(RoverMpc.declared, name="rover-mpc-lateral")
     arm = Arm(told_obstacles=False, lateral_only=True)
 
 
 def _target(arm: Arm, intent: Intent, track: int, *, halts: bool) -> Target:
-    """Return what an intent asks of the controller, as far as it counts in an arm; who halts counts in every arm."""
+    """Return the controller's target for an intent in an arm; a halt counts in every arm."""
     return Target(CRUISE_MPS if arm.lateral_only and not halts else intent.speed, TRACKS_M[track])
 
 
 def _discs(layout: Layout) -> npt.NDArray[np.float64]:
-    """Return what the rover's middle must keep off, shape (n, 3): x, y, radius."""
+    """Return the discs that the rover's middle must avoid, shape (n, 3): x, y, radius."""
     keep = RADIUS_M + MARGIN_M
     return np.array([(one.x, one.y, one.radius + keep) for one in layout.obstacles]).reshape(-1, 3)

@@ -1,13 +1,15 @@
-"""A rover among a layout's obstacles: the plant, the law that tracks an intent, and a world driven by decisions.
+"""A rover among a layout's obstacles: the plant, the tracking law, and a world under decisions.
 
-The plant is a kinematic bicycle, stepped by acceleration and steering angle. x and y are those of the rear axle's
-middle, in metres, yaw is counter-clockwise from the road's direction in radians. Source: J. Kong et al., "Kinematic and
-dynamic vehicle models for autonomous driving control design", IV 2015, with the reference point at the rear axle. A
-mirrored state with the mirrored steering gives the mirrored state to the bit.
+The plant is a kinematic bicycle, stepped by acceleration and steering angle. x and y are those of
+the rear axle's middle, in metres. Yaw is counter-clockwise from the road's direction, in radians.
+Source: J. Kong et al., "Kinematic and dynamic vehicle models for autonomous driving control
+design", IV 2015, with the reference point at the rear axle. A mirrored state with the mirrored
+steering gives the mirrored state to the bit.
 
-In the tracking law an action asks for a speed and a track, and acceleration and steering follow. LEFT and RIGHT ask for
-the next track to that side, as far as there is one; the others keep the track that was asked for last. Another law,
-such as a model predictive one, may stand in its place: it needs the plant and the obstacles.
+In the tracking law an action sets a speed and a track, and acceleration and steering follow. LEFT
+and RIGHT choose the next track to that side, if there is one; the others keep the last chosen
+track. Another law, such as a model-predictive one, may replace it: it needs the plant and the
+obstacles.
 """
 
 import math
@@ -20,17 +22,17 @@ from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, TRACKS_M, 
 
 WHEELBASE_M = 0.6
 RADIUS_M = ROVER.radius_m
-"""The disc around the reference point in which the rover lies."""
+"""The radius of the disc around the reference point that contains the rover."""
 
 MOST_STEERING = 0.5
 MOST_ACCELERATION_MPS2 = 2.0
 MOST_BRAKING_MPS2 = 5.0
-"""About half of gravity: what tyres on dry asphalt give without sliding."""
+"""About half of gravity: the braking of tyres on dry asphalt without sliding."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoverState:
-    """Where the rover is, how it is turned, and how fast it goes, in m, rad and m/s; it does not go backwards."""
+    """The rover's pose and speed, in m, rad and m/s; it does not drive backwards."""
 
     x: float
     y: float
@@ -42,14 +44,15 @@ class RoverState:
         return replace(self, y=-self.y, yaw=-self.yaw)
 
     def numbers(self) -> tuple[float, float, float, float]:
-        """Return all that the state consists of."""
+        """Return all numbers of the state."""
         return self.x, self.y, self.yaw, self.speed
 
 
 def advance(state: RoverState, acceleration: float, steering: float, seconds: float) -> RoverState:
-    """Return the state after so many seconds under one acceleration (m/s²) and one steering angle (rad, left positive).
+    """Return the state after a time under one acceleration (m/s²) and steering angle (rad).
 
-    Both are limited to what the rover can do. The pose is integrated by the midpoint rule.
+    A positive angle steers to the left. Both are limited to the rover's abilities. The pose is
+    integrated by the midpoint rule.
     """
     acceleration = min(max(acceleration, -MOST_BRAKING_MPS2), MOST_ACCELERATION_MPS2)
     steering = min(max(steering, -MOST_STEERING), MOST_STEERING)
@@ -66,7 +69,7 @@ def advance(state: RoverState, acceleration: float, steering: float, seconds: fl
 
 
 INNER_S = 0.05
-"""The law's own period, and the plant's."""
+"""The period of the law and of the plant."""
 
 _MILD_MPS2 = 2.0
 _MOST_ASIDE_MPS2 = 5.0
@@ -78,7 +81,7 @@ _LEAST_SPEED_MPS = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What an action means: a speed in m/s, how hard it may be braked for in m/s², and how many tracks to the left."""
+    """An action's speed in m/s, its braking limit in m/s², and its number of tracks to the left."""
 
     speed: float
     braking: float = _MILD_MPS2
@@ -95,9 +98,10 @@ INTENTS: Mapping[str, Intent] = {
 
 
 def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
-    """Return acceleration (m/s²) and steering angle (rad) towards the intent's speed and the middle of a track.
+    """Return acceleration (m/s²) and steering angle (rad) towards an intent's speed and track.
 
-    The yaw aimed at grows with the distance from the track; the yaw rate is bounded by what the tyres give sideways.
+    The target yaw grows with the distance from the track. The yaw rate is limited by the tyres'
+    sideways grip.
     """
     acceleration = min(max((intent.speed - state.speed) / INNER_S, -intent.braking), MOST_ACCELERATION_MPS2)
     aimed = min(max((TRACKS_M[track] - state.y) * _YAW_A_METRE, -_MOST_YAW), _MOST_YAW)
@@ -110,7 +114,7 @@ def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float
 START_SPEED_MPS = 1.0
 
 Law = Callable[[RoverState, Intent, int], tuple[float, float]]
-"""From the state, the intent and the track to acceleration and steering, every ``INNER_S``."""
+"""A law maps state, intent and track to acceleration and steering, every ``INNER_S``."""
 
 
 @dataclass(frozen=True)
@@ -121,12 +125,12 @@ class RoverWorld(RoadWorld[RoverState]):
 
 
 def start(layout: Layout) -> RoverWorld:
-    """Return the world of a layout at its beginning: the rover in the middle of the road, at 1 m/s."""
+    """Return a layout's world at its start: the rover in the middle of the road, at 1 m/s."""
     return RoverWorld(layout, RoverState(0.0, 0.0, 0.0, START_SPEED_MPS))
 
 
 def decide(world: RoverWorld, action: str, law: Law = control) -> RoverWorld:
-    """Return the world one decision later, or where the drive ended before."""
+    """Return the world one decision later, or at the earlier end of the drive."""
     intent = INTENTS[action]
     track, state, crashed = next_track(world.track, intent.tracks), world.state, False
     steps = round(DECISION_S / INNER_S)

@@ -1,4 +1,4 @@
-"""A tabletop on which a tool reaches for the block that it is told: banks of two cameras and a state."""
+"""A tabletop on which a tool reaches for a named block: banks of two cameras and a state."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -28,7 +28,7 @@ from eyechart.spaces.motion import Dimension, MotionSpace
 INSTRUCTION = "instruction"
 STATE = "state"
 MOVES = 16
-"""Moments of a reach, of which an episode holds some, evenly spread; of longer episodes all."""
+"""Moments of a reach. An episode takes some of them, evenly spread; a longer episode takes all."""
 _TOOL = (
     Dimension("x", along="x", sign=-1.0, about=0.5),
     Dimension("y", along="y"),
@@ -45,7 +45,10 @@ OBJECTS: tuple[Object, Object] = ("named", "other")
 
 
 class Tabletop(BankMaker):
-    """A reach for one of two blocks: two cameras, the tool's state, an instruction, and what the oracle does."""
+    """A reach for one of two blocks: two cameras, the tool's state, an instruction and a motion.
+
+    The motion is the oracle's.
+    """
 
     declared = Declaration(
         name="tabletop",
@@ -62,7 +65,7 @@ class Tabletop(BankMaker):
     )
 
     def open_preset(self, name: str) -> Preset:
-        """Return what the banks of a preset hold."""
+        """Return the contents of a preset's banks."""
         told = (*_TOOL, *_TARGET) if name == "privileged" else _TOOL
         return Preset(
             _SCENARIOS,
@@ -75,12 +78,12 @@ class Tabletop(BankMaker):
         )
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of this world and of what draws it."""
+        """Return the versions of this world and of the library that draws it."""
         return {"tabletop": "1", **versions_of(("numpy",))}
 
 
 def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Moment]:
-    """Yield the moments of an episode with their counterfactual pictures, all drawn from the episode's key."""
+    """Yield the moments of an episode with their counterfactuals, drawn from the episode's key."""
     rng = np.random.default_rng(key_seed("tabletop", preset, scenario, seed))
     named, side = scenario.split("-")
     colour = COLOURS[named == COLOURS[1]]
@@ -128,10 +131,11 @@ def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:
-    """Return where things are, along which way each block is moved, and how far the oracle follows it then.
+    """Return the objects' places, each block's direction of motion, and the oracle's response.
 
-    ``named_follow`` is how much farther along the way its motion goes with the block moved forth than moved back, in
-    units of dx and dy; ``other_follow`` the same of the other block, were that one named.
+    ``named_follow`` compares the oracle's motion along that direction with the block moved forth
+    and moved back: the difference in units of dx and dy. ``other_follow`` is the same for the other
+    block, if that one were named.
     """
     found: dict[str, Scalar] = {"named": table.named}
     found |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}

@@ -1,4 +1,4 @@
-"""The table's two cameras: ``top`` looks down on all of it, ``wrist`` sees what is near the tool."""
+"""The table's two cameras: ``top`` shows all of it, ``wrist`` shows the area near the tool."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ DECOY: Colour = (120, 120, 120)
 HALF = 0.06
 """Half a block's width."""
 ZOOM = 2.5
-"""How much nearer the wrist's camera is; its picture is centred on the tool."""
+"""The magnification of the wrist camera, whose picture is centred on the tool."""
 _DARK, _OPEN, _CLOSED = (30.0, 30.0, 30.0), (120.0, 120.0, 120.0), (240.0, 240.0, 90.0)
 _SHADE = 0.95
 
@@ -27,7 +27,7 @@ _Pictures = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Look:
-    """How the table looks, apart from where things are: its colour, the blocks' colours, and grey decoys.
+    """The look of the table: its colour, the blocks' colours, and grey decoys.
 
     ``decoys`` has shape (k, 2).
     """
@@ -42,7 +42,7 @@ _MIDDLES = (np.arange(SIZE) + 0.5)[None, :]
 
 
 def top(tables: Sequence[Workspace], look: Look = USUAL) -> _Pictures:
-    """Return what the camera above sees, shape (n, 32, 32, 3)."""
+    """Return the pictures of the camera above, shape (n, 32, 32, 3)."""
     tools, grips = np.stack([one.tool for one in tables]), np.array([one.grip for one in tables])
     pictures = _ground(len(tables), look.table)
     for places, colour in _things(tables, look):
@@ -53,7 +53,7 @@ def top(tables: Sequence[Workspace], look: Look = USUAL) -> _Pictures:
 
 
 def wrist(tables: Sequence[Workspace], look: Look = USUAL) -> _Pictures:
-    """Return what the camera at the tool sees, shape (n, 32, 32, 3)."""
+    """Return the pictures of the camera at the tool, shape (n, 32, 32, 3)."""
     tools = np.stack([one.tool for one in tables])
     pictures = _SHADE * _ground(len(tables), look.table)
     for places, colour in _things(tables, look):

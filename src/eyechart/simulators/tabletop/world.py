@@ -1,6 +1,7 @@
-"""A table with a red and a blue block, and a tool that reaches for the one that it is told.
+"""A table with a red and a blue block, and a tool that reaches for the named one.
 
-The table is the unit square; x grows to the right and y downwards, as in the picture from above. Nothing here is drawn.
+The table is the unit square; x grows to the right and y downwards, as in the picture from above.
+Nothing is drawn here.
 """
 
 from dataclasses import dataclass, replace
@@ -15,13 +16,13 @@ Object = Literal["named", "other"]
 
 COLOURS: tuple[Colour, Colour] = ("red", "blue")
 HORIZON = 8
-"""Moves that an action plans ahead."""
+"""The number of moves that one action plans."""
 REACH = 0.06
 """The longest move, and the unit of dx and dy."""
 CLOSE = 0.025
 """The gripper closes where a move ends nearer to the block than this."""
 MOVED = 0.12
-"""How far a block is moved in the pictures in which it is."""
+"""The distance by which a block is moved in the pictures that move it."""
 _APART, _LOW, _HIGH = 0.2, 0.12, 0.88
 _EDGE = 0.06
 _UNSTEADY = 0.25
@@ -31,9 +32,9 @@ _DIRECTIONS = 16
 
 @dataclass(frozen=True)
 class Workspace:
-    """The table at a moment: where the tool and the blocks are, and which block is named.
+    """The table at a moment: the places of tool and blocks, and the named block.
 
-    ``blocks`` has shape (2, 2): red and blue, x and y. ``grip`` is 1 where the gripper is closed.
+    ``blocks`` has shape (2, 2): red and blue, x and y. ``grip`` is 1 if the gripper is closed.
     """
 
     tool: Floats
@@ -48,7 +49,7 @@ class Workspace:
 
     @property
     def target(self) -> Floats:
-        """Return where the named block is, shape (2,)."""
+        """Return the place of the named block, shape (2,)."""
         return np.asarray(self.blocks[self.place_of("named")])
 
     def moved(self, which: Object, by: Floats) -> "Workspace":
@@ -63,12 +64,15 @@ class Workspace:
 
 
 def instruction(named: str) -> str:
-    """Return what a controller is told where this block is named."""
+    """Return the instruction for a named block."""
     return f"reach the {named} block"
 
 
 def oracle(table: Workspace) -> Floats:
-    """Return the motion that goes straight to the named block, shape (8, 3): dx, dy in units of `REACH`, and grip."""
+    """Return the straight motion to the named block, shape (8, 3): dx, dy and grip.
+
+    dx and dy are in units of `REACH`.
+    """
     place, rows = table.tool.copy(), np.zeros((HORIZON, 3))
     for row in rows:
         way = table.target - place
@@ -80,7 +84,7 @@ def oracle(table: Workspace) -> Floats:
 
 
 def scene(rng: np.random.Generator, *, fixed: bool = False) -> Floats:
-    """Return where the blocks lie, shape (2, 2): red and blue, anywhere but apart, or always at the same two places."""
+    """Return the blocks' places, shape (2, 2): red and blue; apart, or fixed at two places."""
     while not fixed:
         pair = rng.uniform(_LOW, _HIGH, (2, 2))
         if np.hypot(*(pair[0] - pair[1])) > _APART:
@@ -89,7 +93,7 @@ def scene(rng: np.random.Generator, *, fixed: bool = False) -> Floats:
 
 
 def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int, *, left: bool) -> list[Workspace]:
-    """Return the moments of a reach by an oracle whose hand is unsteady; it begins in the left half or the right."""
+    """Return a reach by an oracle with an unsteady hand, begun in the left or right half."""
     tool, grip, found = rng.uniform((0.1, 0.1), (0.5, 0.9)), 0.0, []
     if not left:
         tool[0] = 1 - tool[0]
@@ -103,9 +107,10 @@ def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int,
 
 
 def direction(table: Workspace, which: Object, rng: np.random.Generator) -> Floats:
-    """Return a unit vector along which a block can be moved by `MOVED` both ways, away from edges and its neighbour.
+    """Return a unit vector along which a block has room to move by `MOVED` both ways.
 
-    Where no drawn one leaves room on both sides, it is the one that leaves most.
+    Room means away from the edges and from the other block. If no drawn direction has room on both
+    sides, it is the one with the most room.
     """
     angles = rng.uniform(0, 2 * np.pi, _DIRECTIONS)
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
