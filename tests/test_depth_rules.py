@@ -348,7 +348,7 @@ OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
         (A_HOLE, "depth", 1, "not in `blocked`: 0 of 36"),
         (A_HOLE, "looks", 0, "not in `blocked`: 0 of 36"),
         (A_HOLE, "partial_depth", 0, "blocked"),
-        (OPEN_KIND, "depth", 2, "that comparisons of near and far distances come out the wrong way round"),
+        (
             OPEN_KIND,
             "depth",
             2,
